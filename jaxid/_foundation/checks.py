@@ -1,0 +1,55 @@
+"""Refusals: each names what was found, where, and what to do; all stand at the border, before any computation."""
+
+import difflib
+from collections.abc import Iterable
+
+import jax
+
+
+class InputError(ValueError):
+    """Bad input from a user: a channel, a parameter, a file, an option."""
+
+
+def require(condition: bool, message: str) -> None:
+    """Raise `InputError(message)` unless the condition holds."""
+    if not condition:
+        raise InputError(message)
+
+
+def require_float64() -> None:
+    """Refuse to work in single precision, in which information matrices lose their weak directions.
+
+    Raises:
+        InputError: when JAX does not run in 64 bit.
+    """
+    require(
+        bool(jax.config.jax_enable_x64),
+        "jaxid computes in float64, and JAX is set to float32. Switch it on before the first array is made: "
+        'jax.config.update("jax_enable_x64", True), or set the environment variable JAX_ENABLE_X64=1.',
+    )
+
+
+def require_known(kind: str, names: Iterable[str], available: Iterable[str]) -> None:
+    """Refuse names that do not exist, and list those that do, nearest first.
+
+    Raises:
+        InputError: when a name is not among the available ones.
+    """
+    available = list(available)
+    for name in names:
+        if name not in available:
+            near = difflib.get_close_matches(name, available, n=3, cutoff=0.5)
+            hint = f" Did you mean {' or '.join(map(repr, near))}?" if near else ""
+            raise InputError(f"There is no {kind} {name!r}.{hint} The names are: {', '.join(available) or '(none)'}.")
+
+
+def require_unique(kind: str, names: Iterable[str]) -> None:
+    """Refuse a name that occurs twice.
+
+    Raises:
+        InputError: when a name is repeated; it is named.
+    """
+    seen: set[str] = set()
+    for name in names:
+        require(name not in seen, f"The {kind} name {name!r} occurs twice. Rename one of the two.")
+        seen.add(name)

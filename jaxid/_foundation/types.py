@@ -1,0 +1,9 @@
+"""Array types, written once, so that annotations read as the notation table does.
+
+Axis names: `case` one record of a stack, `time` one sample, `state`, `input`, `output` one channel,
+`parameter` one free parameter, `row` and `column` of a matrix without a name of its own.
+"""
+
+from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
+
+__all__ = ["Array", "Bool", "Float", "Int", "PyTree", "Scalar"]

@@ -1,0 +1,30 @@
+"""Measured data: records, their stacking, units, test signals, files and published sets."""
+
+from .build import record as record
+from .datasets import DataSet as DataSet
+from .datasets import cascaded_tanks as cascaded_tanks
+from .datasets import emps as emps
+from .datasets import silverbox as silverbox
+from .io_csv import read_csv as read_csv
+from .io_csv import write_csv as write_csv
+from .io_mat import read_mat as read_mat
+from .labelled import from_xarray as from_xarray
+from .labelled import to_xarray as to_xarray
+from .multisine import multisine as multisine
+from .record import Record as Record
+from .signals import doublet as doublet
+from .signals import half_sine as half_sine
+from .signals import linear_sweep as linear_sweep
+from .signals import log_sweep as log_sweep
+from .signals import pulses as pulses
+from .signals import ramp as ramp
+from .signals import sine as sine
+from .signals import step as step
+from .signals import three_two_one_one as three_two_one_one
+from .stack import Split as Split
+from .stack import split as split
+from .stack import split_at as split_at
+from .stack import stack as stack
+from .stack import unstack as unstack
+from .units import convert as convert
+from .units import to_si as to_si

@@ -1,0 +1,192 @@
+"""record(): from measured numbers to a Record, with every refusal in words."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.checks import InputError, require, require_float64, require_known, require_unique
+from .record import Record
+from .units import to_si
+
+TIME = "t"
+
+
+def record(
+    t: Any,
+    u: Any,
+    z: Any,
+    *,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    units: Mapping[str, str] | None = None,
+    name: str = "",
+    constants: Mapping[str, Any] | None = None,
+) -> Record:
+    """Make a record of one manoeuvre from measured numbers.
+
+    NaN in an output marks a missing sample: its mask becomes False and its value 0.
+
+    Args:
+        t: time, shape (time,) [s, or `units["t"]`], strictly increasing.
+        u: inputs, shape (time, input), or (time,) for one [`units`]; None where there is no input.
+        z: measured outputs, shape (time, output), or (time,) for one [`units`].
+        inputs: names of the inputs.
+        outputs: names of the outputs.
+        units: unit by name of channel or constant, or "t"; values are converted to SI with angles in radians.
+        name: name of the record.
+        constants: what is known and constant over the record by dotted name, such as its mass [`units`, else SI].
+
+    Returns:
+        The record, in float64.
+
+    Raises:
+        InputError: when a channel has the wrong length or count, or a value that is no real finite number (but NaN in
+            outputs), when time does not increase, a name is used twice, a unit is unknown, an output has no valid
+            sample, or JAX runs in float32.
+    """
+    require_float64()
+    where, units, constants = f"Record {name!r}" if name else "The record", units or {}, constants or {}
+    inputs, outputs = _names(inputs, "inputs", where), _names(outputs, "outputs", where)
+    everything = (TIME, *inputs, *outputs, *constants)
+    require(len(outputs) > 0, f"{where} has no output, so there is nothing to fit. Name at least one in `outputs`.")
+    require_unique("channel", everything)
+    require_known("channel", units, everything)
+
+    time = _times(t, units.get(TIME, ""), where)
+    u = np.zeros((len(time), 0)) if u is None and not inputs else u
+    u_si, input_units = _channels(u, "u", inputs, time, units, where)
+    z_si, output_units = _channels(z, "z", outputs, time, units, where)
+    _require_inputs_known(u_si, inputs, time, where)
+    mask = ~np.isnan(z_si)
+    for k in np.flatnonzero(~mask.any(axis=0)):
+        raise InputError(
+            f"{where}: output {outputs[k]!r} has no valid sample, all {len(time)} are NaN. Leave it out of `outputs`."
+        )
+    return Record(
+        t=jnp.asarray(time),
+        u=jnp.asarray(u_si),
+        z=jnp.asarray(np.where(mask, z_si, 0.0)),
+        mask=jnp.asarray(mask),
+        constants={key: _constant(key, value, units.get(key, ""), where) for key, value in constants.items()},
+        inputs=inputs,
+        outputs=outputs,
+        input_units=input_units,
+        output_units=output_units,
+        names=(name,),
+    )
+
+
+def _names(names: Sequence[str], argument: str, where: str) -> tuple[str, ...]:
+    """Channel names as a tuple; a bare string would fall apart into its letters."""
+    require(
+        not isinstance(names, str),
+        f"{where}: `{argument}` is the string {names!r}. Give a tuple of names, such as ({names!r},).",
+    )
+    for name in names:
+        require(
+            isinstance(name, str) and name != "",
+            f"{where}: {name!r} in `{argument}` is no channel name. Give text that is not empty.",
+        )
+    return tuple(names)
+
+
+def _times(t: Any, unit: str, where: str) -> np.ndarray:
+    """Time in seconds, strictly increasing."""
+    time = _numbers(t, [TIME], where)
+    require(
+        time.ndim == 1,
+        f"{where}: time 't' has shape {time.shape}. Give one axis, shape (time,): make one record per manoeuvre, then "
+        "`stack` them.",
+    )
+    require(len(time) >= 2, f"{where}: time 't' has {len(time)} samples. A record needs at least 2.")
+    for row in np.flatnonzero(~np.isfinite(time))[:1]:
+        raise InputError(f"{where}: time 't' is {time[row]} at row {row}. Remove the row, or fill in its time.")
+    seconds, si = to_si(time, unit, TIME)
+    require(
+        si in ("", "s"), f"{where}: the unit {unit!r} of 't' is not one of time. Give 's', 'ms', 'min' or the like."
+    )
+    for row in np.flatnonzero(np.diff(seconds) <= 0)[:1] + 1:
+        raise InputError(
+            f"{where}: time 't' does not increase at row {row}: {seconds[row]:.10g} s after {seconds[row - 1]:.10g} s. "
+            "Remove repeated rows, sort by time, or cut the record in two where the clock was set back."
+        )
+    return seconds
+
+
+def _channels(
+    values: Any, argument: str, names: tuple[str, ...], time: np.ndarray, units: Mapping[str, str], where: str
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Values of shape (time, channel) in SI units, and these units."""
+    kind = "input" if argument == "u" else "output"
+    table = _numbers(values, names, where)
+    table = table[:, None] if table.ndim == 1 and len(names) == 1 else table
+    require(
+        table.ndim == 2 and table.shape[1] == len(names),
+        f"{where}: `{argument}` has shape {table.shape}, which does not fit its {len(names)} {kind}s "
+        f"({', '.join(names)}). Give shape (time, {len(names)}), one column per name.",
+    )
+    require(
+        len(table) == len(time),
+        f"{where}: `{argument}` ({', '.join(names)}) has {len(table)} rows and time 't' has {len(time)}. "
+        "Bring them to one clock, a row per time.",
+    )
+    for row, k in np.argwhere(np.isinf(table))[:1]:
+        raise InputError(
+            f"{where}: {kind} {names[k]!r} is infinite at row {row} (t = {time[row]:.10g} s). "
+            + ("Replace it by its true value." if kind == "input" else "Write NaN where the sample is missing.")
+        )
+    converted = [to_si(column, units.get(n, ""), n) for n, column in zip(names, table.T, strict=True)]
+    si = np.stack([column for column, _ in converted], axis=1) if names else table
+    return si, tuple(unit for _, unit in converted)
+
+
+def _require_inputs_known(u: np.ndarray, inputs: tuple[str, ...], time: np.ndarray, where: str) -> None:
+    """An input drives the model, so it must be known at every sample."""
+    for row, k in np.argwhere(np.isnan(u))[:1]:
+        count = np.isnan(u[:, k]).sum()
+        raise InputError(
+            f"{where}: input {inputs[k]!r} is NaN at row {row} (t = {time[row]:.10g} s), {count} times in all. "
+            "An input must be known at every sample: interpolate it, or cut the record there."
+        )
+
+
+def _numbers(values: Any, names: Sequence[str], where: str) -> np.ndarray:
+    """Values in float64, or a refusal of what is complex or no number; masked entries become NaN."""
+    if isinstance(values, np.ma.MaskedArray):
+        values = np.ma.filled(values.astype(float), np.nan)
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # a list of lists of different lengths
+        raise InputError(
+            f"{where}: the rows of {', '.join(names)} have different lengths. Give one value per channel in each row."
+        ) from error
+    require(
+        array.dtype.kind != "c",
+        f"{where}: {', '.join(names)} is complex. Give real and imaginary part as two channels.",
+    )
+    if array.dtype.kind not in "biuf":
+        _require_numbers(array, names, where)
+    return array.astype(float)
+
+
+def _require_numbers(array: np.ndarray, names: Sequence[str], where: str) -> None:
+    """Refuse the first item that is no number."""
+    for index in np.ndindex(array.shape):
+        item = array[index]
+        row, column = (*index, 0, 0)[:2]
+        channel = names[column] if column < len(names) else ", ".join(names)
+        require(
+            isinstance(item, (bool, int, float, np.bool_, np.integer, np.floating)),
+            f"{where}: {channel!r} holds {item!r} (type {type(item).__name__}) at row {row}, which is no number. "
+            "Convert it to a number; write NaN where an output is missing, and time in seconds from the start.",
+        )
+
+
+def _constant(key: str, value: Any, unit: str, where: str) -> jnp.ndarray:
+    """One constant of the record in SI."""
+    number = _numbers(value, [key], where)
+    require(number.ndim == 0, f"{where}: constant {key!r} has shape {number.shape}. Give one number per record.")
+    require(bool(np.isfinite(number)), f"{where}: constant {key!r} is {number}. Give a finite number, or leave it out.")
+    return jnp.asarray(to_si(number, unit, key)[0])

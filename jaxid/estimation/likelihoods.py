@@ -1,0 +1,57 @@
+"""Likelihoods: how the misfit between a model and its records is measured."""
+
+import abc
+
+import equinox as eqx
+from equinox import AbstractVar
+
+from .._foundation.types import Array, Float
+from ..data.record import Record
+from ..models.base import AbstractModel
+from ..models.noise import AbstractNoise, DiagonalNoise
+from ..simulation.inputs import AbstractHold, Linear
+from ..simulation.simulate import run
+from ..simulation.steppers import RK4, AbstractStepper
+
+
+class AbstractLikelihood(eqx.Module):
+    """How a misfit is measured, with a noise model inside.
+
+    Attributes:
+        noise: what the residuals are weighted by.
+    """
+
+    noise: AbstractVar[AbstractNoise]
+
+    @abc.abstractmethod
+    def predict(
+        self, model: AbstractModel, record: Record, initial_state: Float[Array, " state"]
+    ) -> Float[Array, "time output"]:
+        """What the model says of each sample of one record."""
+
+    @abc.abstractmethod
+    def check(self, model: AbstractModel, records: Record) -> None:
+        """Refuse records that this likelihood cannot serve."""
+
+
+class OutputError(AbstractLikelihood):
+    """Output error: all that the simulation misses is measurement noise.
+
+        v_i = z_i - y_i(theta),    J = 1/2 sum_i ( v_i' R^-1 v_i + log det R )     (section 4.1, Eq. A.60)
+
+    Args:
+        noise: R fixed, diagonal or full; unknown ones are re-estimated at every iteration (Eq. 4.4).
+        hold: how the inputs run between their samples.
+        stepper: how the state is carried from sample to sample.
+    """
+
+    noise: AbstractNoise = eqx.field(default_factory=DiagonalNoise)
+    hold: AbstractHold = eqx.field(default_factory=Linear)
+    stepper: AbstractStepper = eqx.field(default_factory=RK4)
+
+    def predict(self, model, record, initial_state):
+        return run(model, record.t, record.u, initial_state, self.hold, self.stepper).y
+
+    def check(self, model, records):
+        self.noise.check(records.mask, records.outputs)
+        self.hold.check(records.t)

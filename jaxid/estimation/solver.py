@@ -1,0 +1,214 @@
+"""The one solver: Gauss-Newton on square-root information, as a minimiser of optimistix.
+
+The search of optimistix sees the likelihood itself and its gradient; our descent sees the factor, because a factor, whose R is
+re-estimated at every iteration, is not the derivative of any one residual vector.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import optimistix as optx
+
+from .._foundation.types import Array, Bool, Float, Int
+from ..models.free import Parameters
+from ..sensitivity.information import Information
+from ..sensitivity.spectrum import spectrum
+from .policies import AbstractPolicy, Clip
+
+SMALLEST_STEP = 2.0**-40
+ROUNDING = 64 * float(jnp.finfo(jnp.float64).eps)  # of a cost that is a sum over many samples, relative to its size
+
+
+class SpectrumDescent(optx.AbstractDescent):
+    """The Gauss-Newton direction of square-root information under a policy for weak eigenvalues.
+
+    Args:
+        policy: what to do with weak directions.
+        scale: typical sizes of the shared parameters, NaN where the sensitivity itself scales.
+    """
+
+    policy: AbstractPolicy
+    scale: Float[Array, " parameter"]
+
+    def init(self, y, f_info_struct):
+        return y, jnp.array(0)
+
+    def query(self, y, f_info, state):
+        _, phase = state
+        information: Information = f_info.information
+        found = spectrum(information.triangle, information.rhs, self.scale)
+        shared = found.step(self.policy.weights(found, phase)) if found.scale.size else jnp.zeros(0)
+        return Parameters(shared, information.own.solve(shared)), phase + 1
+
+    def decrement(self, information: Information) -> Float[Array, ""]:
+        """Length of the whole step that is left, in standard errors; weak shared directions do not count."""
+        own = jnp.sum(information.own.rhs**2)
+        if not self.scale.size:
+            return jnp.sqrt(own)
+        found = spectrum(information.triangle, information.rhs, self.scale)
+        return jnp.sqrt(own + jnp.sum(jnp.where(found.weak(self.policy.threshold), 0.0, found.turned) ** 2))
+
+    def step(self, step_size, state):
+        direction, _ = state
+        return jax.tree.map(lambda leaf: step_size * leaf, direction), optx.RESULTS.successful
+
+
+class Evaluation(optx.FunctionInfo.EvalGradHessian):
+    """What the search compares: the likelihood, its gradient (4.17), the Fisher matrix (4.18), and their common factor."""
+
+    information: Information
+
+
+class State(eqx.Module):
+    """Where an iteration stands.
+
+    Attributes:
+        trial: where the likelihood is evaluated next.
+        cost, information: at the last accepted parameters.
+        search, descent: the states of their own.
+        first: True before the first evaluation.
+        converged, stuck, diverged: why the iteration ended, if it has.
+        accepted: number of accepted steps.
+        costs, decrements: by accepted step; NaN behind them.
+    """
+
+    trial: Parameters
+    cost: Float[Array, ""]
+    information: Information
+    search: Any
+    descent: Any
+    first: Bool[Array, ""]
+    converged: Bool[Array, ""]
+    stuck: Bool[Array, ""]
+    diverged: Bool[Array, ""]
+    accepted: Int[Array, ""]
+    costs: Float[Array, " step"]
+    decrements: Float[Array, " step"]
+
+
+class GaussNewton(eqx.Module):
+    """How to iterate.
+
+    Args:
+        policy: what to do with weak eigenvalues; the report found clipping adequate in most cases.
+        search: a search of optimistix; backtracking by default.
+        tolerance: iteration ends when the whole step left is shorter than this, in standard errors.
+        max_steps: evaluations of the likelihood before it gives up.
+    """
+
+    policy: AbstractPolicy = eqx.field(default_factory=Clip)
+    search: optx.AbstractSearch = eqx.field(default_factory=lambda: optx.BacktrackingArmijo(slope=1e-4))
+    tolerance: float = eqx.field(static=True, default=1e-6)
+    max_steps: int = eqx.field(static=True, default=200)
+
+
+class Minimiser(optx.AbstractMinimiser):
+    """`GaussNewton` as optimistix runs it, for `fn(y, args) -> (cost, information)`."""
+
+    descent: SpectrumDescent
+    search: optx.AbstractSearch
+    project: Callable
+    tolerance: float = eqx.field(static=True)
+    max_steps: int = eqx.field(static=True)
+    rtol: float = eqx.field(static=True, default=0.0)
+    atol: float = eqx.field(static=True, default=0.0)
+    norm: Callable = eqx.field(static=True, default=optx.max_norm)
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags):
+        empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), aux_struct)
+        evaluation = _evaluation(jnp.zeros(()), empty)
+        no, history = jnp.array(False), jnp.full(self.max_steps, jnp.nan)
+        return State(
+            trial=self.project(y),
+            cost=jnp.array(jnp.inf),
+            information=empty,
+            search=self.search.init(y, evaluation),
+            descent=self.descent.init(y, evaluation),
+            first=jnp.array(True),
+            converged=no,
+            stuck=no,
+            diverged=no,
+            accepted=jnp.array(0),
+            costs=history,
+            decrements=history,
+        )
+
+    def step(self, fn, y, args, options, state, tags):
+        cost = fn(state.trial, args)[0]
+        # Costs that differ by rounding are equal; otherwise the last, smallest steps would be refused at random.
+        slack = jnp.where(jnp.isfinite(cost), ROUNDING * jnp.abs(cost), 0.0)
+        before, seen = _evaluation(state.cost, state.information), optx.FunctionInfo.Eval(cost - slack)
+        step_size, accept, _, search = self.search.step(state.first, y, state.trial, before, seen, state.search)
+        accept = accept & (state.first | jnp.isfinite(cost))
+
+        def move(_):
+            information = fn(state.trial, args)[1]
+            descent = self.descent.query(state.trial, _evaluation(cost, information), state.descent)
+            return state.trial, cost, information, descent, self.descent.decrement(information)
+
+        def stay(_):
+            return y, state.cost, state.information, state.descent, jnp.array(jnp.inf)
+
+        y, cost, information, descent, decrement = jax.lax.cond(accept, move, stay, None)
+        difference, _ = self.descent.step(step_size, descent)
+        at = jnp.where(accept, state.accepted, self.max_steps)
+        new = State(
+            trial=self.project(jax.tree.map(jnp.add, y, difference)),
+            cost=cost,
+            information=information,
+            search=search,
+            descent=descent,
+            first=jnp.array(False),
+            converged=accept & (decrement < self.tolerance) & jnp.isfinite(cost),
+            stuck=step_size < SMALLEST_STEP,
+            diverged=state.first & ~jnp.isfinite(cost),
+            accepted=state.accepted + accept,
+            costs=state.costs.at[at].set(cost, mode="drop"),
+            decrements=state.decrements.at[at].set(decrement, mode="drop"),
+        )
+        return y, new, information
+
+    def terminate(self, fn, y, args, options, state, tags):
+        return state.converged | state.stuck | state.diverged, optx.RESULTS.successful
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        return y, aux, {}
+
+
+def minimise(problem, begin: Parameters, solver: GaussNewton) -> tuple[Parameters, State]:
+    """Run the solver on a problem: the best parameters, and the state in which it ended.
+
+    Args:
+        problem: has `cost`, `information`, `project` and `limits`.
+        begin: where to start.
+        solver: how to iterate.
+    """
+    minimiser = Minimiser(
+        SpectrumDescent(solver.policy, problem.limits.scale),
+        solver.search,
+        problem.project,
+        solver.tolerance,
+        solver.max_steps,
+    )
+    solution = optx.minimise(
+        lambda y, _: (problem.cost(y), problem.information(y)),
+        minimiser,
+        begin,
+        has_aux=True,
+        max_steps=solver.max_steps,
+        throw=False,
+    )
+    return solution.value, solution.state
+
+
+def _evaluation(cost, information: Information) -> Evaluation:
+    grad = Parameters(*information.gradient())
+    structure = jax.eval_shape(lambda: grad)
+    hessian = lx.FunctionLinearOperator(
+        lambda d: Parameters(*information.apply(d.shared, d.rows)), structure, lx.positive_semidefinite_tag
+    )
+    return Evaluation(cost, grad, hessian, information)

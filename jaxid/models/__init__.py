@@ -1,0 +1,43 @@
+"""What a dynamic model is, which of its parameters are free, and which effects it may lack."""
+
+from .augmented import Augmented
+from .base import AbstractModel
+from .effects import Effect
+from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
+from .effects_input import InputBetweenSamples, InputDelay, InputLag
+from .effects_sensor import SensorBias, SensorDelay, SensorLag, SensorSaturation, SensorScale
+from .free import Free, Parameters, free, with_values
+from .library import general_effects
+from .linear import LinearModel
+from .names import parameter_names
+from .noise import DiagonalNoise, FixedNoise, FullNoise
+from .polynomial import Polynomial
+
+__all__ = [
+    "AbstractModel",
+    "Augmented",
+    "DiagonalNoise",
+    "DryFriction",
+    "Effect",
+    "FixedNoise",
+    "Free",
+    "FullNoise",
+    "InputBetweenSamples",
+    "InputDelay",
+    "InputLag",
+    "LinearModel",
+    "Parameters",
+    "Polynomial",
+    "QuadraticDrag",
+    "SensorBias",
+    "SensorDelay",
+    "SensorLag",
+    "SensorSaturation",
+    "SensorScale",
+    "StateLimit",
+    "Term",
+    "free",
+    "general_effects",
+    "parameter_names",
+    "with_values",
+]

@@ -1,0 +1,95 @@
+"""`Augmented`: any model with effects added to it, the only wrapper there is for them."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .._foundation.checks import require_unique
+from .._foundation.types import Array, Float
+from ..data.record import Record
+from .base import AbstractModel
+from .effects import Effect
+
+
+class Augmented(AbstractModel):
+    """A model and a set of effects.
+
+    Effects stand in the order of their names, so that the structure depends on the set alone. With all gains zero the
+    augmented model is the model. Parameters keep the names they have in the model; those of an effect are called
+    `<effect>.gain` and so on.
+
+    Args:
+        model: the declared model.
+        effects: what may be missing in it; names must differ.
+
+    Raises:
+        InputError: when two effects, or an effect's extra state and a state, have the same name.
+    """
+
+    model: AbstractModel
+    effects_in: tuple[Effect, ...]
+    states: tuple[str, ...] = eqx.field(static=True)
+    inputs: tuple[str, ...] = eqx.field(static=True)
+    outputs: tuple[str, ...] = eqx.field(static=True)
+
+    transparent: ClassVar[tuple[str, ...]] = ("model", "effects_in")
+
+    def __init__(self, model: AbstractModel, effects: tuple[Effect, ...]):
+        self.model = model
+        self.effects_in = tuple(sorted(effects, key=lambda effect: effect.name))
+        require_unique("effect", (effect.name for effect in effects))
+        self.states = model.states + sum((effect.extra_states for effect in self.effects_in), ())
+        require_unique("state", self.states)
+        self.inputs, self.outputs = model.inputs, model.outputs
+
+    def rhs(self, t, x, u):
+        own, extra, acting = self._take_apart(x, u)
+        signals = self.model.signals(t, own, acting) | extra
+        dx = dict(zip(self.model.states, self.model.rhs(t, own, acting), strict=True))
+        recorded = dict(zip(self.inputs, u, strict=True))
+        for effect in self.effects_in:
+            for state, addition in effect.equations(dx, signals).items():
+                dx[state] = dx[state] + addition
+        for effect in self.effects_in:
+            dx |= effect.extra_rates(extra, recorded, signals)
+        return jnp.stack([dx[state] for state in self.states])
+
+    def output(self, t, x, u):
+        own, _, acting = self._take_apart(x, u)
+        return self.model.output(t, own, acting)
+
+    def _take_apart(self, x, u):
+        """The model's own state, the effects' states by name, and the input that acts on the plant."""
+        own = x[: len(self.model.states)]
+        extra = dict(zip(self.states[own.size :], x[own.size :], strict=True))
+        for effect in self.effects_in:
+            u = effect.input(u, extra, self.inputs)
+        return own, extra, u
+
+    def observe(self, t, x, u):
+        y = jax.vmap(self.output)(t, x, u)
+        for effect in self.effects_in:
+            y = effect.observe(t, y, self.outputs)
+        return y
+
+    def initial_state(self, record: Record) -> Float[Array, " state"]:
+        own = self.model.initial_state(record)
+        return jnp.concatenate([own, jnp.zeros(len(self.states) - own.size)])
+
+    def signals(self, t, x, u):
+        own, extra, acting = self._take_apart(x, u)
+        return self.model.signals(t, own, acting) | extra
+
+    def input_path(self, path):
+        path = self.model.input_path(path)
+        for effect in self.effects_in:
+            path = effect.input_path(path, self.inputs)
+        return path
+
+    def effects(self):
+        return self.model.effects()
+
+    def units(self):
+        return self.model.units()

@@ -1,0 +1,81 @@
+"""`AbstractModel`: a dynamic model whose parameters are its own array leaves."""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from equinox import AbstractVar
+
+from .._foundation.types import Array, Float
+from ..data.record import Record
+
+
+class AbstractModel(eqx.Module):
+    r"""A continuous-time state-space model with sampled outputs.
+
+        dx/dt = rhs(t, x, u),    y(t_i) = output(t_i, x(t_i), u(t_i))
+
+    A model says what moves and what is seen. Which of its parameters are free, how it is fitted, and to which data, are said
+    elsewhere (`Free`, the likelihood, `Record`). Numbers given for array leaves are converted at the entry points.
+
+    A subclass names its channels and writes two functions; the hooks below have defaults that suit most models.
+
+    Attributes:
+        states, inputs, outputs: the names of the channels, in order.
+    """
+
+    states: AbstractVar[tuple[str, ...]]
+    inputs: AbstractVar[tuple[str, ...]]
+    outputs: AbstractVar[tuple[str, ...]]
+
+    @abc.abstractmethod
+    def rhs(self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]) -> Float[Array, " state"]:
+        """The time derivative of the state, in the units of the state per second."""
+
+    @abc.abstractmethod
+    def output(
+        self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
+    ) -> Float[Array, " output"]:
+        """What perfect instruments would show at this instant."""
+
+    # Hooks ----------------------------------------------------------------------------------------------------------------
+
+    def initial_state(self, record: Record) -> Float[Array, " state"]:
+        """The state at the first sample: the measured output where an output is a state, else zero."""
+        first = dict(zip(self.outputs, jnp.where(record.mask[0], record.z[0], 0.0), strict=True))
+        return jnp.stack([jnp.asarray(first.get(name, 0.0), float) for name in self.states])
+
+    def signals(
+        self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
+    ) -> dict[str, Float[Array, ""]]:
+        """The scalars that an effect may depend on, by name: states and inputs, and what a domain adds to them."""
+        return dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
+
+    def input_path(self, path):
+        """What happens to the input signal before it is sampled by the equations (a delay, its run between samples)."""
+        return path
+
+    def observe(
+        self, t: Float[Array, " time"], x: Float[Array, "time state"], u: Float[Array, "time input"]
+    ) -> Float[Array, "time output"]:
+        """The sampled output signal; what acts on a whole signal after it is sampled (a sensor's delay) belongs here."""
+        return jax.vmap(self.output)(t, x, u)
+
+    def effects(self):
+        """Candidates for missing effects beside the general ones: a tuple of `Effect`."""
+        return ()
+
+    def units(self) -> dict[str, str]:
+        """Units by name, of states, inputs, outputs and parameters; a name that is absent has no stated unit."""
+        return {}
+
+
+def canonical(tree):
+    """Bring every numeric leaf to one dtype, so that numbers, weak types and float32 do not compile anew."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, float) if _is_number(leaf) else leaf, tree)
+
+
+def _is_number(leaf) -> bool:
+    return not isinstance(leaf, bool) and (isinstance(leaf, int | float | np.floating) or eqx.is_inexact_array(leaf))

@@ -1,0 +1,86 @@
+"""`Effect`: one physical effect that a model may lack; each is absent while its gain is zero.
+
+The general effects of every domain stand in `effects_equation`, `effects_input` and `effects_sensor`; a domain adds its own.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from equinox import AbstractVar
+
+from .._foundation.types import Array, Float
+
+Signals = dict[str, Float[Array, ""]]
+
+
+class Effect(eqx.Module):
+    """One physical effect, with a gain that is zero where the effect is absent.
+
+    A subclass fills the slots in which it acts; the others leave everything as it is. Shape parameters (a lag's time, a
+    saturation's level) are further array leaves with sensible starts.
+
+    Attributes:
+        gain: strength; zero is absent.
+        name: a short unique name; parameters are called `name.gain`, `name.level`.
+    """
+
+    gain: AbstractVar[Float[Array, ""]]
+
+    @property
+    def name(self) -> str:
+        """A short unique name."""
+        raise NotImplementedError
+
+    @property
+    def family(self) -> str:
+        """The name without its shape: members of one family are starts of the same effect, of which one is kept."""
+        return self.name
+
+    @property
+    def sentence(self) -> str:
+        """What the effect is, in words that an engineer uses."""
+        return self.name
+
+    def start(
+        self, signals: dict[str, Float[Array, " sample"]], measured: dict[str, Float[Array, " sample"]]
+    ) -> "Effect":
+        """The same effect with its shape set from the signals of the training records.
+
+        Args:
+            signals: states, inputs and what the model adds, as simulated, every valid sample.
+            measured: measured outputs, every valid sample.
+        """
+        return self
+
+    # Slots ----------------------------------------------------------------------------------------------------------------
+
+    @property
+    def extra_states(self) -> tuple[str, ...]:
+        """Names of the states that the effect brings with it; they start at zero."""
+        return ()
+
+    def input_path(self, path, inputs: tuple[str, ...]):
+        """Acts on the input signal before the equations sample it."""
+        return path
+
+    def input(self, u: Float[Array, " input"], extra: Signals, inputs: tuple[str, ...]) -> Float[Array, " input"]:
+        """Acts on the value of the input at an instant."""
+        return u
+
+    def equations(self, dx: Signals, signals: Signals) -> Signals:
+        """Acts on the state derivatives: returns what is to be added, by state."""
+        return {}
+
+    def extra_rates(self, extra: Signals, u: Signals, signals: Signals) -> Signals:
+        """Time derivatives of the effect's own states, from them, the recorded input and the signals."""
+        return {}
+
+    def observe(
+        self, t: Float[Array, " time"], y: Float[Array, "time output"], outputs: tuple[str, ...]
+    ) -> Float[Array, "time output"]:
+        """Acts on the sampled output signal."""
+        return y
+
+
+def zero() -> Float[Array, ""]:
+    """A gain that is absent."""
+    return jnp.zeros(())

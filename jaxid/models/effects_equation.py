@@ -1,0 +1,138 @@
+"""General effects in the equations of motion: polynomial terms, friction, a limit of a state that spills into another."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .._foundation.types import Array, Float
+from .effects import Effect, zero
+from .polynomial import monomial
+
+
+class Term(Effect):
+    """A monomial in one state equation: `d(state)/dt += gain * term`.
+
+    Args:
+        state: the equation.
+        term: a product of powers of signals, such as `"x^2 v"`, or `"1"` for a constant.
+    """
+
+    state: str = eqx.field(static=True)
+    term: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"{self.term} in {self.state}"
+
+    @property
+    def sentence(self):
+        what = "a constant" if self.term == "1" else self.term
+        return f"{what} in the equation of {self.state}"
+
+    def equations(self, dx, signals):
+        return {self.state: self.gain * monomial(self.term, signals)}
+
+
+class DryFriction(Effect):
+    """Dry (Coulomb) friction: `d(state)/dt += gain * tanh(speed / width)`, a smoothed sign of a speed.
+
+    The width is one hundredth of the speed's largest value on the training records, narrow enough to leave the friction
+    constant and wide enough for a fixed step.
+
+    Args:
+        state: the equation.
+        speed: the signal whose sign counts.
+    """
+
+    state: str = eqx.field(static=True)
+    speed: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    width: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.ones(()))
+
+    @property
+    def name(self):
+        return f"sign({self.speed}) in {self.state}"
+
+    @property
+    def sentence(self):
+        return f"dry (Coulomb) friction: the sign of {self.speed} in the equation of {self.state}"
+
+    def start(self, signals, measured):
+        width = 0.01 * jnp.max(jnp.abs(signals[self.speed]))
+        return eqx.tree_at(lambda effect: effect.width, self, jnp.where(width > 0, width, 1.0))
+
+    def equations(self, dx, signals):
+        return {self.state: self.gain * jnp.tanh(signals[self.speed] / jax.lax.stop_gradient(self.width))}
+
+
+class QuadraticDrag(Effect):
+    """Drag that grows with the square of a speed: `d(state)/dt += gain * |speed| speed`.
+
+    Args:
+        state: the equation.
+        speed: the signal that is squared with its sign.
+    """
+
+    state: str = eqx.field(static=True)
+    speed: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"|{self.speed}|{self.speed} in {self.state}"
+
+    @property
+    def sentence(self):
+        return f"quadratic drag: |{self.speed}| {self.speed} in the equation of {self.state}"
+
+    def equations(self, dx, signals):
+        speed = signals[self.speed]
+        return {self.state: self.gain * jnp.abs(speed) * speed}
+
+
+class StateLimit(Effect):
+    """A limit of one state above which it runs over, in part into another.
+
+        excess = max(state - level, 0)
+        d(state)/dt -= gain * excess,    d(into)/dt += share * gain * excess
+
+    An overflowing tank is the pattern: `gain` [1/s] is the rate at which what stands above the level runs off.
+
+    Args:
+        state: the state that has a limit.
+        into: the state that receives the share.
+        fraction: where the level starts, as a fraction of the state's range on the training records.
+    """
+
+    state: str = eqx.field(static=True)
+    into: str = eqx.field(static=True)
+    fraction: float = eqx.field(static=True, default=0.8)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    level: Float[Array, ""] = eqx.field(default_factory=zero)
+    share: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.5))
+
+    @property
+    def name(self):
+        return f"{self.family} (from {self.fraction:.0%})"
+
+    @property
+    def family(self):
+        return f"overflow of {self.state} into {self.into}"
+
+    @property
+    def sentence(self):
+        return f"{self.state} has a limit above which it runs over, in part into {self.into}"
+
+    def start(self, signals, measured):
+        return eqx.tree_at(lambda effect: effect.level, self, level_in(signals[self.state], self.fraction))
+
+    def equations(self, dx, signals):
+        spill = self.gain * jnp.maximum(signals[self.state] - self.level, 0.0)
+        return {self.state: -spill, self.into: self.share * spill}
+
+
+def level_in(signal: Float[Array, " sample"], fraction: float) -> Float[Array, ""]:
+    """The level at a fraction of a signal's range."""
+    low, high = jnp.min(signal), jnp.max(signal)
+    return low + fraction * (high - low)

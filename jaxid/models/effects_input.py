@@ -1,0 +1,89 @@
+"""General effects in the input: delay, its run between the samples, an actuator's lag."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .._foundation.types import Array, Float
+from .effects import Effect, zero
+
+
+class InputDelay(Effect):
+    """The input acts later than it is recorded: `u(t) -> u(t - gain)`, with gain in seconds.
+
+    Args:
+        channel: name of the input.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"delay of input {self.channel}"
+
+    @property
+    def sentence(self):
+        return f"the input {self.channel} acts later than it is recorded"
+
+    def input_path(self, path, inputs):
+        return path.delayed(inputs.index(self.channel), self.gain)
+
+
+class InputBetweenSamples(Effect):
+    """The input runs between its samples otherwise than assumed: band-limited at a gain of one.
+
+        u(t) -> (1 - gain) u_assumed(t) + gain u_band-limited(t)
+
+    Args:
+        channel: name of the input.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"{self.channel} between samples"
+
+    @property
+    def sentence(self):
+        return f"the input {self.channel} runs band-limited between its samples, not as assumed"
+
+    def input_path(self, path, inputs):
+        return path.towards_band_limited(inputs.index(self.channel), self.gain)
+
+
+class InputLag(Effect):
+    """A first-order actuator between the recorded input and the plant.
+
+        d(lagged)/dt = (u - lagged) / time,    u -> u + gain (lagged - u)
+
+    A gain of one is the whole lag.
+
+    Args:
+        channel: name of the input.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    time: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.1))
+
+    @property
+    def name(self):
+        return f"lag of input {self.channel}"
+
+    @property
+    def sentence(self):
+        return f"an actuator lags behind the input {self.channel}"
+
+    @property
+    def extra_states(self):
+        return (f"lagged {self.channel}",)
+
+    def input(self, u, extra, inputs):
+        index = inputs.index(self.channel)
+        return u.at[index].add(self.gain * (extra[self.extra_states[0]] - u[index]))
+
+    def extra_rates(self, extra, u, signals):
+        lagged = self.extra_states[0]
+        return {lagged: (u[self.channel] - extra[lagged]) / self.time}

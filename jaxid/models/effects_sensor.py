@@ -1,0 +1,158 @@
+"""General effects in the instruments: bias, scale, delay, lag, saturation."""
+
+from typing import Literal
+
+import equinox as eqx
+import interpax
+import jax
+import jax.numpy as jnp
+
+from .._foundation.grid import strictly_increasing
+from .._foundation.types import Array, Float
+from .effects import Effect, zero
+from .effects_equation import level_in
+
+
+class SensorBias(Effect):
+    """A constant offset of an output, in its unit: `y -> y + gain`.
+
+    Args:
+        channel: name of the output.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"bias of {self.channel}"
+
+    @property
+    def sentence(self):
+        return f"the sensor of {self.channel} has an offset"
+
+    def observe(self, t, y, outputs):
+        return y.at[:, outputs.index(self.channel)].add(self.gain)
+
+
+class SensorScale(Effect):
+    """An error of scale of an output: `y -> (1 + gain) y`.
+
+    Args:
+        channel: name of the output.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"scale of {self.channel}"
+
+    @property
+    def sentence(self):
+        return f"the sensor of {self.channel} has an error of scale"
+
+    def observe(self, t, y, outputs):
+        return y.at[:, outputs.index(self.channel)].multiply(1.0 + self.gain)
+
+
+class SensorDelay(Effect):
+    """An output is recorded late: `y(t) -> y(t - gain)`, with gain in seconds, by cubics through the samples.
+
+    Args:
+        channel: name of the output.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"delay of {self.channel}"
+
+    @property
+    def sentence(self):
+        return f"the sensor of {self.channel} is late"
+
+    def observe(self, t, y, outputs):
+        column = outputs.index(self.channel)
+        knots = strictly_increasing(t)
+        late = interpax.interp1d(jnp.clip(knots - self.gain, knots[0], knots[-1]), knots, y[:, column], method="cubic")
+        return y.at[:, column].set(late)
+
+
+class SensorLag(Effect):
+    """A first-order lag of an output, exact for straight lines between the samples.
+
+        lag dw/dt = y - w,    y -> w,    lag = |gain| in seconds
+
+    Args:
+        channel: name of the output.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"lag of {self.channel}"
+
+    @property
+    def sentence(self):
+        return f"the sensor of {self.channel} lags behind"
+
+    def observe(self, t, y, outputs):
+        column = outputs.index(self.channel)
+        signal, step = y[:, column], jnp.diff(t)
+
+        def follow(error, now):
+            # The lagging part e = y - w obeys lag de/dt = lag dy/dt - e, and for a slope s tends to lag * s.
+            rise, h = now
+            ratio = h / jnp.where(self.gain > 0, self.gain, 1.0)
+            keep = jnp.where(self.gain > 0, jnp.exp(-ratio), 0.0)
+            error = error * keep + self.gain * rise / jnp.where(h > 0, h, 1.0) * (1.0 - keep)
+            return error, error
+
+        _, error = jax.lax.scan(follow, jnp.zeros(()), (jnp.diff(signal), step))
+        return y.at[1:, column].add(-error)
+
+
+class SensorSaturation(Effect):
+    """An output stops at a level: what lies beyond it is taken away, all of it at a gain of one.
+
+        y -> y - gain max(y - level, 0)     at the upper end, and its mirror image at the lower
+
+    Args:
+        channel: name of the output.
+        end: which end of the range.
+        fraction: where the level starts, as a fraction of the measured range, counted from the other end.
+    """
+
+    channel: str = eqx.field(static=True)
+    end: Literal["upper", "lower"] = eqx.field(static=True, default="upper")
+    fraction: float = eqx.field(static=True, default=0.98)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    level: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"{self.family} (from {self.fraction:.0%})"
+
+    @property
+    def family(self):
+        return f"{self.end} saturation of {self.channel}"
+
+    @property
+    def sentence(self):
+        return f"the sensor of {self.channel} stops at {'an upper' if self.end == 'upper' else 'a lower'} level"
+
+    def start(self, signals, measured):
+        fraction = self.fraction if self.end == "upper" else 1.0 - self.fraction
+        return eqx.tree_at(lambda effect: effect.level, self, level_in(measured[self.channel], fraction))
+
+    def observe(self, t, y, outputs):
+        column = outputs.index(self.channel)
+        sign = 1.0 if self.end == "upper" else -1.0
+        beyond = sign * jnp.maximum(sign * (y[:, column] - self.level), 0.0)
+        return y.at[:, column].add(-self.gain * beyond)

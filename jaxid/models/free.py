@@ -1,0 +1,198 @@
+"""`Free`: which parameters are free, shared by all records or one per record; `Parameters`: their values."""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.checks import InputError, require, require_known, require_unique
+from .._foundation.types import Array, Bool, Float, Int
+from ..data.record import Record
+from .base import AbstractModel, canonical
+from .names import flatten, parameter_names
+
+INITIAL_STATE = "initial_state"
+
+
+class Parameters(eqx.Module):
+    """Values of free parameters: one vector that all records share, and one row per record.
+
+    Attributes:
+        shared: values in the order of `Free.shared`.
+        rows: one row per record, in the order of `Free.per_record`.
+    """
+
+    shared: Float[Array, " parameter"]
+    rows: Float[Array, "case row_parameter"]
+
+
+class Positions(eqx.Module):
+    """Where free parameters stand in the flat vector of a model followed by its initial state.
+
+    Positions are data, not structure: another selection of the same size does not compile again, and a position beyond the
+    vector is a column that is switched off.
+    """
+
+    shared: Int[Array, " parameter"]
+    rows: Int[Array, " row_parameter"]
+
+
+class Free(eqx.Module):
+    """Which parameters of a model are free.
+
+    Build it with `free`.
+
+    Attributes:
+        shared: names of parameters with one value for all records.
+        per_record: names of parameters with one value for each record.
+        lower, upper: bounds by name; a name that is absent has none.
+        scale: typical sizes by name; a name that is absent is scaled by its own sensitivity (Eq. 4.25).
+        prior: mean and standard deviation of a Gaussian prior by name, for shared parameters.
+    """
+
+    shared: tuple[str, ...] = eqx.field(static=True)
+    per_record: tuple[str, ...] = eqx.field(static=True, default=())
+    lower: dict[str, Float[Array, ""]] = eqx.field(default_factory=dict)
+    upper: dict[str, Float[Array, ""]] = eqx.field(default_factory=dict)
+    scale: dict[str, Float[Array, ""]] = eqx.field(default_factory=dict)
+    prior: dict[str, tuple[Float[Array, ""], Float[Array, ""]]] = eqx.field(default_factory=dict)
+
+    def positions(self, model: AbstractModel) -> Positions:
+        """Where the free parameters stand in the model's flat vector with the initial state behind it."""
+        available = all_names(model)
+        index = {name: position for position, name in enumerate(available)}
+        require_known("parameter", self.shared + self.per_record, available)
+        return Positions(
+            jnp.array([index[name] for name in self.shared], int),
+            jnp.array([index[name] for name in self.per_record], int),
+        )
+
+    def bounds(self, which: Literal["shared", "per_record"]) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
+        """Lower and upper bounds as vectors, infinite where there are none."""
+        names = getattr(self, which)
+        lower = jnp.array([self.lower.get(name, -jnp.inf) for name in names], float)
+        return lower, jnp.array([self.upper.get(name, jnp.inf) for name in names], float)
+
+
+def free(
+    model: AbstractModel,
+    *names: str,
+    per_record: Sequence[str] = (),
+    bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
+    scale: Mapping[str, float] | None = None,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+) -> Free:
+    """Name the parameters that the data shall determine; all others keep the model's values.
+
+    Args:
+        model: the model that holds them.
+        names: dotted names of shared parameters; the name of a group (`A`, `aero.Cm`) stands for all its elements.
+        per_record: names with one value per record; `"initial_state"` is the state at each record's first sample.
+        bounds: (lowest, highest) by name; None is no bound.
+        scale: typical size by name, in place of the scaling by sensitivity (Eq. 4.25).
+        prior: (mean, standard deviation) by name, of an independent Gaussian prior on a shared parameter.
+
+    Returns:
+        The selection, with groups written out.
+
+    Raises:
+        InputError: for a name that does not exist (the names that do are listed) or is given twice, bounds that are empty or
+            that the model's value violates, a scale or standard deviation that is not positive.
+    """
+    available = all_names(model)
+    shared = _expand(names, available)
+    rows = _expand(per_record, available)
+    require_unique("free parameter", shared + rows)
+    require(bool(shared or rows), "No parameter is free, so there is nothing to estimate. Name at least one.")
+    lower, upper = _checked_bounds(model, bounds or {}, shared + rows)
+    for option, values in (("scale", scale or {}), ("prior", {n: s for n, (_, s) in (prior or {}).items()})):
+        require_known(f"free parameter (in `{option}`)", values, shared + (rows if option == "scale" else ()))
+        for name, value in values.items():
+            require(
+                np.isfinite(value) and value > 0,
+                f"The {option} of {name!r} is {value}; it must be positive and finite.",
+            )
+    return Free(shared, rows, lower, upper, canonical(dict(scale or {})), canonical(dict(prior or {})))
+
+
+def all_names(model: AbstractModel) -> tuple[str, ...]:
+    """All that can be free: the model's parameters, then its initial state, `initial_state.<state>`."""
+    return parameter_names(model) + tuple(f"{INITIAL_STATE}.{state}" for state in model.states)
+
+
+def start(model: AbstractModel, positions: Positions, records: Record) -> Parameters:
+    """Starting values: the model's own, and for initial states what `model.initial_state` reads from each record."""
+    flat = flat_vectors(model, records)
+    shared = flat[0][positions.shared] if positions.shared.size else jnp.zeros(0)
+    return Parameters(shared, flat[:, positions.rows])
+
+
+def flat_vectors(model: AbstractModel, records: Record) -> Float[Array, "case flat"]:
+    """For each record the flat vector of everything: the model's parameters with the record's constants put in, and its
+    initial state."""
+    vector, unflatten = flatten(model)
+    names = parameter_names(model)
+    at = np.array([names.index(name) for name in records.constants], int)
+
+    def one(record: Record):
+        values = jnp.stack([*record.constants.values()]) if record.constants else jnp.zeros(0)
+        own = vector.at[at].set(values)
+        return jnp.concatenate([own, jnp.asarray(unflatten(own).initial_state(record), float)])
+
+    return jax.vmap(one)(records)
+
+
+def insert(
+    model: AbstractModel, flat: Float[Array, " flat"], positions: Int[Array, " p"], values: Float[Array, " p"]
+) -> tuple[AbstractModel, Float[Array, " state"]]:
+    """The model and the initial state with the given values at the given positions of a record's flat vector."""
+    size = flat.size - len(model.states)
+    filled = flat.at[positions].set(values, mode="drop")
+    return flatten(model)[1](filled[:size]), filled[size:]
+
+
+def with_values(model: AbstractModel, names: Sequence[str], values: Float[Array, " p"]) -> AbstractModel:
+    """The model with new values of the named parameters."""
+    model = canonical(model)
+    available = parameter_names(model)
+    require_known("parameter", names, available)
+    vector, unflatten = flatten(model)
+    return unflatten(vector.at[np.array([available.index(name) for name in names], int)].set(values))
+
+
+def _expand(names: Sequence[str], available: tuple[str, ...]) -> tuple[str, ...]:
+    """Write groups out: a name stands for itself, or for all names below it."""
+    expanded: list[str] = []
+    for name in names:
+        below = [full for full in available if full == name or full.startswith((f"{name}.", f"{name}["))]
+        if not below:
+            require_known("parameter", [name], available)
+        expanded.extend(below)
+    return tuple(expanded)
+
+
+def _checked_bounds(model: AbstractModel, bounds: Mapping, names: tuple[str, ...]):
+    """Bounds as two dictionaries, refused where they are empty or exclude the model's own value."""
+    require_known("free parameter (in `bounds`)", bounds, names)
+    model = canonical(model)
+    current = dict(zip(parameter_names(model), flatten(model)[0], strict=True))
+    lower: dict[str, Array] = {}
+    upper: dict[str, Array] = {}
+    for name, (low, high) in bounds.items():
+        low, high = -np.inf if low is None else low, np.inf if high is None else high
+        require(low < high, f"The bounds of {name!r} are empty: {low} is not below {high}.")
+        value = current.get(name)
+        if value is not None and not low <= float(value) <= high:
+            raise InputError(
+                f"The starting value of {name!r}, {float(value):g}, lies outside its bounds ({low:g}, {high:g}). Start inside."
+            )
+        lower[name], upper[name] = jnp.asarray(low, float), jnp.asarray(high, float)
+    return lower, upper
+
+
+def inside(values: Float[Array, " p"], lower: Float[Array, " p"], upper: Float[Array, " p"]) -> Bool[Array, " p"]:
+    """Which values lie strictly between their bounds."""
+    return (values > lower) & (values < upper)

@@ -1,0 +1,87 @@
+"""The general library of candidate effects, made from a model's own channel names."""
+
+import itertools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .base import AbstractModel
+from .effects import Effect
+from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
+from .effects_input import InputBetweenSamples, InputDelay, InputLag
+from .effects_sensor import SensorBias, SensorDelay, SensorLag, SensorSaturation, SensorScale
+from .free import insert
+from .names import flatten
+
+MOST_SIGNALS_FOR_CUBIC_PRODUCTS = 3
+
+
+def general_effects(model: AbstractModel, equations: tuple[str, ...], *, uniform: bool = True) -> tuple[Effect, ...]:
+    """Candidates that make sense for any model: terms, friction, limits, inputs and sensors.
+
+    Args:
+        model: the model whose channels are named.
+        equations: states in whose equations unknown terms may stand; see `uncertain_equations`.
+        uniform: whether the records are sampled uniformly, so that an input may be band-limited.
+
+    Returns:
+        The effects, all absent, in the order of their names.
+    """
+    effects: list[Effect] = []
+    for state in equations:
+        signals = model.states + model.inputs
+        effects += [Term(state, term) for term in monomials(signals)]
+        effects += [kind(state, speed) for kind in (DryFriction, QuadraticDrag) for speed in model.states]
+        effects += [StateLimit(state, into) for into in equations if into != state]
+    for channel in model.inputs:
+        effects += [InputDelay(channel), InputLag(channel)] + [InputBetweenSamples(channel)] * uniform
+    for channel in model.outputs:
+        effects += [SensorBias(channel), SensorScale(channel), SensorDelay(channel), SensorLag(channel)]
+        effects += [SensorSaturation(channel, end) for end in ("upper", "lower")]
+    return tuple(sorted(effects, key=lambda effect: effect.name))
+
+
+def monomials(signals: tuple[str, ...]) -> tuple[str, ...]:
+    """Terms that a linear model lacks: the constant, all squares and products, cubes, and mixed cubes of few signals."""
+    cubic = itertools.combinations_with_replacement(signals, 3)
+    if len(signals) > MOST_SIGNALS_FOR_CUBIC_PRODUCTS:
+        cubic = ((name,) * 3 for name in signals)
+    products = [(), *itertools.combinations_with_replacement(signals, 2), *cubic]
+    return tuple(_written(product) for product in products)
+
+
+def uncertain_equations(model: AbstractModel, free_positions: np.ndarray) -> tuple[str, ...]:
+    """States whose equation holds a free parameter: the others are kinematics, exact by definition.
+
+    The derivative of the right-hand side in the free parameters is taken at three arbitrary states and inputs; an equation
+    in which it vanishes at all of them holds none.
+
+    Args:
+        model: the model.
+        free_positions: positions of the free shared parameters in the model's flat vector.
+    """
+    flat = jnp.concatenate([flatten(model)[0], jnp.zeros(len(model.states))])
+    positions = jnp.asarray(free_positions, int)
+    found = np.zeros(len(model.states), bool)
+    for key in jax.random.split(jax.random.key(0), 3):
+        x, u = jnp.split(jax.random.uniform(key, (len(model.states) + len(model.inputs),)), [len(model.states)])
+
+        def rate(values, x=x, u=u):
+            return insert(model, flat, positions, values)[0].rhs(jnp.zeros(()), x, u)
+
+        found |= np.any(np.asarray(jax.jacfwd(rate)(flat[positions])) != 0, axis=1)
+    return tuple(state for state, uncertain in zip(model.states, found, strict=True) if uncertain)
+
+
+def started(effects: tuple[Effect, ...], signals, measured) -> tuple[Effect, ...]:
+    """The effects with their shapes set from the signals of the training records, and their gains zero."""
+    fresh = (effect.start(signals, measured) for effect in effects)
+    return tuple(eqx.tree_at(lambda effect: effect.gain, effect, jnp.zeros(())) for effect in fresh)
+
+
+def _written(product: tuple[str, ...]) -> str:
+    """A product of names as a term: `("x", "x", "v")` is `"x^2 v"`."""
+    powers = {name: product.count(name) for name in dict.fromkeys(product)}
+    return " ".join(name if power == 1 else f"{name}^{power}" for name, power in powers.items()) or "1"

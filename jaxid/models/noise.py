@@ -1,0 +1,137 @@
+"""Noise models: the covariance R of the measurement noise, known or estimated with everything else (Eq. 4.4, A.63)."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.scipy.linalg import solve_triangular
+
+from .._foundation.checks import require
+from .._foundation.types import Array, Bool, Float
+
+
+class AbstractNoise(eqx.Module):
+    """Covariance of white measurement noise, and the misfit that goes with it.
+
+    A noise model turns residuals `v` into a Cholesky factor `L` of `R = L L'`, and into the negative log-likelihood that a
+    search judges.
+    """
+
+    @abc.abstractmethod
+    def cholesky(
+        self, v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]
+    ) -> Float[Array, "output output"]:
+        """Cholesky factor of R for these residuals."""
+
+    @abc.abstractmethod
+    def cost(self, v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]) -> Float[Array, ""]:
+        """Negative log-likelihood, without the constant `N/2 log 2 pi`."""
+
+    def check(self, mask: Bool[Array, "case time output"], outputs: tuple[str, ...]) -> None:
+        """Refuse data that this noise model cannot serve."""
+
+
+class FixedNoise(AbstractNoise):
+    """R known: `J = 1/2 sum v' R^-1 v + n/2 log det R`.
+
+    Args:
+        R: covariance (output, output), or variances (output,).
+    """
+
+    R: Float[Array, "output output"]
+
+    def __init__(self, R):
+        R = jnp.asarray(R, float)
+        self.R = jnp.diag(R) if R.ndim == 1 else R
+
+    def cholesky(self, v, mask):
+        return jnp.linalg.cholesky(self.R)
+
+    def cost(self, v, mask):
+        L = self.cholesky(v, mask)
+        log_det = jnp.log(jnp.diagonal(L))
+        return 0.5 * jnp.sum(whiten(L, v, mask) ** 2) + jnp.sum(mask * log_det)
+
+    def check(self, mask, outputs):
+        require(
+            self.R.shape == (len(outputs), len(outputs)),
+            f"R has shape {self.R.shape}, but there are {len(outputs)} outputs ({', '.join(outputs)}).",
+        )
+        require(
+            bool(jnp.all(jnp.isfinite(jnp.linalg.cholesky(self.R)))),
+            "R is not positive definite. Give variances, not standard deviations, and none of them zero.",
+        )
+        off_diagonal = bool(jnp.any(self.R != jnp.diag(jnp.diagonal(self.R))))
+        require(not off_diagonal or not _gaps(mask), _GAPS.format(where=_gap_names(mask, outputs)))
+
+
+class DiagonalNoise(AbstractNoise):
+    """R unknown and diagonal, re-estimated at each iteration: `R = diag(1/N sum v v')` (Eq. 4.4), `J = sum_j N_j/2 log R_j`.
+
+    Each channel counts its own valid samples, so gaps may stand anywhere.
+    """
+
+    def cholesky(self, v, mask):
+        return jnp.diag(jnp.sqrt(self._variances(v, mask)))
+
+    def cost(self, v, mask):
+        count = jnp.sum(mask, axis=(0, 1))
+        return 0.5 * jnp.sum(count * (jnp.log(self._variances(v, mask)) + 1.0))
+
+    def _variances(self, v, mask):
+        count = jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)
+        return jnp.maximum(jnp.sum(jnp.where(mask, v, 0.0) ** 2, axis=(0, 1)) / count, jnp.finfo(float).tiny)
+
+
+class FullNoise(AbstractNoise):
+    """R unknown and full, re-estimated at each iteration: `R = 1/N sum v v'` (A.63), `J = N/2 log det R`.
+
+    A sample counts only when all channels are valid; gaps in single channels are refused, because R then has no closed form.
+    """
+
+    def cholesky(self, v, mask):
+        whole = jnp.all(mask, axis=-1)
+        v = jnp.where(whole[..., None], v, 0.0)
+        return jnp.linalg.cholesky(jnp.einsum("cti,ctj->ij", v, v) / jnp.maximum(jnp.sum(whole), 1))
+
+    def cost(self, v, mask):
+        count = jnp.sum(jnp.all(mask, axis=-1))
+        log_det = 2.0 * jnp.sum(jnp.log(jnp.diagonal(self.cholesky(v, mask))))
+        return 0.5 * count * (log_det + v.shape[-1])
+
+    def check(self, mask, outputs):
+        require(not _gaps(mask), _GAPS.format(where=_gap_names(mask, outputs)))
+
+
+def whiten(
+    L: Float[Array, "output output"],
+    rows: Float[Array, "case time output *column"],
+    mask: Bool[Array, "case time output"],
+) -> Float[Array, "case time output *column"]:
+    """Rows in units of the noise, `L^-1 rows`, zero where there is no valid sample.
+
+    Args:
+        L: Cholesky factor of R.
+        rows: residuals, or sensitivities with the parameter as last axis.
+        mask: valid samples.
+    """
+    shape = mask.shape + (1,) * (rows.ndim - mask.ndim)
+    rows = jnp.where(mask.reshape(shape), rows, 0.0)
+    by_output = jnp.moveaxis(rows, 2, 0)
+    white = solve_triangular(L, by_output.reshape(L.shape[0], -1), lower=True).reshape(by_output.shape)
+    return jnp.where(mask.reshape(shape), jnp.moveaxis(white, 0, 2), 0.0)
+
+
+_GAPS = (
+    "A full R has no closed form where single channels miss samples ({where}). Use DiagonalNoise(), or mark the whole "
+    "sample as missing."
+)
+
+
+def _gaps(mask) -> bool:
+    return bool(jnp.any(jnp.any(mask, axis=-1) & ~jnp.all(mask, axis=-1)))
+
+
+def _gap_names(mask, outputs) -> str:
+    gaps = jnp.sum(jnp.any(mask, axis=-1)[..., None] & ~mask, axis=(0, 1))
+    return ", ".join(f"{name}: {int(count)} missing" for name, count in zip(outputs, gaps, strict=True) if count)

@@ -1,0 +1,117 @@
+"""Spectrum of the information: which combinations of parameters the data determine, and which they do not."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.types import Array, Bool, Float
+
+
+class Spectrum(eqx.Module):
+    """Singular values of the column-scaled triangle; squared, they are the eigenvalues of M* (Eq. 4.26).
+
+    Attributes:
+        singular_values: in falling order.
+        directions: one right singular vector per row, in scaled parameters.
+        scale: column lengths `sqrt(M_ii)` (Eq. 4.25), or the inverse of the given typical sizes.
+        turned: the right-hand side in the basis of left singular vectors.
+    """
+
+    singular_values: Float[Array, " parameter"]
+    directions: Float[Array, "parameter parameter"]
+    scale: Float[Array, " parameter"]
+    turned: Float[Array, " parameter"]
+
+    @property
+    def eigenvalues(self) -> Float[Array, " parameter"]:
+        """Eigenvalues of the scaled information matrix, in falling order."""
+        return self.singular_values**2
+
+    def weak(self, threshold: float) -> Bool[Array, " parameter"]:
+        """Which directions have an eigenvalue below `threshold` times the largest (Eq. 4.28)."""
+        return self.eigenvalues < threshold * self.eigenvalues[0]
+
+    def step(self, weights: Float[Array, " parameter"]) -> Float[Array, " parameter"]:
+        """The step whose component along each scaled direction is `weights * turned`."""
+        return (self.directions.T @ (weights * self.turned)) / self.scale
+
+    def covariance(self, threshold: float) -> Float[Array, "parameter parameter"]:
+        """Inverse of the information over the strong directions (Cramer-Rao).
+
+        A parameter with a share in a weak direction has an infinite variance; a column of zeros has none at all.
+        """
+        strong = ~self.weak(threshold) & (self.singular_values > 0)
+        half = (
+            self.directions.T
+            / self.scale[:, None]
+            * jnp.where(strong, 1.0 / jnp.where(strong, self.singular_values, 1.0), 0.0)
+        )
+        undetermined = jnp.any(~strong[:, None] & (jnp.abs(self.directions) > SHARE), axis=0)
+        covariance = half @ half.T
+        return covariance + jnp.diag(jnp.where(undetermined, jnp.inf, 0.0))
+
+
+SHARE = 1e-3  # a share in a weak direction below this is rounding of the singular vectors, not participation
+
+
+def spectrum(
+    triangle: Float[Array, "row parameter"], rhs: Float[Array, " row"], scale: Float[Array, " parameter"] | None = None
+) -> Spectrum:
+    """Decompose a triangle `T` with its right-hand side after scaling its columns (fixes a and b of section 4.3.1).
+
+    Args:
+        triangle: square-root information `T`.
+        rhs: right-hand side `r`.
+        scale: typical sizes of the parameters, NaN where the column's own length serves; None for all.
+    """
+    length = jnp.linalg.norm(triangle, axis=0)
+    length = jnp.where(length > 0, length, 1.0)
+    if scale is not None:
+        length = jnp.where(jnp.isnan(scale), length, 1.0 / scale)
+    U, s, Vt = jnp.linalg.svd(triangle / length, full_matrices=False)
+    return Spectrum(s, Vt, length, U.T @ rhs)
+
+
+def weak_directions(
+    names: tuple[str, ...],
+    values: Float[np.ndarray, " parameter"],
+    found: Spectrum,
+    threshold: float,
+    share: float = 0.05,
+) -> tuple[str, ...]:
+    """Undetermined combinations in words, such as `a - 2.1 b is not determined`.
+
+    Args:
+        names: names of the parameters.
+        values: their values; a combination is written in units of the parameters themselves.
+        found: the spectrum.
+        threshold: eigenvalues below this share of the largest are weak.
+        share: components smaller than this share of the largest are left out of the sentence.
+
+    Returns:
+        One sentence per weak direction, with the best determined combination of the same parameters beside it.
+    """
+    sentences = []
+    for index in np.flatnonzero(np.asarray(found.weak(threshold))):
+        direction = np.asarray(found.directions[index])
+        kept = np.flatnonzero(np.abs(direction) >= share * np.max(np.abs(direction)))
+        moved = direction[kept] / np.asarray(found.scale)[kept]
+        together = [names[i] for i in kept]
+        weak = _combination(together, moved / moved[0])
+        if len(kept) == 1:
+            sentences.append(f"{names[kept[0]]} is not determined")
+        elif len(kept) == 2:
+            # The determined combination is the one that does not change along the weak direction.
+            strong = _combination(together, np.array([1.0, -moved[0] / moved[1]]))
+            sentences.append(f"{strong} is determined, {weak} is not")
+        else:
+            sentences.append(f"{weak} is not determined")
+    return tuple(sentences)
+
+
+def _combination(names: list[str], weights: Float[np.ndarray, " n"]) -> str:
+    """A linear combination in words: `k + 0.93 c`."""
+    words = names[0]
+    for name, weight in zip(names[1:], weights[1:], strict=True):
+        words += f" {'-' if weight < 0 else '+'} {abs(weight):.3g} {name}"
+    return words

@@ -1,0 +1,245 @@
+"""How an input runs between its samples: zero-order hold, straight lines, cubic spline, band-limited."""
+
+import abc
+from typing import Literal
+
+import equinox as eqx
+import interpax
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.checks import require
+from .._foundation.grid import is_uniform, strictly_increasing
+from .._foundation.types import Array, Float
+
+
+class AbstractPath(eqx.Module):
+    """An input signal as a function of continuous time."""
+
+    @abc.abstractmethod
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, " input"]:
+        """The value at one time; at a jump, the value after it."""
+
+    @abc.abstractmethod
+    def stages(self, t: Float[Array, " time"], substeps: int) -> Float[Array, "step stage=3 input"]:
+        """The values that a Runge-Kutta step sees at its start, middle and end, for `substeps` steps in each interval.
+
+        A jump never lies inside a step: each step sees the limits from its own side.
+        """
+
+    @abc.abstractmethod
+    def delayed(self, channel: int, delay: Float[Array, ""]) -> "AbstractPath":
+        """The path with one channel later by `delay` [s]."""
+
+    @abc.abstractmethod
+    def corners(self) -> Float[Array, " corner"] | None:
+        """Times, in order, at which the path jumps or bends, where an adaptive solver must start a step anew."""
+
+    @abc.abstractmethod
+    def towards_band_limited(self, channel: int, weight: Float[Array, ""]) -> "AbstractPath":
+        """The path with one channel moved by `weight` towards the band-limited run through the same samples."""
+
+
+class Smooth(AbstractPath):
+    """A continuous path: an interpolant through knots.
+
+    Args:
+        knots: strictly increasing times [s].
+        values: the input at the knots.
+        delay: by how much each channel is late [s].
+        method: an interpolation of `interpax`.
+    """
+
+    knots: Float[Array, " knot"]
+    values: Float[Array, "knot input"]
+    delay: Float[Array, " input"]
+    method: Literal["linear", "cubic", "cubic2"] = eqx.field(static=True)
+
+    def _at(self, t):
+        """Values at any number of times; before the first knot and after the last the signal stands still."""
+
+        def channel(values, delay):
+            late = jnp.clip(t - delay, self.knots[0], self.knots[-1])
+            return interpax.interp1d(late, self.knots, values, method=self.method)
+
+        return jax.vmap(channel, in_axes=(1, 0), out_axes=-1)(self.values, self.delay)
+
+    def __call__(self, t):
+        return self._at(t[None])[0]
+
+    def stages(self, t, substeps):
+        begin, length = substeps_of(t, substeps)
+        times = begin[:, None] + length[:, None] * jnp.array([0.0, 0.5, 1.0])
+        return self._at(times.reshape(-1)).reshape(*times.shape, -1)
+
+    def delayed(self, channel, delay):
+        return eqx.tree_at(lambda path: path.delay, self, self.delay.at[channel].add(delay))
+
+    def towards_band_limited(self, channel, weight):
+        return _towards_band_limited(self, channel, weight)
+
+    def corners(self):
+        return _times(self) if self.method == "linear" else None
+
+
+class Steps(AbstractPath):
+    """A piecewise constant path, each sample held until the next.
+
+    With a delay the jumps fall inside a step; the step then sees the mean of the signal over its length, which keeps the
+    impulse and is differentiable in the delay.
+
+    Args:
+        knots: strictly increasing times [s].
+        values: the input from each knot on.
+        delay: by how much each channel is late [s].
+    """
+
+    knots: Float[Array, " knot"]
+    values: Float[Array, "knot input"]
+    delay: Float[Array, " input"]
+
+    def __call__(self, t):
+        index = jax.vmap(lambda delay: jnp.searchsorted(self.knots, t - delay, side="right") - 1)(self.delay)
+        return jnp.take_along_axis(self.values, jnp.clip(index, 0)[None, :], axis=0)[0]
+
+    def stages(self, t, substeps):
+        begin, length = substeps_of(t, substeps)
+        safe = jnp.where(length > 0, length, 1.0)
+
+        def channel(values, delay):
+            # A step is no longer than an interval between knots, so that it meets one jump at most.
+            index = jnp.searchsorted(self.knots, begin - delay + 1e-9 * length, side="right") - 1
+            now, then = jnp.clip(index, 0), jnp.clip(index + 1, 0, self.knots.size - 1)
+            over = begin + length - delay - self.knots[then]
+            # `where`, not `maximum`: a step that ends on a jump must have the whole derivative in the delay.
+            share = jnp.where((over > -1e-9 * length) & (index >= 0), over / safe, 0.0)
+            return values[now] + share * (values[then] - values[now])
+
+        mean = jax.vmap(channel, in_axes=(1, 0), out_axes=-1)(self.values, self.delay)
+        return jnp.repeat(mean[:, None], 3, axis=1)
+
+    def delayed(self, channel, delay):
+        return eqx.tree_at(lambda path: path.delay, self, self.delay.at[channel].add(delay))
+
+    def towards_band_limited(self, channel, weight):
+        return _towards_band_limited(self, channel, weight)
+
+    def corners(self):
+        return _times(self)
+
+
+class Blend(AbstractPath):
+    """A path on its way from one to another: `(1 - weight) one + weight other`, channel by channel."""
+
+    one: AbstractPath
+    other: AbstractPath
+    weight: Float[Array, " input"]
+
+    def __call__(self, t):
+        return (1.0 - self.weight) * self.one(t) + self.weight * self.other(t)
+
+    def stages(self, t, substeps):
+        one, other = self.one.stages(t, substeps), self.other.stages(t, substeps)
+        return (1.0 - self.weight) * one + self.weight * other
+
+    def delayed(self, channel, delay):
+        return Blend(self.one.delayed(channel, delay), self.other.delayed(channel, delay), self.weight)
+
+    def towards_band_limited(self, channel, weight):
+        other = self.other.towards_band_limited(channel, weight)
+        return Blend(self.one.towards_band_limited(channel, weight), other, self.weight)
+
+    def corners(self):
+        found = [corners for path in (self.one, self.other) if (corners := path.corners()) is not None]
+        return jnp.sort(jnp.concatenate(found)) if found else None
+
+
+def _towards_band_limited(path: Smooth | Steps, channel: int, weight: Float[Array, ""]) -> Blend:
+    """The blend of a path with the band-limited run through its knots."""
+    other = BandLimited().path(path.knots, path.values)
+    other = eqx.tree_at(lambda path: path.delay, other, path.delay)
+    return Blend(path, other, jnp.zeros(path.delay.size).at[channel].set(weight))
+
+
+def _times(path: Smooth | Steps) -> Float[Array, " corner"]:
+    """Knots of all channels, each late by its delay."""
+    return jnp.sort((path.knots[:, None] + path.delay).reshape(-1))
+
+
+class AbstractHold(eqx.Module):
+    """The rule by which an input runs between its samples."""
+
+    @abc.abstractmethod
+    def path(self, t: Float[Array, " time"], u: Float[Array, "time input"]) -> AbstractPath:
+        """The continuous input through the samples of one record."""
+
+    def check(self, t: Float[Array, "*case time"]) -> None:
+        """Refuse sampling times on which this rule is not defined."""
+
+
+class ZeroOrder(AbstractHold):
+    """Each sample is held until the next, as a digital controller's output is."""
+
+    def path(self, t, u):
+        return Steps(strictly_increasing(t), u, jnp.zeros(u.shape[1]))
+
+
+class Linear(AbstractHold):
+    """Straight lines between the samples: the usual choice for measured positions."""
+
+    def path(self, t, u):
+        return Smooth(strictly_increasing(t), u, jnp.zeros(u.shape[1]), "linear")
+
+
+class Cubic(AbstractHold):
+    """A natural cubic spline through the samples, for smooth inputs sampled slowly."""
+
+    def path(self, t, u):
+        return Smooth(strictly_increasing(t), u, jnp.zeros(u.shape[1]), "cubic2")
+
+
+class BandLimited(AbstractHold):
+    """The only signal through the samples without content above half the sampling rate, by a windowed sinc.
+
+        u(t) = sum_k u_k sinc((t - t_k)/T) w((t - t_k)/T),   w a Kaiser window over 2 `half_width` samples
+
+    evaluated on a grid eight times finer and by local cubics in between, which leaves 1e-5 of a component at a third of the
+    sampling rate. Beyond its ends the signal is continued by point reflection (Oppenheim & Schafer, Discrete-Time Signal
+    Processing, sections 4.2 and 7.5). The sampling must be uniform.
+    """
+
+    half_width: int = eqx.field(static=True, default=32)
+
+    def path(self, t, u):
+        knots, fine = strictly_increasing(t), 8
+        half = self.half_width
+        offsets = np.arange(-half * fine, half * fine + 1) / fine
+        kernel = np.sinc(offsets) * np.kaiser(offsets.size, 10.0)
+        before = 2.0 * u[0] - u[1 : half + 1][::-1]
+        after = 2.0 * u[-1] - u[-half - 1 : -1][::-1]
+        extended = jnp.concatenate([before, u, after])
+        spread = jnp.zeros((extended.shape[0], fine, u.shape[1])).at[:, 0].set(extended).reshape(-1, u.shape[1])
+        smooth = jax.vmap(lambda v: jax.scipy.signal.fftconvolve(v, jnp.asarray(kernel), mode="same"), 1, 1)(spread)
+        count = (u.shape[0] - 1) * fine + 1
+        values = jax.lax.dynamic_slice_in_dim(smooth, half * fine, count)
+        values = values.at[::fine].set(u)
+        grid = knots[0] + (knots[1] - knots[0]) * jnp.arange(count) / fine
+        return Smooth(grid, values, jnp.zeros(u.shape[1]), "cubic")
+
+    def check(self, t):
+        require(
+            is_uniform(np.asarray(t)),
+            "A band-limited input needs uniform sampling, and these sample times are uneven. Use Cubic() or Linear().",
+        )
+        require(
+            t.shape[-1] > self.half_width,
+            f"A band-limited input needs more than {self.half_width} samples. Use Cubic(), or a smaller half_width.",
+        )
+
+
+def substeps_of(t: Float[Array, " time"], substeps: int):
+    """Begin and length of every step, (time - 1) * substeps of them, in order of time: shapes (step,)."""
+    length = jnp.repeat(jnp.diff(t) / substeps, substeps)
+    begin = jnp.repeat(t[:-1], substeps) + jnp.tile(jnp.arange(substeps), t.size - 1) * length
+    return begin, length

@@ -1,0 +1,81 @@
+"""`simulate`: the model's answer to an input."""
+
+import jax
+import jax.numpy as jnp
+
+from .._foundation.checks import InputError, require, require_float64
+from .._foundation.types import Array, Float
+from ..models.base import AbstractModel, canonical
+from .inputs import AbstractHold, Linear
+from .solution import Solution
+from .steppers import RK4, AbstractStepper
+
+
+def simulate(
+    model: AbstractModel,
+    t: Float[Array, "*case time"],
+    u: Float[Array, "*case time input"],
+    initial_state: Float[Array, "*case state"],
+    *,
+    hold: AbstractHold | None = None,
+    stepper: AbstractStepper | None = None,
+) -> Solution:
+    """Simulate a model over given sample times.
+
+        dx/dt = rhs(t, x, u(t)),  x(t_0) = initial_state,    y_i = output(t_i, x_i, u_i)
+
+    Pure: works under `jit`, `vmap` and `jacfwd`. With a leading case axis the cases run side by side and share the model.
+
+    Args:
+        model: the model, whose array leaves may be traced.
+        t: sample times [s], strictly increasing up to a padding that repeats the last one.
+        u: inputs at the samples.
+        initial_state: state at the first sample.
+        hold: how the input runs between its samples; `Linear()` by default.
+        stepper: `RK4(substeps)`, one step a sample by default, or `Adaptive(solver)`.
+
+    Returns:
+        States and outputs at the sample times, and whether all of them are finite.
+
+    Raises:
+        InputError: when a shape does not fit the model's channels, or JAX is not in 64 bit.
+    """
+    require_float64()
+    hold, stepper = hold or Linear(), stepper or RK4()
+    model = canonical(model)
+    t, u, initial_state = (jnp.asarray(array, float) for array in (t, u, initial_state))
+    for name, array, channels in (("u", u, model.inputs), ("initial_state", initial_state, model.states)):
+        require(
+            array.shape[-1] == len(channels),
+            f"{name} has {array.shape[-1]} channels, but the model has {len(channels)}: {', '.join(channels)}.",
+        )
+    if t.ndim > 1:
+        return jax.vmap(lambda *case: simulate(model, *case, hold=hold, stepper=stepper))(t, u, initial_state)
+    require(t.ndim == 1 and u.shape[0] == t.size, f"u has {u.shape[0]} rows for {t.size} sample times.")
+    return run(model, t, u, initial_state, hold, stepper)
+
+
+def run(
+    model: AbstractModel,
+    t: Float[Array, " time"],
+    u: Float[Array, "time input"],
+    initial_state: Float[Array, " state"],
+    hold: AbstractHold,
+    stepper: AbstractStepper,
+) -> Solution:
+    """One case without the border's checks: what the estimation differentiates."""
+    path = model.input_path(hold.path(t, u))
+    x = stepper.states(model, t, path, initial_state)
+    y = model.observe(t, x, u)
+    return Solution(t, x, y, jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y)))
+
+
+def explain_divergence(solution: Solution, model: AbstractModel, where: str) -> InputError:
+    """The error that tells when and in which state a simulation first stopped being finite."""
+    bad = ~jnp.isfinite(solution.x)
+    row = int(jnp.argmax(jnp.any(bad, axis=-1)))
+    states = [name for name, wrong in zip(model.states, bad[row], strict=True) if wrong] or list(model.outputs)
+    return InputError(
+        f"The simulation of {where} stops being finite at t = {float(solution.t[row]):g} s, in {', '.join(states)}. "
+        "Start from parameters for which the model is stable over the record, shorten the record, or raise `substeps`."
+    )

@@ -1,0 +1,97 @@
+"""Units at the border: known factors, SI left alone bit for bit, refusals in words."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import constants as si
+
+from jaxid._foundation.checks import InputError
+from jaxid.data import convert, to_si
+
+FACTORS = {
+    "deg": (si.degree, "rad"),
+    "deg/s": (si.degree, "rad/s"),
+    "deg/s^2": (si.degree, "rad/s^2"),
+    "rpm": (2 * si.pi / 60, "rad/s"),
+    "ft": (si.foot, "m"),
+    "ft/s": (si.foot, "m/s"),
+    "kt": (si.knot, "m/s"),
+    "km/h": (si.kmh, "m/s"),
+    "g0": (si.g, "m/s^2"),
+    "gee": (si.g, "m/s^2"),
+    "lbf": (si.lbf, "N"),
+    "psf": (si.lbf / si.foot**2, "Pa"),
+    "lbf/ft^2": (si.lbf / si.foot**2, "Pa"),
+    "psi": (si.psi, "Pa"),
+    "slug": (si.slug, "kg"),
+    "slug*ft^2": (si.slug * si.foot**2, "kg*m^2"),
+    "ft*lbf": (si.foot * si.lbf, "N*m"),
+    "Nm": (1.0, "N*m"),
+    "mV": (1e-3, "V"),
+    "ms": (1e-3, "s"),
+    "kHz": (1e3, "Hz"),
+    "%": (1e-2, ""),
+    "N/V": (1.0, "N/V"),
+    "1/s": (1.0, "1/s"),
+    "": (1.0, ""),
+    "-": (1.0, ""),
+}
+
+
+@pytest.mark.parametrize("unit", FACTORS)
+def test_factor_and_name(unit):
+    factor, name = FACTORS[unit]
+    values, found = to_si([1.0, -2.0], unit, "q")
+    assert found == name
+    np.testing.assert_allclose(values, [factor, -2 * factor], rtol=4e-15)
+
+
+@given(st.sampled_from(sorted(FACTORS)), st.lists(st.floats(allow_nan=True, width=64), min_size=1))
+def test_si_is_left_alone_bit_for_bit(unit, values):
+    name = FACTORS[unit][1]
+    back, again = to_si(values, name, "q")
+    assert again == name
+    assert back.tobytes() == np.asarray(values).tobytes()
+
+
+@given(st.sampled_from(sorted(FACTORS)), st.lists(st.floats(-1e9, 1e9), min_size=1))
+def test_convert_there_and_back(unit, values):
+    there = convert(values, unit, FACTORS[unit][1])
+    np.testing.assert_allclose(there, to_si(values, unit, "q")[0], rtol=1e-15)
+    np.testing.assert_allclose(convert(there, FACTORS[unit][1], unit), values, rtol=1e-14)
+
+
+def test_temperatures_have_an_offset_and_their_differences_none():
+    assert to_si(15.0, "degC", "T") == (288.15, "K")
+    np.testing.assert_allclose(to_si([32.0, 212.0], "degF", "T")[0], [273.15, 373.15], rtol=1e-15)
+    np.testing.assert_allclose(convert(50.0, "degF", "degC"), 10.0, rtol=1e-13)
+    assert to_si(3.0, "W/degC", "loss") == (3.0, "W/K")
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [
+        ("knts", ["'speed'", "'knts'", "'kt'", "products as 'kg*m^2'"]),
+        ("g", ["'speed'", "ambiguous", "'g0'", "'gram'"]),
+        ("m/g", ["'speed'", "'g0'"]),
+        ("dB", ["'speed'", "'dB'", "not linear"]),
+        ("((", ["'speed'", "'(('", "Examples: deg"]),
+        ("5*m", ["'speed'", "'5*m'"]),
+    ],
+)
+def test_refusals(unit, words):
+    with pytest.raises(InputError) as caught:
+        to_si([1.0], unit, "speed")
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(("unit", "to"), [("rad/s", "Hz"), ("deg", ""), ("N", "m"), ("K", "deg")])
+def test_other_kinds_are_not_converted(unit, to):
+    with pytest.raises(InputError, match=r"Channel 'x'.*cannot be converted.*same kind"):
+        convert([1.0], unit, to, "x")
+
+
+def test_energy_converts_to_torque_units_of_the_same_kind():
+    assert convert(2.0, "J", "N*m") == 2.0

@@ -9,14 +9,14 @@ from .._foundation.types import Array, Float
 
 
 def multisine(
-    t: Float[Array, "*case time"],
+    t: Float[Array, "*time"],
     period: float | int,
     low: float | int,
     high: float | int,
     *,
     count: int = 1,
     amplitude: Array | float | int = 1.0,
-) -> Float[Array, "*case time {count}"]:
+) -> Float[Array, "*time {count}"]:
     """Sums of sines of equal power on harmonics of one period, shared out among the inputs in turn.
 
     Input `j` has the harmonics `k` of the band with `k mod count = j`, their amplitudes `A_i = a / sqrt(K)` and the
@@ -31,7 +31,7 @@ def multisine(
     Identification, AIAA, 2006, chapter 9, for the use on several surfaces at once.
 
     Args:
-        t: times, shape (*case, time) [s].
+        t: times, of any shape [s].
         period: `T`, after which it repeats [s].
         low: lowest frequency [Hz].
         high: highest frequency, below half the sample rate [Hz].
@@ -39,7 +39,7 @@ def multisine(
         amplitude: `a`; the root mean square of each input over a period is `a / sqrt(2)` [any unit].
 
     Returns:
-        The inputs, shape (*case, time, count) [the amplitude's unit].
+        The inputs, shape (*time, count) [the amplitude's unit].
 
     Raises:
         InputError: when the band has fewer harmonics of the period than inputs.

@@ -3,6 +3,7 @@
 import math
 import operator
 from collections.abc import Iterator
+from typing import SupportsIndex
 
 import equinox as eqx
 import jax
@@ -106,7 +107,7 @@ class Record(eqx.Module):
         )
         return _rows(self, start, stop)
 
-    def __getitem__(self, index: int) -> "Record":
+    def __getitem__(self, index: SupportsIndex) -> "Record":
         """One record of a stack, its padding removed (under `jit`, where lengths are not known, it stays).
 
         Raises:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from .._foundation.checks import require
 from .._foundation.types import Array, Float
 
-Times = Float[Array, "*case time"]
+Times = Float[Array, "*time"]
 Value = Array | float | int
 
 
@@ -18,7 +18,7 @@ def step(t: Times, start: Value = 0.0, amplitude: Value = 1.0) -> Times:
     """A step, `u = a` for `t >= start`, else 0.
 
     Args:
-        t: times, shape (*case, time) [s].
+        t: times, of any shape [s].
         start: time of the step [s].
         amplitude: height `a` [any unit].
 
@@ -32,7 +32,7 @@ def pulses(t: Times, edges: Array | Sequence[float], levels: Array | Sequence[fl
     """Constant levels between edges in time, `u = levels[i]` for `edges[i] <= t < edges[i+1]`, else 0.
 
     Args:
-        t: times, shape (*case, time) [s].
+        t: times, of any shape [s].
         edges: increasing times, shape (level + 1,) [s].
         levels: values between them, shape (level,) [any unit].
 
@@ -55,7 +55,7 @@ def doublet(t: Times, start: Value = 0.0, width: Value = 1.0, amplitude: Value =
     """Up for one width and down for another: excites most near `0.37 / width` [Hz] and returns to trim.
 
     Args:
-        t: times, shape (*case, time) [s].
+        t: times, of any shape [s].
         start: time of the first edge [s].
         width: length of each of the two pulses [s].
         amplitude: height [any unit].
@@ -73,7 +73,7 @@ def three_two_one_one(t: Times, start: Value = 0.0, width: Value = 1.0, amplitud
     input devised by K. H. Koehler and M. Marchand at DLR).
 
     Args:
-        t: times, shape (*case, time) [s].
+        t: times, of any shape [s].
         start: time of the first edge [s].
         width: length of the shortest pulse [s].
         amplitude: height [any unit].
@@ -89,7 +89,7 @@ def ramp(t: Times, start: Value = 0.0, stop: Value = 1.0, amplitude: Value = 1.0
     """A straight rise that then stays, `u = a (t - start) / (stop - start)` between, 0 before and `a` after.
 
     Args:
-        t: times, shape (*case, time) [s].
+        t: times, of any shape [s].
         start: time at which it leaves zero [s].
         stop: time at which it reaches the amplitude, after `start` [s].
         amplitude: final height `a` [any unit].
@@ -104,7 +104,7 @@ def sine(t: Times, frequency: Value, amplitude: Value = 1.0, phase: Value = 0.0)
     """A sine, `u = a sin(2 pi f t + phase)`.
 
     Args:
-        t: times, shape (*case, time) [s].
+        t: times, of any shape [s].
         frequency: `f` [Hz].
         amplitude: `a` [any unit].
         phase: at time zero [rad].
@@ -119,7 +119,7 @@ def half_sine(t: Times, start: Value = 0.0, width: Value = 1.0, amplitude: Value
     """One arch of a sine, `u = a sin(pi (t - start) / width)` for its width, else 0: a smooth pulse.
 
     Args:
-        t: times, shape (*case, time) [s].
+        t: times, of any shape [s].
         start: time at which it leaves zero [s].
         width: length of the arch [s].
         amplitude: height `a` [any unit].
@@ -136,7 +136,7 @@ def linear_sweep(t: Times, duration: Value, low: Value, high: Value, amplitude: 
     `u = a sin(2 pi (low t + (high - low) t^2 / (2 T)))` for `0 <= t <= T`, else 0.
 
     Args:
-        t: times, shape (*case, time) [s].
+        t: times, of any shape [s].
         duration: length `T` [s].
         low: frequency at time zero [Hz].
         high: frequency at the end [Hz].
@@ -155,7 +155,7 @@ def log_sweep(t: Times, duration: Value, low: Value, high: Value, amplitude: Val
     `u = a sin(2 pi low T / L (exp(L t / T) - 1))` with `L = log(high / low)` for `0 <= t <= T`, else 0.
 
     Args:
-        t: times, shape (*case, time) [s].
+        t: times, of any shape [s].
         duration: length `T` [s].
         low: frequency at time zero, positive [Hz].
         high: frequency at the end, positive and not `low` [Hz].

@@ -1,36 +1,64 @@
-"""Covariance of the estimate when the residual is coloured: the Cramer-Rao bound assumes it white and is then too small."""
+"""What the colour of a residual does to the variance of a sum over it: the Cramer-Rao bound assumes it white.
+
+With whitened residuals `v` of autocovariance `c(k)`, estimated from themselves up to a fraction of the record and tapered by a
+Parzen window, whose spectrum is positive,
+
+    var( sum_i s_i v_i ) = sum_k c(k) sum_i s_i s_(i+k)
+
+(Morelli & Klein, Journal of Aircraft 34(6), 1997; the window: Jenkins & Watts, Spectral Analysis, 1968, section 6.3.)
+"""
 
 import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
 
+LONGEST_LAG = 0.2  # of the record, as Morelli & Klein use
+
 
 def score_covariance(
-    S: Float[Array, "case time output parameter"], v: Float[Array, "case time output"], fraction: float = 0.2
+    S: Float[Array, "case time output parameter"], v: Float[Array, "case time output"]
 ) -> Float[Array, "parameter parameter"]:
-    r"""Covariance of the score `sum_i S_i' v_i` for residuals with the autocorrelation that they show.
+    """Covariance of the score `sum_i S_i' v_i` for residuals with the autocorrelation that they show.
 
-        B = sum_j sum_k c_j(k) sum_i S_ij S_(i+k)j',    c_j(k) = 1/N sum_i v_ij v_(i+k)j
-
-    with lags up to a fraction of the record under a Parzen window, which keeps B positive. With white residuals B is the
-    information matrix. (Morelli & Klein, Journal of Aircraft 34(6), 1997; Klein & Morelli, Aircraft System Identification,
-    section 6.3.)
+    With white residuals of unit variance it is the information matrix.
 
     Args:
         S: whitened sensitivities, zero at missing samples.
         v: whitened residuals, zero at missing samples.
-        fraction: longest lag, as a share of the record.
     """
     count = v.shape[1]
-    size = 2 * count
-    spectrum_v = jnp.abs(jnp.fft.rfft(v, size, axis=1)) ** 2
-    covariance = jnp.sum(jnp.fft.irfft(spectrum_v, size, axis=1), axis=0)
-    valid = jnp.maximum(jnp.sum(v != 0, axis=(0, 1)), 1)
-    lag = jnp.minimum(jnp.arange(size), size - jnp.arange(size)) / max(int(fraction * count), 1)
-    window = jnp.where(lag <= 0.5, 1 - 6 * lag**2 * (1 - lag), 2 * jnp.clip(1 - lag, 0) ** 3)
-    weight = jnp.fft.rfft(covariance / valid * window[:, None], axis=0).real
-    spectrum_S = jnp.fft.rfft(S, size, axis=1)
+    spectrum = jnp.fft.rfft(tapered_covariance(v), axis=0).real
+    frequency = jnp.arange(count + 1)
     # One-sided transform: all frequencies but the first and the last stand for two.
-    twice = jnp.where((jnp.arange(weight.shape[0]) == 0) | (jnp.arange(weight.shape[0]) == count), 1.0, 2.0) / size
-    weighted = spectrum_S * (weight * twice[:, None])[None, :, :, None]
-    return jnp.einsum("cfjp,cfjq->pq", weighted, jnp.conj(spectrum_S)).real
+    twice = jnp.where((frequency == 0) | (frequency == count), 1.0, 2.0) / (2 * count)
+    transformed = jnp.fft.rfft(S, 2 * count, axis=1)
+    weighted = transformed * (spectrum * twice[:, None])[None, :, :, None]
+    return jnp.einsum("cfjp,cfjq->pq", weighted, jnp.conj(transformed)).real
+
+
+def colour_inflation(column: Float[Array, "case time output"], v: Float[Array, "case time output"]) -> Float[Array, ""]:
+    """Variance of `sum column * v` relative to what white `v` of unit variance would give.
+
+    Args:
+        column: a whitened sensitivity, zero at missing samples.
+        v: a whitened residual, zero at missing samples.
+    """
+    variance = jnp.sum(tapered_covariance(v) * _sums_of_products(column))
+    length = jnp.sum(column**2)
+    return jnp.where(length > 0, variance / jnp.where(length > 0, length, 1.0), 1.0)
+
+
+def tapered_covariance(v: Float[Array, "case time output"]) -> Float[Array, "lag output"]:
+    """Autocovariance of each channel, pooled over records, under a Parzen window; lags 0, 1, ..., -2, -1."""
+    count = v.shape[1]
+    valid = jnp.maximum(jnp.sum(v != 0, axis=(0, 1)), 1)
+    lag = jnp.minimum(jnp.arange(2 * count), 2 * count - jnp.arange(2 * count)) / max(int(LONGEST_LAG * count), 1)
+    window = jnp.where(lag <= 0.5, 1 - 6 * lag**2 * (1 - lag), 2 * jnp.clip(1 - lag, 0) ** 3)
+    return _sums_of_products(v) / valid[None] * window[:, None]
+
+
+def _sums_of_products(x: Float[Array, "case time output"]) -> Float[Array, "lag output"]:
+    """`sum_i x_i x_(i+k)` of each channel, added up over records, by a transform that does not wrap."""
+    size = 2 * x.shape[1]
+    power = jnp.abs(jnp.fft.rfft(x, size, axis=1)) ** 2
+    return jnp.sum(jnp.fft.irfft(power, size, axis=1), axis=0)

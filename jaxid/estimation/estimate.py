@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.results import RESULTS
@@ -13,7 +12,7 @@ from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
 from ..data.stack import stack
 from ..models.base import AbstractModel, canonical
-from ..models.free import Free, Parameters, Positions, insert, start
+from ..models.free import Free, Parameters, insert, start
 from ..models.names import flatten
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum
@@ -37,8 +36,9 @@ class Fit(eqx.Module):
     coloured: Float[Array, "parameter parameter"]
     noise: Float[Array, "output output"]
     residuals: Float[Array, "case time output"]
-    on_bound: Bool[Array, " parameter"]
-    result: optx.RESULTS
+    shared_on_bound: Bool[Array, " parameter"]
+    own_on_bound: Bool[Array, "case own"]
+    result: RESULTS
     iterations: Int[Array, ""]
     costs: Float[Array, " step"]
     decrements: Float[Array, " step"]
@@ -96,15 +96,15 @@ def estimate(
 def fit_problem(problem: Problem, begin: Parameters, solver: GaussNewton) -> Fit:
     """The pure inside of `estimate`: arrays in, arrays out, compiled once for each shape."""
     parameters, state = minimise(problem, begin, solver)
-    information, policy = state.information, solver.policy
+    linearised, policy = state.linearised, solver.policy
+    information, v = linearised.information, linearised.v
     found = (
         spectrum(information.triangle, information.rhs, problem.limits.scale) if begin.shared.size else _no_spectrum()
     )
     covariance = found.covariance(policy.threshold) if begin.shared.size else jnp.zeros((0, 0))
-    v, S = problem.sensitivities(parameters)
-    shared = problem.whiten(v, S)[..., problem.positions.rows.size :]
+    shared = problem.whiten(v, linearised.S)[..., problem.positions.rows.size :]
     limits = problem.limits
-    on_bound = (parameters.shared <= limits.lower.shared) | (parameters.shared >= limits.upper.shared)
+    on_bound = jax.tree.map(lambda x, low, high: (x <= low) | (x >= high), parameters, limits.lower, limits.upper)
     noise = problem.likelihood.noise.cholesky(v, problem.records.mask)
     return Fit(
         parameters=parameters,
@@ -116,8 +116,9 @@ def fit_problem(problem: Problem, begin: Parameters, solver: GaussNewton) -> Fit
         coloured=_coloured(problem, shared, v, covariance),
         noise=noise @ noise.T,
         residuals=v,
-        on_bound=on_bound,
-        result=_result(state, on_bound),
+        shared_on_bound=on_bound.shared,
+        own_on_bound=on_bound.rows,
+        result=_result(state, jnp.any(on_bound.shared) | jnp.any(on_bound.rows)),
         iterations=state.accepted,
         costs=state.costs,
         decrements=state.decrements,
@@ -131,11 +132,11 @@ def _coloured(problem: Problem, S, v, covariance):
     inflation = jnp.sqrt(
         jnp.maximum(jnp.diagonal(corrected) / jnp.where(jnp.diagonal(finite) > 0, jnp.diagonal(finite), 1.0), 1.0)
     )
-    return covariance * inflation[:, None] * inflation
+    return covariance * inflation[:, None] * inflation[None]
 
 
-def _result(state, on_bound) -> optx.RESULTS:
-    result = RESULTS.where(jnp.any(on_bound), RESULTS.at_bound, RESULTS.successful)
+def _result(state, on_bound) -> RESULTS:
+    result = RESULTS.where(on_bound, RESULTS.at_bound, RESULTS.successful)
     result = RESULTS.where(state.converged, result, RESULTS.steps_exhausted)
     result = RESULTS.where(state.stuck & ~state.converged, RESULTS.no_descent, result)
     return RESULTS.where(state.diverged, RESULTS.start_diverges, result)

@@ -11,6 +11,7 @@ from ..models.base import AbstractModel
 from ..models.noise import AbstractNoise, DiagonalNoise
 from ..simulation.inputs import AbstractHold, Linear
 from ..simulation.simulate import run
+from ..simulation.solution import Solution
 from ..simulation.steppers import RK4, AbstractStepper
 
 
@@ -24,10 +25,8 @@ class AbstractLikelihood(eqx.Module):
     noise: AbstractVar[AbstractNoise]
 
     @abc.abstractmethod
-    def predict(
-        self, model: AbstractModel, record: Record, initial_state: Float[Array, " state"]
-    ) -> Float[Array, "time output"]:
-        """What the model says of each sample of one record."""
+    def solve(self, model: AbstractModel, record: Record, initial_state: Float[Array, " state"]) -> Solution:
+        """States of one record, and as outputs what the model says of each sample."""
 
     @abc.abstractmethod
     def check(self, model: AbstractModel, records: Record) -> None:
@@ -49,8 +48,8 @@ class OutputError(AbstractLikelihood):
     hold: AbstractHold = eqx.field(default_factory=Linear)
     stepper: AbstractStepper = eqx.field(default_factory=RK4)
 
-    def predict(self, model, record, initial_state):
-        return run(model, record.t, record.u, initial_state, self.hold, self.stepper).y
+    def solve(self, model, record, initial_state):
+        return run(model, record.t, record.u, initial_state, self.hold, self.stepper)
 
     def check(self, model, records):
         self.noise.check(records.mask, records.outputs)

@@ -11,6 +11,7 @@ from ..models.free import Free, Parameters, Positions, flat_vectors, insert
 from ..models.noise import whiten
 from ..sensitivity.information import Information, gather, record_triangles
 from ..sensitivity.jacobian import value_and_jacobian
+from ..simulation.solution import Solution
 from .likelihoods import AbstractLikelihood
 
 
@@ -41,6 +42,20 @@ class Limits(eqx.Module):
         )
 
 
+class Linearised(eqx.Module):
+    """A problem at one set of parameters.
+
+    Attributes:
+        v: residuals, zero where there is no valid sample.
+        S: sensitivities of the outputs, each record's own unknowns first, then the shared ones; not whitened.
+        information: what they say of the parameters.
+    """
+
+    v: Float[Array, "case time output"]
+    S: Float[Array, "case time output column"]
+    information: Information
+
+
 class Problem(eqx.Module):
     """Everything that the cost is a function of, but the parameters.
 
@@ -60,8 +75,11 @@ class Problem(eqx.Module):
 
     def outputs(self, parameters: Parameters) -> Float[Array, "case time output"]:
         """Model outputs at every sample of every record."""
-        predict = self._predictor()
-        return jax.vmap(lambda own, case: predict(own, parameters.shared, case))(parameters.rows, self._cases())
+        return self.solve(parameters).y
+
+    def solve(self, parameters: Parameters) -> Solution:
+        """States and outputs of every record, as the likelihood simulates them."""
+        return jax.vmap(lambda own, case: self._solve_one(own, parameters.shared, case))(parameters.rows, self._cases())
 
     def residuals(self, parameters: Parameters) -> Float[Array, "case time output"]:
         """`v = z - y`, zero where there is no valid sample."""
@@ -69,7 +87,14 @@ class Problem(eqx.Module):
 
     def cost(self, parameters: Parameters) -> Float[Array, ""]:
         """Negative log-likelihood, priors included; infinite where the simulation fails."""
-        v = self.residuals(parameters)
+        return self._cost(self.residuals(parameters), parameters)
+
+    def evaluate(self, parameters: Parameters) -> tuple[Float[Array, ""], "Linearised"]:
+        """Cost and linearised problem from one pass."""
+        linearised = self.linearise(parameters)
+        return self._cost(linearised.v, parameters), linearised
+
+    def _cost(self, v, parameters):
         cost = self.likelihood.noise.cost(v, self.records.mask) + self._prior_cost(parameters)
         return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
 
@@ -78,24 +103,28 @@ class Problem(eqx.Module):
     ) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
         """Residuals and `S = dy/dtheta`, the record's own unknowns first, then the shared ones; not whitened."""
         count = self.positions.rows.size
-        predict = self._predictor()
 
         def one(own, case):
-            theta = jnp.concatenate([own, parameters.shared])
-            return value_and_jacobian(lambda theta: predict(theta[:count], theta[count:], case), theta)
+            def outputs(theta):
+                return self._solve_one(theta[:count], theta[count:], case).y
+
+            return value_and_jacobian(outputs, jnp.concatenate([own, parameters.shared]))
 
         y, S = jax.vmap(one)(parameters.rows, self._cases())
         return self._residuals(y), S
 
-    def information(self, parameters: Parameters) -> Information:
-        """Square-root information at the parameters, with those that press on a bound held; zero where the simulation fails."""
+    def linearise(self, parameters: Parameters) -> "Linearised":
+        """Residuals, sensitivities and their information, with parameters that press on a bound held.
+
+        Where the simulation fails the information is zero.
+        """
         v, S = self.sensitivities(parameters)
         white_v, white_S = self.whiten(v, v), self.whiten(v, S)
         count = self.positions.rows.size
         triangles = record_triangles(white_S[..., :count], white_S[..., count:], white_v)
         triangles = jnp.where(jnp.all(jnp.isfinite(triangles)), triangles, 0.0)
         held = self._held(parameters, triangles)
-        return gather(triangles, self._prior_rows(parameters), held.rows, held.shared)
+        return Linearised(v, S, gather(triangles, self._prior_rows(parameters), held.rows, held.shared))
 
     def whiten(self, v: Float[Array, "case time output"], rows: Float[Array, "case time output *column"]):
         """Rows in units of the noise that belongs to these residuals."""
@@ -106,19 +135,12 @@ class Problem(eqx.Module):
         """The nearest parameters within the bounds."""
         return jax.tree.map(jnp.clip, parameters, self.limits.lower, self.limits.upper)
 
-    def _predictor(self):
-        """The prediction of one case from its own and the shared parameters."""
-
-        def predict(own, shared, case):
-            flat, record = case
-            flat = flat.at[self.positions.rows].set(own, mode="drop")
-            return self.likelihood.predict(*self._placed(flat, shared, record))
-
-        return predict
-
-    def _placed(self, flat, shared, record):
+    def _solve_one(self, own, shared, case) -> Solution:
+        """One case from its own and the shared parameters."""
+        flat, record = case
+        flat = flat.at[self.positions.rows].set(own, mode="drop")
         model, initial_state = insert(self.model, flat, self.positions.shared, shared)
-        return model, record, initial_state
+        return self.likelihood.solve(model, record, initial_state)
 
     def _cases(self):
         return flat_vectors(self.model, self.records), self.records
@@ -138,7 +160,9 @@ class Problem(eqx.Module):
         """True for each parameter that stands on a bound and whose descent direction points outward."""
         count = self.positions.rows.size
         descent = jnp.einsum("cij,ci->cj", triangles[..., :-1], triangles[..., -1])
-        toward = Parameters(jnp.sum(descent[:, count:], axis=0), descent[:, :count])
+        prior = self._prior_rows(parameters)
+        pull = prior[:, :-1].T @ prior[:, -1]
+        toward = Parameters(jnp.sum(descent[:, count:], axis=0) + pull, descent[:, :count])
 
         def outward(value, low, high, direction) -> Bool[Array, "..."]:
             return ((value <= low) & (direction <= 0)) | ((value >= high) & (direction >= 0))

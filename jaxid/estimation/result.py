@@ -3,7 +3,6 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Bool, Float, Int
@@ -51,7 +50,7 @@ class Estimate(eqx.Module):
     spectrum: Spectrum
     residuals: Float[Array, "*batch case time output"]
     mask: Bool[Array, "*batch case time output"]
-    result: optx.RESULTS
+    result: RESULTS
     iterations: Int[Array, "*batch"]
     costs: Float[Array, "*batch step"]
     decrements: Float[Array, "*batch step"]
@@ -64,7 +63,8 @@ class Estimate(eqx.Module):
         flat = flat_vectors(model, records)[0]
         units = model.units()
         deviation = jnp.sqrt(jnp.diagonal(fit.covariance))
-        deviation = jnp.where(fit.on_bound, jnp.nan, deviation)
+        deviation = jnp.where(fit.shared_on_bound, jnp.nan, deviation)
+        own_deviation = jnp.sqrt(jnp.diagonal(fit.own_covariance, axis1=-2, axis2=-1))
         return cls(
             model=insert(model, flat, positions.shared, fit.parameters.shared)[0],
             free=free,
@@ -72,10 +72,10 @@ class Estimate(eqx.Module):
             units=tuple(units.get(name, "") for name in free.shared),
             values=fit.parameters.shared,
             standard_errors=deviation,
-            coloured_errors=jnp.where(fit.on_bound, jnp.nan, jnp.sqrt(jnp.diagonal(fit.coloured))),
+            coloured_errors=jnp.where(fit.shared_on_bound, jnp.nan, jnp.sqrt(jnp.diagonal(fit.coloured))),
             covariance=fit.covariance,
             own=fit.parameters.rows,
-            own_errors=jnp.sqrt(jnp.diagonal(fit.own_covariance, axis1=-2, axis2=-1)),
+            own_errors=jnp.where(fit.own_on_bound, jnp.nan, own_deviation),
             noise=fit.noise,
             cost=fit.cost,
             information=fit.information,

@@ -5,6 +5,7 @@ re-estimated at every iteration, is not the derivative of any one residual vecto
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -18,8 +19,10 @@ from ..models.free import Parameters
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import spectrum
 from .policies import AbstractPolicy, Clip
+from .problem import Linearised, Problem
 
-SMALLEST_STEP = 2.0**-40
+SMALLEST_STEP = 2.0**-24
+GIVE_UP = 2.0**-10  # of a step along weak directions, which the next phase replaces
 ROUNDING = 64 * float(jnp.finfo(jnp.float64).eps)  # of a cost that is a sum over many samples, relative to its size
 
 
@@ -35,14 +38,15 @@ class SpectrumDescent(optx.AbstractDescent):
     scale: Float[Array, " parameter"]
 
     def init(self, y, f_info_struct):
-        return y, jnp.array(0)
+        return y, jnp.array(0), jnp.array(False)
 
     def query(self, y, f_info, state):
-        _, phase = state
+        _, phase, _ = state
         information: Information = f_info.information
         found = spectrum(information.triangle, information.rhs, self.scale)
         shared = found.step(self.policy.weights(found, phase)) if found.scale.size else jnp.zeros(0)
-        return Parameters(shared, information.own.solve(shared)), phase + 1
+        optional = self.policy.optional(found, phase) if found.scale.size else jnp.array(False)
+        return Parameters(shared, information.own.solve(shared)), phase + 1, optional
 
     def decrement(self, information: Information) -> Float[Array, ""]:
         """Length of the whole step that is left, in standard errors; weak shared directions do not count."""
@@ -53,7 +57,7 @@ class SpectrumDescent(optx.AbstractDescent):
         return jnp.sqrt(own + jnp.sum(jnp.where(found.weak(self.policy.threshold), 0.0, found.turned) ** 2))
 
     def step(self, step_size, state):
-        direction, _ = state
+        direction, *_ = state
         return jax.tree.map(lambda leaf: step_size * leaf, direction), optx.RESULTS.successful
 
 
@@ -68,7 +72,7 @@ class State(eqx.Module):
 
     Attributes:
         trial: where the likelihood is evaluated next.
-        cost, information: at the last accepted parameters.
+        cost, linearised: at the last accepted parameters.
         search, descent: the states of their own.
         first: True before the first evaluation.
         converged, stuck, diverged: why the iteration ended, if it has.
@@ -78,7 +82,7 @@ class State(eqx.Module):
 
     trial: Parameters
     cost: Float[Array, ""]
-    information: Information
+    linearised: Linearised
     search: Any
     descent: Any
     first: Bool[Array, ""]
@@ -97,22 +101,26 @@ class GaussNewton(eqx.Module):
         policy: what to do with weak eigenvalues; the report found clipping adequate in most cases.
         search: a search of optimistix; backtracking by default.
         tolerance: iteration ends when the whole step left is shorter than this, in standard errors.
+        least_fall: iteration also ends when an accepted step lowers the cost by less than this (zero: never). Where a model
+            has corners, steps stay short, and the last thousandth of a unit of log-likelihood is not worth them.
         max_steps: evaluations of the likelihood before it gives up.
     """
 
     policy: AbstractPolicy = eqx.field(default_factory=Clip)
     search: optx.AbstractSearch = eqx.field(default_factory=lambda: optx.BacktrackingArmijo(slope=1e-4))
     tolerance: float = eqx.field(static=True, default=1e-6)
+    least_fall: float = eqx.field(static=True, default=0.0)
     max_steps: int = eqx.field(static=True, default=200)
 
 
 class Minimiser(optx.AbstractMinimiser):
-    """`GaussNewton` as optimistix runs it, for `fn(y, args) -> (cost, information)`."""
+    """`GaussNewton` as optimistix runs it, for `fn(y, args) -> (cost, linearised)`."""
 
     descent: SpectrumDescent
     search: optx.AbstractSearch
     project: Callable
     tolerance: float = eqx.field(static=True)
+    least_fall: float = eqx.field(static=True)
     max_steps: int = eqx.field(static=True)
     rtol: float = eqx.field(static=True, default=0.0)
     atol: float = eqx.field(static=True, default=0.0)
@@ -120,12 +128,12 @@ class Minimiser(optx.AbstractMinimiser):
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
         empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), aux_struct)
-        evaluation = _evaluation(jnp.zeros(()), empty)
+        evaluation = _evaluation(jnp.zeros(()), empty.information)
         no, history = jnp.array(False), jnp.full(self.max_steps, jnp.nan)
         return State(
             trial=self.project(y),
             cost=jnp.array(jnp.inf),
-            information=empty,
+            linearised=empty,
             search=self.search.init(y, evaluation),
             descent=self.descent.init(y, evaluation),
             first=jnp.array(True),
@@ -138,39 +146,40 @@ class Minimiser(optx.AbstractMinimiser):
         )
 
     def step(self, fn, y, args, options, state, tags):
-        cost = fn(state.trial, args)[0]
+        cost, linearised = fn(state.trial, args)
         # Costs that differ by rounding are equal; otherwise the last, smallest steps would be refused at random.
         slack = jnp.where(jnp.isfinite(cost), ROUNDING * jnp.abs(cost), 0.0)
-        before, seen = _evaluation(state.cost, state.information), optx.FunctionInfo.Eval(cost - slack)
+        before, seen = _evaluation(state.cost, state.linearised.information), optx.FunctionInfo.Eval(cost - slack)
         step_size, accept, _, search = self.search.step(state.first, y, state.trial, before, seen, state.search)
         accept = accept & (state.first | jnp.isfinite(cost))
+        skip = ~accept & state.descent[-1] & (step_size < GIVE_UP)
 
-        def move(_):
-            information = fn(state.trial, args)[1]
-            descent = self.descent.query(state.trial, _evaluation(cost, information), state.descent)
-            return state.trial, cost, information, descent, self.descent.decrement(information)
-
-        def stay(_):
-            return y, state.cost, state.information, state.descent, jnp.array(jnp.inf)
-
-        y, cost, information, descent, decrement = jax.lax.cond(accept, move, stay, None)
+        choose = partial(jax.tree.map, partial(jnp.where, accept))
+        little = ~state.first & (state.cost - cost < self.least_fall)
+        y, cost, linearised = choose((state.trial, cost, linearised), (y, state.cost, state.linearised))
+        information = linearised.information
+        asked = self.descent.query(y, _evaluation(cost, information), state.descent)
+        descent = jax.tree.map(partial(jnp.where, accept | skip), asked, state.descent)
+        decrement = self.descent.decrement(information)
+        step_size = jnp.where(skip, 1.0, step_size)
+        search = jax.tree.map(partial(jnp.where, skip), self.search.init(y, before), search)
         difference, _ = self.descent.step(step_size, descent)
         at = jnp.where(accept, state.accepted, self.max_steps)
         new = State(
             trial=self.project(jax.tree.map(jnp.add, y, difference)),
             cost=cost,
-            information=information,
+            linearised=linearised,
             search=search,
             descent=descent,
             first=jnp.array(False),
-            converged=accept & (decrement < self.tolerance) & jnp.isfinite(cost),
+            converged=accept & ((decrement < self.tolerance) | little) & jnp.isfinite(cost),
             stuck=step_size < SMALLEST_STEP,
             diverged=state.first & ~jnp.isfinite(cost),
             accepted=state.accepted + accept,
             costs=state.costs.at[at].set(cost, mode="drop"),
             decrements=state.decrements.at[at].set(decrement, mode="drop"),
         )
-        return y, new, information
+        return y, new, linearised
 
     def terminate(self, fn, y, args, options, state, tags):
         return state.converged | state.stuck | state.diverged, optx.RESULTS.successful
@@ -179,11 +188,11 @@ class Minimiser(optx.AbstractMinimiser):
         return y, aux, {}
 
 
-def minimise(problem, begin: Parameters, solver: GaussNewton) -> tuple[Parameters, State]:
+def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[Parameters, State]:
     """Run the solver on a problem: the best parameters, and the state in which it ended.
 
     Args:
-        problem: has `cost`, `information`, `project` and `limits`.
+        problem: what is to be solved.
         begin: where to start.
         solver: how to iterate.
     """
@@ -192,10 +201,11 @@ def minimise(problem, begin: Parameters, solver: GaussNewton) -> tuple[Parameter
         solver.search,
         problem.project,
         solver.tolerance,
+        solver.least_fall,
         solver.max_steps,
     )
     solution = optx.minimise(
-        lambda y, _: (problem.cost(y), problem.information(y)),
+        lambda y, _: problem.evaluate(y),
         minimiser,
         begin,
         has_aux=True,

@@ -5,19 +5,22 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._foundation.checks import require_unique
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from .base import AbstractModel
 from .effects import Effect
+from .polynomial import monomials
 
 
 class Augmented(AbstractModel):
     """A model and a set of effects.
 
     Effects stand in the order of their names, so that the structure depends on the set alone. With all gains zero the
-    augmented model is the model. Parameters keep the names they have in the model; those of an effect are called
+    augmented model is the model. What effects add to the equations is seen by instruments that feel the state's rate
+    (`AbstractModel.output_given`). Parameters keep the names they have in the model; those of an effect are called
     `<effect>.gain` and so on.
 
     Args:
@@ -47,7 +50,8 @@ class Augmented(AbstractModel):
     def rhs(self, t, x, u):
         own, extra, acting = self._take_apart(x, u)
         signals = self.model.signals(t, own, acting) | extra
-        dx = dict(zip(self.model.states, self.model.rhs(t, own, acting), strict=True))
+        rates = self.model.rhs(t, own, acting) + self._terms(signals)
+        dx = dict(zip(self.model.states, rates, strict=True))
         recorded = dict(zip(self.inputs, u, strict=True))
         for effect in self.effects_in:
             for state, addition in effect.equations(dx, signals).items():
@@ -56,9 +60,22 @@ class Augmented(AbstractModel):
             dx |= effect.extra_rates(extra, recorded, signals)
         return jnp.stack([dx[state] for state in self.states])
 
+    def _terms(self, signals) -> Float[Array, " own_state"]:
+        """What all effects that are single terms add to the model's own equations."""
+        single = [(effect.gain, *effect.term) for effect in self.effects_in if effect.term is not None]
+        if not single:
+            return jnp.zeros(len(self.model.states))
+        gains, states, products = zip(*single, strict=True)
+        signals = signals | {f"|{name}|": jnp.abs(value) for name, value in signals.items()}
+        belongs = np.array([[state == name for state in states] for name in self.model.states], float)
+        return belongs @ (jnp.stack(gains) * monomials(products, signals))
+
     def output(self, t, x, u):
+        return self.output_given(t, x, u, self.rhs(t, x, u))
+
+    def output_given(self, t, x, u, dx):
         own, _, acting = self._take_apart(x, u)
-        return self.model.output(t, own, acting)
+        return self.model.output_given(t, own, acting, dx[: own.size])
 
     def _take_apart(self, x, u):
         """The model's own state, the effects' states by name, and the input that acts on the plant."""
@@ -90,6 +107,9 @@ class Augmented(AbstractModel):
 
     def effects(self):
         return self.model.effects()
+
+    def equations_with_terms(self):
+        return self.model.equations_with_terms()
 
     def units(self):
         return self.model.units()

@@ -53,6 +53,24 @@ class AbstractModel(eqx.Module):
         """The scalars that an effect may depend on, by name: states and inputs, and what a domain adds to them."""
         return dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
 
+    def output_given(
+        self,
+        t: Float[Array, ""],
+        x: Float[Array, " state"],
+        u: Float[Array, " input"],
+        dx: Float[Array, " state"],
+    ) -> Float[Array, " output"]:
+        """What perfect instruments would show if the state moved at the rate `dx`.
+
+        A model whose instruments feel the state's rate (an accelerometer) computes them from `dx` here and lets `output`
+        pass its own `rhs`: they then see whatever an effect adds to the equations. By default no instrument does, and the
+        output is `output(t, x, u)`.
+
+        Args:
+            dx: the rate of the state, with all that acts on it [the units of the state per second].
+        """
+        return self.output(t, x, u)
+
     def input_path(self, path):
         """What happens to the input signal before it is sampled by the equations (a delay, its run between samples)."""
         return path
@@ -66,6 +84,13 @@ class AbstractModel(eqx.Module):
     def effects(self):
         """Candidates for missing effects beside the general ones: a tuple of `Effect`."""
         return ()
+
+    def equations_with_terms(self) -> tuple[str, ...] | None:
+        """States in whose equations the general library may put its terms (products of states and inputs, friction, limits).
+
+        None leaves it to `uncertain_equations`; a model whose own effects take the place of these terms says `()`.
+        """
+        return None
 
     def units(self) -> dict[str, str]:
         """Units by name, of states, inputs, outputs and parameters; a name that is absent has no stated unit."""

@@ -40,14 +40,42 @@ class Effect(eqx.Module):
         """What the effect is, in words that an engineer uses."""
         return self.name
 
+    @property
+    def place(self) -> str:
+        """Where it acts: `equation of v`, `input u`, `sensor y`."""
+        return "model"
+
+    @property
+    def fixed(self) -> tuple[str, ...]:
+        """Shape parameters that stay as `start` sets them; the others are estimated once the effect is in."""
+        return ()
+
+    @property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """Lowest and highest value of own parameters, where physics sets them."""
+        return {}
+
+    @property
+    def begin(self) -> float:
+        """The gain from which a refit starts: zero, but where nothing is felt of a small gain."""
+        return 0.0
+
+    def worth_trying(self, measured: dict[str, Float[Array, " sample"]]) -> bool:
+        """Whether to refit with it whatever its score, because at zero gain the score hardly sees it."""
+        return False
+
     def start(
-        self, signals: dict[str, Float[Array, " sample"]], measured: dict[str, Float[Array, " sample"]]
+        self,
+        signals: dict[str, Float[Array, " sample"]],
+        measured: dict[str, Float[Array, " sample"]],
+        step: Float[Array, ""],
     ) -> "Effect":
         """The same effect with its shape set from the signals of the training records.
 
         Args:
             signals: states, inputs and what the model adds, as simulated, every valid sample.
             measured: measured outputs, every valid sample.
+            step: typical time between two samples [s].
         """
         return self
 
@@ -69,6 +97,14 @@ class Effect(eqx.Module):
     def equations(self, dx: Signals, signals: Signals) -> Signals:
         """Acts on the state derivatives: returns what is to be added, by state."""
         return {}
+
+    @property
+    def term(self) -> tuple[str, str] | None:
+        """A state and a product of signals, for an effect that is no more than `d(state)/dt += gain * product`.
+
+        Such effects are many; said in this way they are evaluated together, and cost one compilation for all.
+        """
+        return None
 
     def extra_rates(self, extra: Signals, u: Signals, signals: Signals) -> Signals:
         """Time derivatives of the effect's own states, from them, the recorded input and the signals."""

@@ -1,43 +1,46 @@
 """General effects in the equations of motion: polynomial terms, friction, a limit of a state that spills into another."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
 from .effects import Effect, zero
-from .polynomial import monomial
 
 
 class Term(Effect):
-    """A monomial in one state equation: `d(state)/dt += gain * term`.
+    """A monomial in one state equation: `d(state)/dt += gain * product`.
 
     Args:
         state: the equation.
-        term: a product of powers of signals, such as `"x^2 v"`, or `"1"` for a constant.
+        product: a product of powers of signals, such as `"x^2 v"`, or `"1"` for a constant.
     """
 
     state: str = eqx.field(static=True)
-    term: str = eqx.field(static=True)
+    product: str = eqx.field(static=True)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
 
     @property
     def name(self):
-        return f"{self.term} in {self.state}"
+        return f"{self.product} in {self.state}"
+
+    @property
+    def place(self):
+        return f"equation of {self.state}"
 
     @property
     def sentence(self):
-        what = "a constant" if self.term == "1" else self.term
+        what = "a constant" if self.product == "1" else self.product
         return f"{what} in the equation of {self.state}"
 
-    def equations(self, dx, signals):
-        return {self.state: self.gain * monomial(self.term, signals)}
+    @property
+    def term(self):
+        return self.state, self.product
 
 
 class DryFriction(Effect):
     """Dry (Coulomb) friction: `d(state)/dt += gain * tanh(speed / width)`, a smoothed sign of a speed.
 
-    The width is one hundredth of the speed's largest value on the training records, narrow enough to leave the friction
+    The width is two thousandths of the speed's largest value on the training records, narrow enough to leave the friction
     constant and wide enough for a fixed step.
 
     Args:
@@ -55,15 +58,23 @@ class DryFriction(Effect):
         return f"sign({self.speed}) in {self.state}"
 
     @property
+    def place(self):
+        return f"equation of {self.state}"
+
+    @property
     def sentence(self):
         return f"dry (Coulomb) friction: the sign of {self.speed} in the equation of {self.state}"
 
-    def start(self, signals, measured):
-        width = 0.01 * jnp.max(jnp.abs(signals[self.speed]))
+    @property
+    def fixed(self):
+        return ("width",)
+
+    def start(self, signals, measured, step):
+        width = 0.002 * jnp.max(jnp.abs(signals[self.speed]))
         return eqx.tree_at(lambda effect: effect.width, self, jnp.where(width > 0, width, 1.0))
 
     def equations(self, dx, signals):
-        return {self.state: self.gain * jnp.tanh(signals[self.speed] / jax.lax.stop_gradient(self.width))}
+        return {self.state: self.gain * jnp.tanh(signals[self.speed] / self.width)}
 
 
 class QuadraticDrag(Effect):
@@ -83,12 +94,16 @@ class QuadraticDrag(Effect):
         return f"|{self.speed}|{self.speed} in {self.state}"
 
     @property
+    def place(self):
+        return f"equation of {self.state}"
+
+    @property
     def sentence(self):
         return f"quadratic drag: |{self.speed}| {self.speed} in the equation of {self.state}"
 
-    def equations(self, dx, signals):
-        speed = signals[self.speed]
-        return {self.state: self.gain * jnp.abs(speed) * speed}
+    @property
+    def term(self):
+        return self.state, f"|{self.speed}| {self.speed}"
 
 
 class StateLimit(Effect):
@@ -121,10 +136,25 @@ class StateLimit(Effect):
         return f"overflow of {self.state} into {self.into}"
 
     @property
+    def place(self):
+        return f"equation of {self.state}"
+
+    @property
     def sentence(self):
         return f"{self.state} has a limit above which it runs over, in part into {self.into}"
 
-    def start(self, signals, measured):
+    @property
+    def begin(self):
+        return 0.1
+
+    def worth_trying(self, measured):
+        return True
+
+    @property
+    def bounds(self):
+        return {"gain": (0.0, float("inf")), "share": (0.0, 1.0)}
+
+    def start(self, signals, measured, step):
         return eqx.tree_at(lambda effect: effect.level, self, level_in(signals[self.state], self.fraction))
 
     def equations(self, dx, signals):

@@ -6,6 +6,8 @@ import jax.numpy as jnp
 from .._foundation.types import Array, Float
 from .effects import Effect, zero
 
+NO_LAG_YET = 1e6  # [s] long against any record: the lagging state stands still until `start` sets its time
+
 
 class InputDelay(Effect):
     """The input acts later than it is recorded: `u(t) -> u(t - gain)`, with gain in seconds.
@@ -20,6 +22,10 @@ class InputDelay(Effect):
     @property
     def name(self):
         return f"delay of input {self.channel}"
+
+    @property
+    def place(self):
+        return f"input {self.channel}"
 
     @property
     def sentence(self):
@@ -46,6 +52,10 @@ class InputBetweenSamples(Effect):
         return f"{self.channel} between samples"
 
     @property
+    def place(self):
+        return f"input {self.channel}"
+
+    @property
     def sentence(self):
         return f"the input {self.channel} runs band-limited between its samples, not as assumed"
 
@@ -66,15 +76,26 @@ class InputLag(Effect):
 
     channel: str = eqx.field(static=True)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
-    time: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.1))
+    time: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(NO_LAG_YET))
 
     @property
     def name(self):
         return f"lag of input {self.channel}"
 
     @property
+    def place(self):
+        return f"input {self.channel}"
+
+    @property
     def sentence(self):
         return f"an actuator lags behind the input {self.channel}"
+
+    @property
+    def bounds(self):
+        return {"time": (1e-6, float("inf"))}
+
+    def start(self, signals, measured, step):
+        return eqx.tree_at(lambda effect: effect.time, self, 2.0 * jnp.asarray(step))
 
     @property
     def extra_states(self):

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from .._foundation.grid import strictly_increasing
 from .._foundation.types import Array, Float
 from .effects import Effect, zero
-from .effects_equation import level_in
+
+PILE = 3  # samples at exactly one extreme value: noise alone does not repeat itself
 
 
 class SensorBias(Effect):
@@ -26,6 +27,10 @@ class SensorBias(Effect):
     @property
     def name(self):
         return f"bias of {self.channel}"
+
+    @property
+    def place(self):
+        return f"sensor {self.channel}"
 
     @property
     def sentence(self):
@@ -50,6 +55,10 @@ class SensorScale(Effect):
         return f"scale of {self.channel}"
 
     @property
+    def place(self):
+        return f"sensor {self.channel}"
+
+    @property
     def sentence(self):
         return f"the sensor of {self.channel} has an error of scale"
 
@@ -70,6 +79,10 @@ class SensorDelay(Effect):
     @property
     def name(self):
         return f"delay of {self.channel}"
+
+    @property
+    def place(self):
+        return f"sensor {self.channel}"
 
     @property
     def sentence(self):
@@ -99,6 +112,10 @@ class SensorLag(Effect):
         return f"lag of {self.channel}"
 
     @property
+    def place(self):
+        return f"sensor {self.channel}"
+
+    @property
     def sentence(self):
         return f"the sensor of {self.channel} lags behind"
 
@@ -123,36 +140,47 @@ class SensorSaturation(Effect):
 
         y -> y - gain max(y - level, 0)     at the upper end, and its mirror image at the lower
 
+    The level starts at the extreme of the measured signal. Several samples at exactly that value are what a stop looks like,
+    and are reason enough to try it.
+
     Args:
         channel: name of the output.
         end: which end of the range.
-        fraction: where the level starts, as a fraction of the measured range, counted from the other end.
     """
 
     channel: str = eqx.field(static=True)
     end: Literal["upper", "lower"] = eqx.field(static=True, default="upper")
-    fraction: float = eqx.field(static=True, default=0.98)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
     level: Float[Array, ""] = eqx.field(default_factory=zero)
 
     @property
     def name(self):
-        return f"{self.family} (from {self.fraction:.0%})"
+        return f"{self.end} saturation of {self.channel}"
 
     @property
-    def family(self):
-        return f"{self.end} saturation of {self.channel}"
+    def place(self):
+        return f"sensor {self.channel}"
 
     @property
     def sentence(self):
         return f"the sensor of {self.channel} stops at {'an upper' if self.end == 'upper' else 'a lower'} level"
 
-    def start(self, signals, measured):
-        fraction = self.fraction if self.end == "upper" else 1.0 - self.fraction
-        return eqx.tree_at(lambda effect: effect.level, self, level_in(measured[self.channel], fraction))
+    @property
+    def begin(self):
+        return 1.0
+
+    def worth_trying(self, measured):
+        signal = measured[self.channel]
+        return int(jnp.sum(signal == self._extreme(signal))) >= PILE
+
+    def start(self, signals, measured, step):
+        return eqx.tree_at(lambda effect: effect.level, self, jnp.asarray(self._extreme(measured[self.channel])))
 
     def observe(self, t, y, outputs):
         column = outputs.index(self.channel)
         sign = 1.0 if self.end == "upper" else -1.0
         beyond = sign * jnp.maximum(sign * (y[:, column] - self.level), 0.0)
         return y.at[:, column].add(-self.gain * beyond)
+
+    def _extreme(self, signal):
+        return jnp.max(signal) if self.end == "upper" else jnp.min(signal)

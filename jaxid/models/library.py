@@ -16,6 +16,7 @@ from .free import insert
 from .names import flatten
 
 MOST_SIGNALS_FOR_CUBIC_PRODUCTS = 3
+LEVELS = (0.6, 0.75, 0.9)  # starts of a limit within the range of its signal
 
 
 def general_effects(model: AbstractModel, equations: tuple[str, ...], *, uniform: bool = True) -> tuple[Effect, ...]:
@@ -32,9 +33,9 @@ def general_effects(model: AbstractModel, equations: tuple[str, ...], *, uniform
     effects: list[Effect] = []
     for state in equations:
         signals = model.states + model.inputs
-        effects += [Term(state, term) for term in monomials(signals)]
+        effects += [Term(state, term) for term in products(signals)]
         effects += [kind(state, speed) for kind in (DryFriction, QuadraticDrag) for speed in model.states]
-        effects += [StateLimit(state, into) for into in equations if into != state]
+        effects += [StateLimit(state, into, start) for into in equations if into != state for start in LEVELS]
     for channel in model.inputs:
         effects += [InputDelay(channel), InputLag(channel)] + [InputBetweenSamples(channel)] * uniform
     for channel in model.outputs:
@@ -43,13 +44,13 @@ def general_effects(model: AbstractModel, equations: tuple[str, ...], *, uniform
     return tuple(sorted(effects, key=lambda effect: effect.name))
 
 
-def monomials(signals: tuple[str, ...]) -> tuple[str, ...]:
+def products(signals: tuple[str, ...]) -> tuple[str, ...]:
     """Terms that a linear model lacks: the constant, all squares and products, cubes, and mixed cubes of few signals."""
     cubic = itertools.combinations_with_replacement(signals, 3)
     if len(signals) > MOST_SIGNALS_FOR_CUBIC_PRODUCTS:
         cubic = ((name,) * 3 for name in signals)
-    products = [(), *itertools.combinations_with_replacement(signals, 2), *cubic]
-    return tuple(_written(product) for product in products)
+    found = [(), *itertools.combinations_with_replacement(signals, 2), *cubic]
+    return tuple(_written(product) for product in found)
 
 
 def uncertain_equations(model: AbstractModel, free_positions: np.ndarray) -> tuple[str, ...]:
@@ -75,9 +76,9 @@ def uncertain_equations(model: AbstractModel, free_positions: np.ndarray) -> tup
     return tuple(state for state, uncertain in zip(model.states, found, strict=True) if uncertain)
 
 
-def started(effects: tuple[Effect, ...], signals, measured) -> tuple[Effect, ...]:
+def started(effects: tuple[Effect, ...], signals, measured, step) -> tuple[Effect, ...]:
     """The effects with their shapes set from the signals of the training records, and their gains zero."""
-    fresh = (effect.start(signals, measured) for effect in effects)
+    fresh = (effect.start(signals, measured, step) for effect in effects)
     return tuple(eqx.tree_at(lambda effect: effect.gain, effect, jnp.zeros(())) for effect in fresh)
 
 

@@ -50,7 +50,7 @@ class FixedNoise(AbstractNoise):
     def cost(self, v, mask):
         L = self.cholesky(v, mask)
         log_det = jnp.log(jnp.diagonal(L))
-        return 0.5 * jnp.sum(whiten(L, v, mask) ** 2) + jnp.sum(mask * log_det)
+        return 0.5 * jnp.sum(whiten(L, v, mask) ** 2) + jnp.sum(mask * log_det[None, None])
 
     def check(self, mask, outputs):
         require(
@@ -61,7 +61,7 @@ class FixedNoise(AbstractNoise):
             bool(jnp.all(jnp.isfinite(jnp.linalg.cholesky(self.R)))),
             "R is not positive definite. Give variances, not standard deviations, and none of them zero.",
         )
-        off_diagonal = bool(jnp.any(self.R != jnp.diag(jnp.diagonal(self.R))))
+        off_diagonal = bool(jnp.any(jnp.diag(jnp.diagonal(self.R)) != self.R))
         require(not off_diagonal or not _gaps(mask), _GAPS.format(where=_gap_names(mask, outputs)))
 
 

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from .._foundation.checks import require_known
 from .._foundation.types import Array, Float
@@ -39,16 +40,32 @@ class Polynomial(eqx.Module):
         Raises:
             InputError: when a term names a signal that is not there.
         """
-        return jnp.dot(self.coefficients, jnp.stack([monomial(term, signals) for term in self.terms]))
+        return jnp.dot(self.coefficients, monomials(self.terms, signals))
 
 
-def monomial(term: str, signals: Mapping[str, Float[Array, ""]]) -> Float[Array, ""]:
-    """The value of one term, such as `"alpha^2 q"`; integer powers are products, so that zero has a derivative."""
-    value = jnp.ones(())
-    for name, power in factors(term):
-        require_known("signal", [name], signals)
-        for _ in range(power):
-            value = value * signals[name]
+def monomials(terms: tuple[str, ...], signals: Mapping[str, Float[Array, ""]]) -> Float[Array, " term"]:
+    """The values of terms such as `"alpha^2 q"`, all at once: few operations however many terms there are.
+
+    Integer powers are products, so that they have a derivative at zero.
+
+    Args:
+        terms: products of powers of signals, `"1"` for a constant.
+        signals: scalars by name.
+
+    Raises:
+        InputError: when a term names a signal that is not there.
+    """
+    products = [[name for name, power in factors(term) for _ in range(power)] for term in terms]
+    used = sorted({name for product in products for name in product})
+    require_known("signal", used, signals)
+    ladder = jnp.stack([jnp.ones(()), *(signals[name] for name in used)])
+    degree = max(map(len, products), default=0)
+    rungs = np.zeros((degree, len(terms)), int)
+    for column, product in enumerate(products):
+        rungs[: len(product), column] = [1 + used.index(name) for name in product]
+    value = jnp.ones(len(terms))
+    for rung in rungs:
+        value = value * ladder[rung]
     return value
 
 

@@ -37,7 +37,7 @@ class OwnBlock(eqx.Module):
 
     def covariance(self, shared: Float[Array, "parameter parameter"]) -> Float[Array, "*case own own"]:
         """Covariance of the record's own unknowns, that of the shared ones included; infinite where undetermined."""
-        eye = jnp.eye(self.rhs.shape[-1])
+        eye = jnp.eye(self.rhs.shape[-1])[None]
         covariance = self.inverse @ (eye + self.coupling @ shared @ self.coupling.mT) @ self.inverse.mT
         return covariance + jnp.where(self.undetermined, jnp.inf, 0.0)[..., None] * eye
 
@@ -111,21 +111,21 @@ def gather(
     keep = jnp.concatenate([~fixed_shared, jnp.array([True])])
     own, rests = jax.vmap(lambda factor, fixed: _eliminate(factor, fixed, keep, count))(triangles, fixed_own)
     factor = stack_factors(rests)
-    return Information(triangle(jnp.concatenate([factor, extra * keep])), own)
+    return Information(triangle(jnp.concatenate([factor, extra * keep[None]])), own)
 
 
 def _eliminate(factor, fixed, keep, count):
     """One record's own block, and the rows that are left for the shared parameters."""
-    jacobian = jnp.where(fixed, 0.0, factor[:count, :count])
-    top, rest = factor[:count, count:] * keep, factor[count:, count:] * keep
+    jacobian = jnp.where(fixed[None], 0.0, factor[:count, :count])
+    top, rest = factor[:count, count:] * keep[None], factor[count:, count:] * keep[None]
     length = jnp.linalg.norm(jacobian, axis=0)
     scale = jnp.where(length > 0, length, 1.0)
-    U, s, Vt = jnp.linalg.svd(jacobian / scale)
+    U, s, Vt = jnp.linalg.svd(jacobian / scale[None])
     strong = s > RANK_TOLERANCE * jnp.max(s, initial=0.0)
     turned = U.T @ top
-    inverse = (Vt.T / scale[:, None]) * jnp.where(strong, 1.0 / jnp.where(strong, s, 1.0), 0.0)
+    inverse = (Vt.T / scale[:, None]) * jnp.where(strong, 1.0 / jnp.where(strong, s, 1.0), 0.0)[None]
     mine = jnp.where(strong[:, None], turned, 0.0)
     undetermined = jnp.any(~strong[:, None] & (jnp.abs(Vt) > 1e-3), axis=0)
-    own = jnp.where(strong, s, 0.0)[:, None] * Vt * scale
+    own = jnp.where(strong, s, 0.0)[:, None] * Vt * scale[None]
     block = OwnBlock(own, mine[:, :-1], mine[:, -1], inverse, undetermined)
     return block, jnp.concatenate([rest, turned - mine])

@@ -44,7 +44,7 @@ class Spectrum(eqx.Module):
         half = (
             self.directions.T
             / self.scale[:, None]
-            * jnp.where(strong, 1.0 / jnp.where(strong, self.singular_values, 1.0), 0.0)
+            * jnp.where(strong, 1.0 / jnp.where(strong, self.singular_values, 1.0), 0.0)[None]
         )
         undetermined = jnp.any(~strong[:, None] & (jnp.abs(self.directions) > SHARE), axis=0)
         covariance = half @ half.T
@@ -68,7 +68,7 @@ def spectrum(
     length = jnp.where(length > 0, length, 1.0)
     if scale is not None:
         length = jnp.where(jnp.isnan(scale), length, 1.0 / scale)
-    U, s, Vt = jnp.linalg.svd(triangle / length, full_matrices=False)
+    U, s, Vt = jnp.linalg.svd(triangle / length[None], full_matrices=False)
     return Spectrum(s, Vt, length, U.T @ rhs)
 
 

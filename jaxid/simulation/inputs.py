@@ -70,7 +70,7 @@ class Smooth(AbstractPath):
 
     def stages(self, t, substeps):
         begin, length = substeps_of(t, substeps)
-        times = begin[:, None] + length[:, None] * jnp.array([0.0, 0.5, 1.0])
+        times = begin[:, None] + length[:, None] * jnp.array([[0.0, 0.5, 1.0]])
         return self._at(times.reshape(-1)).reshape(*times.shape, -1)
 
     def delayed(self, channel, delay):
@@ -141,7 +141,8 @@ class Blend(AbstractPath):
 
     def stages(self, t, substeps):
         one, other = self.one.stages(t, substeps), self.other.stages(t, substeps)
-        return (1.0 - self.weight) * one + self.weight * other
+        weight = self.weight[None, None]
+        return (1.0 - weight) * one + weight * other
 
     def delayed(self, channel, delay):
         return Blend(self.one.delayed(channel, delay), self.other.delayed(channel, delay), self.weight)
@@ -164,7 +165,7 @@ def _towards_band_limited(path: Smooth | Steps, channel: int, weight: Float[Arra
 
 def _times(path: Smooth | Steps) -> Float[Array, " corner"]:
     """Knots of all channels, each late by its delay."""
-    return jnp.sort((path.knots[:, None] + path.delay).reshape(-1))
+    return jnp.sort((path.knots[:, None] + path.delay[None]).reshape(-1))
 
 
 class AbstractHold(eqx.Module):
@@ -216,8 +217,8 @@ class BandLimited(AbstractHold):
         half = self.half_width
         offsets = np.arange(-half * fine, half * fine + 1) / fine
         kernel = np.sinc(offsets) * np.kaiser(offsets.size, 10.0)
-        before = 2.0 * u[0] - u[1 : half + 1][::-1]
-        after = 2.0 * u[-1] - u[-half - 1 : -1][::-1]
+        before = 2.0 * u[:1] - u[1 : half + 1][::-1]
+        after = 2.0 * u[-1:] - u[-half - 1 : -1][::-1]
         extended = jnp.concatenate([before, u, after])
         spread = jnp.zeros((extended.shape[0], fine, u.shape[1])).at[:, 0].set(extended).reshape(-1, u.shape[1])
         smooth = jax.vmap(lambda v: jax.scipy.signal.fftconvolve(v, jnp.asarray(kernel), mode="same"), 1, 1)(spread)

@@ -107,6 +107,11 @@ def test_refusal_names_the_channel_and_the_remedy(case):
         assert word in str(caught.value), f"{word!r} is not in: {caught.value}"
 
 
+def test_single_precision_is_refused():
+    with jax.enable_x64(False), pytest.raises(InputError, match=r"float32.*jax_enable_x64"):
+        simple()
+
+
 @given(st.data())
 def test_any_bad_input_sample_is_found_at_its_place(data):
     good = data.draw(records(max_inputs=3))()

@@ -1,0 +1,36 @@
+"""How much of a residual its own past predicts: what is left above noise when R itself was estimated."""
+
+import jax.numpy as jnp
+
+from .._foundation.types import Array, Bool, Float
+
+
+def predictable_share(
+    v: Float[Array, "case time output"], mask: Bool[Array, "case time output"], order: int = 10
+) -> Float[Array, " output"]:
+    """Share of each channel's residual power that a linear prediction from its own past explains.
+
+        v_i = sum_k a_k v_(i-k) + e_i,    share = 1 - E e^2 / E v^2, corrected for the number of coefficients
+
+    by the Yule-Walker equations on the pooled autocovariance; near zero for white noise. (Box & Jenkins, section 3.2.)
+
+    Args:
+        v: residuals.
+        mask: valid samples.
+        order: number of past samples.
+    """
+    v = jnp.where(mask, v, 0.0)
+
+    def covariance(lag):
+        pairs = jnp.sum(mask[:, lag:] & mask[:, : mask.shape[1] - lag], axis=(0, 1))
+        return jnp.sum(v[:, lag:] * v[:, : v.shape[1] - lag], axis=(0, 1)) / jnp.maximum(pairs, 1)
+
+    c = jnp.stack([covariance(lag) for lag in range(order + 1)])
+    power = jnp.where(c[0] > 0, c[0], 1.0)
+    r = c / power
+    toeplitz = r[jnp.abs(jnp.arange(order)[:, None] - jnp.arange(order))]
+    ridge = 1e-9 * jnp.eye(order)[:, :, None]
+    a = jnp.linalg.solve(jnp.moveaxis(toeplitz + ridge, -1, 0), jnp.moveaxis(r[1:], -1, 0)[..., None])[..., 0]
+    explained = jnp.sum(a * r[1:].T, axis=-1)
+    count = jnp.maximum(jnp.sum(mask, axis=(0, 1)), order + 2)
+    return jnp.clip(1.0 - (1.0 - explained) * count / (count - order), 0.0)

@@ -1,0 +1,116 @@
+"""The score test: how much of the residual each absent effect could explain, beyond what the free parameters already do.
+
+With `S_phi` the sensitivities to the absent gains at zero, `S_perp` what is left of them when the columns of all free parameters,
+each record's own included, are projected out with the weight `R^-1`,
+
+    score = (S_perp' R^-1 v)^2 / (S_perp' R^-1 S_perp),    phi = S_perp' R^-1 v / (S_perp' R^-1 S_perp)
+
+are chi-square with one degree of freedom where the effect is absent and the residual white, and the gain to expect (Rao 1948).
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .._foundation.types import Array, Bool, Float
+from ..estimation.coloured import colour_inflation
+from ..estimation.problem import Problem
+from ..models.free import Parameters
+from ..sensitivity.information import gather, record_triangles
+
+LEFT_OVER = 1e-8  # of a column's squared length: less than this is rounding, and the effect cannot be told from what is free
+
+
+class Scores(eqx.Module):
+    """Scores of all columns at once; those of columns that are free are zero.
+
+    Attributes:
+        score: chi-square with one degree of freedom, were the residual white.
+        inflation: by how much the colour of the residual, the column's own share taken out, inflates the score's variance.
+        expected: the gain to expect.
+        left: share of the column's squared length that the free parameters cannot imitate.
+        overlap: correlations between the columns' left-over parts.
+    """
+
+    score: Float[Array, " column"]
+    inflation: Float[Array, " column"]
+    expected: Float[Array, " column"]
+    left: Float[Array, " column"]
+    overlap: Float[Array, "column column"]
+
+    @property
+    def significance(self) -> Float[Array, " column"]:
+        """Chi-square with one degree of freedom, the colour of the residual accounted for."""
+        return self.score / self.inflation
+
+    @property
+    def p_values(self) -> Float[Array, " column"]:
+        """Probability of a score at least as large where the effect is absent."""
+        return jax.scipy.stats.chi2.sf(self.significance, 1)
+
+
+@eqx.filter_jit
+def score_test(problem: Problem, parameters: Parameters, is_free: Bool[Array, " column"]) -> Scores:
+    """Score every column of a problem that is not free.
+
+    Args:
+        problem: its shared positions name all columns, the free ones and the candidates.
+        parameters: where the free columns have been estimated, and the gains of the others are zero.
+        is_free: which shared columns are free; a record's own parameters always are.
+
+    Returns:
+        Scores, expected gains and overlaps.
+    """
+    count = problem.positions.rows.size
+    v, S = problem.sensitivities(parameters)
+    v, S = problem.whiten(v, v), problem.whiten(v, S)
+    triangles = record_triangles(S[..., :count], S[..., count:], v)
+    nothing = jnp.zeros((1, is_free.size + 1))
+    information = gather(
+        triangles, nothing, jnp.zeros((v.shape[0], count), bool), jnp.zeros(is_free.size, bool)
+    )
+    columns, rhs = information.triangle, information.rhs
+    coefficients = _least_squares(jnp.where(is_free, columns, 0.0), jnp.column_stack([columns, rhs]))
+    rest = jnp.column_stack([columns, rhs]) - jnp.where(is_free, columns, 0.0) @ coefficients
+    left, toward = jnp.sum(rest[:, :-1] ** 2, axis=0), rest[:, :-1].T @ rest[:, -1]
+    whole = jnp.sum(columns**2, axis=0)
+    seen = (left > LEFT_OVER * whole) & (left > 0) & ~is_free
+    safe = jnp.where(seen, left, 1.0)
+    expected = jnp.where(seen, toward / safe, 0.0)
+    inflation = _inflation(S, v, count, is_free, coefficients, information, expected)
+    length = jnp.sqrt(safe)
+    overlap = jnp.where(seen[:, None] & seen, rest[:, :-1].T @ rest[:, :-1] / (length[:, None] * length), 0.0)
+    share = jnp.where(seen, left / jnp.where(whole > 0, whole, 1.0), 0.0)
+    return Scores(jnp.where(seen, toward**2 / safe, 0.0), jnp.where(seen, inflation, 1.0), expected, share, overlap)
+
+
+def _inflation(S, v, count, is_free, coefficients, information, expected):
+    """Variance of each score relative to white noise, from the residual without the column's share; column by column, to
+    keep memory small."""
+    own, shared = S[..., :count], S[..., count:]
+    free = jnp.where(is_free, shared, 0.0)
+    turned = jnp.concatenate([information.own.coupling, information.own.rhs[..., None]], axis=-1)
+    turned_free = jnp.where(is_free, information.own.coupling, 0.0)
+
+    def perpendicular(rows, index):
+        solution = coefficients[:, index]
+        mine = information.own.inverse @ (turned[..., index] - turned_free @ solution)[..., None]
+        return rows - free @ solution - jnp.squeeze(own @ mine[:, None], -1)
+
+    v_perp = perpendicular(v, is_free.size)
+
+    def one(index):
+        column = perpendicular(shared[..., index], index)
+        return colour_inflation(column, v_perp - expected[index] * column)
+
+    return jax.lax.map(one, jnp.arange(is_free.size))
+
+
+def _least_squares(A: Float[Array, "row column"], B: Float[Array, "row rhs"]) -> Float[Array, "column rhs"]:
+    """Least squares with columns scaled and undetermined directions left at zero."""
+    length = jnp.linalg.norm(A, axis=0)
+    length = jnp.where(length > 0, length, 1.0)
+    U, s, Vt = jnp.linalg.svd(A / length, full_matrices=False)
+    strong = s > 1e-10 * jnp.max(s, initial=0.0)
+    inverse = jnp.where(strong, 1.0 / jnp.where(strong, s, 1.0), 0.0)
+    return (Vt.T @ (inverse[:, None] * (U.T @ B))) / length[:, None]

@@ -1,0 +1,109 @@
+"""Prediction of records that were not used: the model as it stands, started at each record's own initial state."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .._foundation.checks import require
+from .._foundation.types import Array, Float, Int
+from ..data.record import Record
+from ..estimation.estimate import as_stack, check_channels
+from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.problem import Limits, Problem
+from ..estimation.solver import GaussNewton, minimise
+from ..models.base import AbstractModel, canonical
+from ..models.free import INITIAL_STATE, Free, Positions, all_names, start
+
+
+class Prediction(eqx.Module):
+    """What a model says of records that were not used for fitting it.
+
+    Attributes:
+        t, z, y: times, measured and predicted outputs.
+        scored: the samples that count: valid ones behind the window in which the initial state was fitted.
+        initial_state: where each record was started.
+    """
+
+    t: Float[Array, "case time"]
+    z: Float[Array, "case time output"]
+    y: Float[Array, "case time output"]
+    scored: Array
+    initial_state: Float[Array, "case state"]
+
+    @property
+    def residuals(self) -> Float[Array, "case time output"]:
+        """`v = z - y` where it counts, else zero."""
+        return jnp.where(self.scored, self.z - self.y, 0.0)
+
+    @property
+    def rms(self) -> Float[Array, " output"]:
+        """Root mean square error of each channel over the scored samples of all records."""
+        return root_mean_square(self.residuals, self.scored)
+
+
+def predict(
+    model: AbstractModel,
+    records: Record,
+    likelihood: AbstractLikelihood,
+    *,
+    window: int | None = None,
+) -> Prediction:
+    """Predict records with a fixed model, each from an initial state fitted on a window at its start.
+
+        x_0 = argmin sum_(i < window) v_i' R^-1 v_i,    then simulate the whole record from x_0
+
+    The window is left out of what is scored. Without a window the record starts at `model.initial_state(record)`, and every
+    valid sample counts. (An initial state fitted on the whole record is another figure, and not made here.)
+
+    Args:
+        model: the model, with the values that it is judged by.
+        records: one record or a stack.
+        likelihood: how predictions are made and, in the window, weighted.
+        window: number of samples at the start of each record; None for none.
+
+    Returns:
+        Predicted outputs and what counts.
+
+    Raises:
+        InputError: when channels differ, or a window is shorter than needed to determine the state, or longer than a record.
+    """
+    records = as_stack(records)
+    check_channels(model, records)
+    if window is not None:
+        shortest = int(jnp.min(records.samples))
+        need = -(-len(model.states) // len(model.outputs))
+        require(
+            need <= window < shortest,
+            f"The window has {window} samples; it needs at least {need} for {len(model.states)} states, and must be shorter "
+            f"than the shortest record, which has {shortest}.",
+        )
+    return predict_stack(canonical(model), records.anonymous(), canonical(likelihood), window)
+
+
+@eqx.filter_jit
+def predict_stack(
+    model: AbstractModel, records: Record, likelihood: AbstractLikelihood, window: int | None
+) -> Prediction:
+    """The pure inside of `predict`."""
+    names = tuple(f"{INITIAL_STATE}.{state}" for state in model.states)
+    positions = Positions(jnp.zeros(0, int), jnp.arange(len(all_names(model)) - len(names), len(all_names(model))))
+    limits = Limits.of(Free((), names), 1)
+
+    def one(record: Record):
+        begin = start(model, positions, record)
+        if window is not None:
+            head = jax.tree.map(lambda leaf: leaf[:, :window] if leaf.ndim > 1 else leaf, record)
+            problem = Problem(model, positions, head, likelihood, limits)
+            begin, _ = minimise(problem, begin, GaussNewton())
+        return Problem(model, positions, record, likelihood, limits).outputs(begin)[0], begin.rows[0]
+
+    single = jax.tree.map(lambda leaf: leaf[:, None], records)
+    y, initial = jax.vmap(one)(single)
+    counted = jnp.arange(records.t.shape[1])[:, None] >= (window or 0)
+    return Prediction(records.t, records.z, y, records.mask & counted, initial)
+
+
+def root_mean_square(v: Float[Array, "case time output"], mask: Array) -> Float[Array, " output"]:
+    """Root mean square of each channel over valid samples."""
+    count: Int[Array, " output"] = jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)
+    return jnp.sqrt(jnp.sum(jnp.where(mask, v, 0.0) ** 2, axis=(0, 1)) / count)

@@ -1,0 +1,8 @@
+"""The public measured sets, each with the simple physical model that is declared for it."""
+
+from .base import Declared
+from .emps import emps
+from .silverbox import silverbox
+from .tanks import tanks
+
+__all__ = ["Declared", "emps", "silverbox", "tanks"]

@@ -1,0 +1,218 @@
+"""`close_loop`: from the residual to the effect that the model lacks, and to the error before and after."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from scipy.stats import chi2
+
+from .._foundation.checks import require, require_float64
+from .._foundation.grid import is_uniform
+from .._foundation.linalg import triangle
+from ..data.record import Record
+from ..data.stack import split_at, stack, unstack
+from ..estimation.estimate import Fit, as_stack, check_channels, check_samples
+from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.result import Estimate
+from ..estimation.solver import GaussNewton
+from ..models.augmented import Augmented
+from ..models.base import AbstractModel, canonical
+from ..models.effects import Effect
+from ..models.free import Free
+from ..models.library import general_effects, uncertain_equations
+from ..models.noise import FixedNoise
+from ..sensitivity.spectrum import spectrum
+from .options import LoopOptions
+from .search import Search
+from .study import Round, Side, Study
+from .workbench import Fitted, Workbench, own_parameters
+
+SOLVER = GaussNewton(tolerance=1e-4, least_fall=1e-3, max_steps=60)  # a decision needs no more
+Records = Record | Sequence[Record]
+
+
+def close_loop(
+    model: AbstractModel,
+    free: Free,
+    likelihood: AbstractLikelihood,
+    *,
+    train: Records,
+    check: Records | None = None,
+    test: Records | Mapping[str, Records] | None = None,
+    effects: Sequence[Effect] | None = None,
+    window: int | None = None,
+    options: LoopOptions | None = None,
+    solver: GaussNewton | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Study:
+    """Find what a model lacks, add it, and report the error before and after on records that were not used.
+
+    Estimate; score every candidate effect; refit the best with all parameters together; keep the best of those that predict
+    the `check` records better; drop what has become superfluous; again, until nothing helps. The `test` records decide
+    nothing: they are only reported.
+
+    Args:
+        model: the declared model, whose values are the start.
+        free: its free parameters.
+        likelihood: how the misfit is measured.
+        train: records to fit.
+        check: records that decide; without them the last third of each training record, given back for the last estimate.
+        test: records that are reported, or several such sets by name; without them the check records are reported.
+        effects: candidates; by default the general ones and the model's own.
+        window: samples at the start of each check and test record in which its initial state is fitted, left out of the
+            error; None starts them at `model.initial_state`.
+        options: levels and limits.
+        solver: how to iterate.
+        progress: is told what is going on, in a few words.
+
+    Returns:
+        What was found.
+
+    Raises:
+        InputError: when channels differ, a record is too short to be cut or for the window, an effect's name occurs twice, or
+            JAX is in 32 bit.
+    """
+    require_float64()
+    progress, options, solver = progress or (lambda _: None), options or LoopOptions(), solver or SOLVER
+    train = as_stack(train)
+    whole, check_window = None, window
+    if check is None:
+        whole = train
+        train, check, check_window = _carve(train, window)
+    check = as_stack(check)
+    tests = _tests(test, check)
+    for records in (train, check, *tests.values()):
+        check_channels(model, records)
+    check_samples(train)
+    likelihood.check(model, train)
+    library = candidates(model, free, train) if effects is None else tuple(effects)
+
+    bench = Workbench(model, free, library, likelihood, train, solver)
+    progress("estimate of the declared model")
+    declared = bench.set_shapes(bench.base())
+    search = Search(bench, check, tests, check_window, window if test is not None else check_window, options, progress)
+    found, rounds = search.run(declared)
+    if whole is not None:
+        progress("estimate on the whole of the training records")
+        declared = bench.fit((), declared.values, records=whole.anonymous())
+        found = bench.fit(found.effects, found.values, records=whole.anonymous())
+    progress("prediction of the test records")
+    used = train if whole is None else whole
+    return _study(bench, search, declared, found, rounds, tests, used)
+
+
+def candidates(model: AbstractModel, free: Free, records: Record) -> tuple[Effect, ...]:
+    """The default library: general effects for this model's channels, and the model's own."""
+    equations = model.equations_with_terms()
+    if equations is None:
+        equations = uncertain_equations(canonical(model), np.asarray(free.positions(model).shared))
+    return (*general_effects(model, equations, uniform=is_uniform(np.asarray(records.t))), *model.effects())
+
+
+def _carve(train: Record, window: int | None) -> tuple[Record, Record, int]:
+    """The first two thirds and the last third of each record; the third begins in motion, so it needs a window."""
+    pieces = [split_at(record, 2 / 3) for record in unstack(train)]
+    check = stack([last for _, last in pieces])
+    shortest = int(jnp.min(check.samples))
+    return stack([first for first, _ in pieces]), check, max(window or 0, shortest // 20, 10)
+
+
+def _tests(test, check: Record) -> dict[str, Record]:
+    """The sets to report, by name."""
+    if test is None:
+        return {"check": check}
+    if isinstance(test, Mapping):
+        require(len(test) > 0, "`test` is empty. Give at least one set of records, or leave it out.")
+        return {name: as_stack(records) for name, records in test.items()}
+    return {"test": as_stack(test)}
+
+
+def _study(bench: Workbench, search: Search, declared, found, rounds, tests, used: Record) -> Study:
+    effects = tuple(bench.effects[name] for name in found.effects)
+    before, after = _side(bench, search, declared, tests, used), _side(bench, search, found, tests, used)
+    known = isinstance(bench.likelihood.noise, FixedNoise)
+    deviation = np.sqrt(np.diagonal(np.asarray(found.fit.noise)))
+    outcome = _outcome(rounds, found, search, bench)
+    sentences = tuple(effect.sentence for effect in effects)
+    return Study(
+        verdict=_verdict(outcome, sentences, rounds),
+        outcome=outcome,
+        effects=found.effects,
+        sentences=sentences,
+        rounds=rounds,
+        before=before,
+        after=after,
+        noise=dict(zip(used.outputs, map(float, deviation), strict=True)),
+        noise_known=known,
+        outputs=used.outputs,
+        output_units=used.output_units,
+        tests=tests,
+    )
+
+
+def _side(bench: Workbench, search: Search, fitted: Fitted, tests: dict[str, Record], used: Record) -> Side:
+    predictions = {name: bench.predict(fitted, test, search.test_window) for name, test in tests.items()}
+    rms = {name: dict(zip(used.outputs, map(float, one.rms), strict=True)) for name, one in predictions.items()}
+    effects = tuple(bench.effects[name] for name in fitted.effects)
+    model = Augmented(bench.model.model, effects) if effects else bench.model.model
+    own = tuple(name for effect in effects for name in own_parameters(effect))
+    free = eqx.tree_at(lambda f: f.lower, bench.free, dict(bench.free.lower))
+    free = Free(bench.free.shared + own, free.per_record, free.lower, free.upper, free.scale, free.prior)
+    return Side(model, Estimate.of(_unpadded(fitted), model, free, used, bench.solver.policy.threshold), predictions, rms)
+
+
+def _unpadded(fitted: Fitted) -> Fit:
+    """The fit without the columns that pad its width."""
+    fit, count = fitted.fit, len(fitted.columns)
+    keep = np.r_[np.arange(count), fit.parameters.shared.size]
+    information = eqx.tree_at(
+        lambda one: (one.factor, one.own.coupling),
+        fit.information,
+        (triangle(fit.information.factor[:, keep]), fit.information.own.coupling[..., :count]),
+    )
+    return eqx.tree_at(
+        lambda one: (one.parameters.shared, one.covariance, one.coloured, one.shared_on_bound, one.information, one.spectrum),
+        fit,
+        (
+            fit.parameters.shared[:count],
+            fit.covariance[:count, :count],
+            fit.coloured[:count, :count],
+            fit.shared_on_bound[:count],
+            information,
+            spectrum(information.triangle, information.rhs),
+        ),
+    )
+
+
+def _outcome(rounds: tuple[Round, ...], found: Fitted, search: Search, bench: Workbench) -> str:
+    """Whether the residual is consistent with noise after what was added (the gate of a claim)."""
+    last = rounds[-1]
+    threshold = float(chi2.isf(search.options.level / max(len(last.candidates), 1), 1))
+    fires = any(one.significance > threshold for one in last.candidates)
+    coloured = max(last.predictable.values()) > search.options.predictable
+    if isinstance(bench.likelihood.noise, FixedNoise):
+        coloured = coloured or _above_known_noise(found, bench, search.options.level)
+    if found.effects:
+        return "proxies" if coloured or fires else "explained"
+    return "unexplained" if coloured or fires else "nothing missing"
+
+
+def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:
+    """Whether the residual's whitened sum of squares is larger than known noise allows (chi-square)."""
+    mask = np.asarray(bench.records.mask)
+    deviation = np.sqrt(np.diagonal(np.asarray(found.fit.noise)))
+    white = np.asarray(found.fit.residuals) / deviation
+    return bool(chi2.sf(np.sum(white[mask] ** 2), int(mask.sum()) - len(found.columns)) < level)
+
+
+def _verdict(outcome: str, sentences: tuple[str, ...], rounds: tuple[Round, ...]) -> str:
+    what = "; ".join(sentences)
+    rivals = sorted({rival for one in rounds for rival in one.rivals})
+    also = f" (these records cannot tell it from: {', '.join(rivals)})" if rivals else ""
+    return {
+        "nothing missing": "Nothing is missing: the residual is consistent with noise, and no candidate explains any of it.",
+        "explained": f"The model lacked: {what}{also}. With it the residual is consistent with noise.",
+        "proxies": f"Something is missing; the best proxies are: {what}{also}. What stays after them is more than noise.",
+        "unexplained": "Something is missing here, and nothing in the library explains it.",
+    }[outcome]

@@ -1,0 +1,36 @@
+"""How a loop decides: one small checked object."""
+
+import equinox as eqx
+
+from .._foundation.checks import require
+
+
+class LoopOptions(eqx.Module):
+    """Levels and limits of `close_loop`.
+
+    Args:
+        level: probability of one false effect in a study in which nothing is missing, spread over all candidates tried.
+        material: fall of the check records' error (mean over channels of its logarithm) from which on an effect counts even
+            though a coloured residual leaves its significance open.
+        harm: rise of the same error that an effect may cause on check records that hardly excite it.
+        refits: how many of the best-scored candidates are refitted in each round.
+        max_rounds: how many effects may be added.
+        predictable: share of the residual's power that its own past may explain, up to which it counts as noise.
+
+    Raises:
+        InputError: when a number lies outside its range.
+    """
+
+    level: float = eqx.field(static=True, default=0.01)
+    material: float = eqx.field(static=True, default=0.02)
+    harm: float = eqx.field(static=True, default=0.001)
+    refits: int = eqx.field(static=True, default=6)
+    max_rounds: int = eqx.field(static=True, default=8)
+    predictable: float = eqx.field(static=True, default=0.03)
+
+    def __check_init__(self):
+        for name in ("level", "material", "predictable"):
+            require(0 < getattr(self, name) < 1, f"{name} is {getattr(self, name)}; it must lie between 0 and 1.")
+        require(self.harm >= 0, f"harm is {self.harm}; it must not be negative.")
+        for name in ("refits", "max_rounds"):
+            require(getattr(self, name) >= 1, f"{name} is {getattr(self, name)}; it must be at least 1.")

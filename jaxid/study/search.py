@@ -1,0 +1,183 @@
+"""The search for effects: score, refit the best, keep what predicts, drop what has become insignificant, and again."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.stats import chi2
+
+from ..data.record import Record
+from ..diagnosis.predictable import predictable_share
+from ..diagnosis.scores import Scores
+from ..diagnosis.validation import root_mean_square
+from .options import LoopOptions
+from .study import Candidate, Round
+from .workbench import Fitted, Workbench
+
+COLLINEAR = 0.95  # overlap from which on two candidates are one to the data, and one of them is refitted
+INSEPARABLE = 6.0  # fits whose chi-squares differ by less, price included, are rivals that the data cannot tell apart
+Progress = Callable[[str], None]
+
+
+class Search:
+    """Adds effects to a declared model until nothing helps.
+
+    Args:
+        bench: fits and scores.
+        check: the records that decide; not used for fitting.
+        tests: records whose errors are noted in passing, and decide nothing.
+        window: samples at the start of check records in which the initial state is fitted.
+        test_window: the same of test records.
+        options: levels and limits.
+        progress: told what is going on.
+    """
+
+    def __init__(
+        self,
+        bench: Workbench,
+        check: Record,
+        tests: dict[str, Record],
+        window: int | None,
+        test_window: int | None,
+        options: LoopOptions,
+        progress: Progress,
+    ):
+        self.bench, self.check, self.tests = bench, check, tests
+        self.window, self.test_window = window, test_window
+        self.options, self.progress = options, progress
+        self.samples = int(np.sum(np.asarray(bench.records.mask)))
+
+    def run(self, fitted: Fitted) -> tuple[Fitted, tuple[Round, ...]]:
+        """All rounds, from the declared model's fit."""
+        rounds = []
+        for number in range(1, self.options.max_rounds + 2):
+            self.progress(f"round {number}: scores")
+            scores = self.bench.score(fitted)
+            candidates = self.candidates(fitted, scores)
+            errors, predictable = self.errors(fitted), self.predictable(fitted)
+            added, better, rivals, tried = None, None, (), candidates
+            if number <= self.options.max_rounds:
+                added, better, rivals, tried = self.best(fitted, candidates, scores, number)
+            dropped: tuple[str, ...] = ()
+            begin = fitted.effects
+            if better is not None:
+                fitted, dropped = self.prune(better)
+            rounds.append(Round(begin, tried, added, rivals, dropped, errors, predictable))
+            if better is None or fitted.effects == begin:
+                break
+        return fitted, tuple(rounds)
+
+    def candidates(self, fitted: Fitted, scores: Scores) -> tuple[Candidate, ...]:
+        """All effects that are not in, none of their family being in, best score first."""
+        arrays = {name: np.asarray(getattr(scores, name)) for name in ("score", "significance", "expected", "left")}
+        families_in = {self.bench.effects[name].family for name in fitted.effects}
+        found = []
+        for name, effect in self.bench.effects.items():
+            if effect.family not in families_in:
+                figures = {key: float(array[self.bench.gains[name]]) for key, array in arrays.items()}
+                found.append(Candidate(name, effect.family, effect.place, effect.sentence, **figures))
+        return tuple(sorted(found, key=lambda one: -one.score))
+
+    def best(self, fitted: Fitted, candidates: tuple[Candidate, ...], scores: Scores, number: int):
+        """Refit the best-scored candidates; the one to keep, its fit, its rivals, and the candidates with their verdicts."""
+        threshold = float(chi2.isf(self.options.level / max(len(candidates), 1), 1))
+        before = self.check_error(fitted)
+        refits: dict[str, Fitted] = {}
+        told: list[Candidate] = []
+        chosen = self.worth_refitting(candidates, scores, threshold)
+        for candidate in candidates:
+            if candidate.name not in chosen:
+                told.append(candidate)
+                continue
+            self.progress(f"round {number}: refit with {candidate.name}")
+            refit = self.refit(fitted, candidate)
+            told.append(self.judge(fitted, refit, candidate, before, threshold))
+            refits[candidate.name] = refit
+        kept = {one.name: one for one in told if one.verdict == "kept"}
+        if not kept:
+            return None, None, (), tuple(told)
+        price = {name: kept[name].cost_fall - np.log(self.samples) * len(refits[name].columns) for name in kept}
+        winner = max(price, key=lambda name: price[name])
+        rivals = tuple(name for name in kept if name != winner and price[winner] - price[name] < INSEPARABLE)
+        verdicts = {
+            name: "added" if name == winner else "a rival that the data cannot tell from it" if name in rivals else "helps less"
+            for name in kept
+        }
+        told = [_replaced(one, verdict=verdicts.get(one.name, one.verdict)) for one in told]
+        return winner, refits[winner], rivals, tuple(told)
+
+    def worth_refitting(self, candidates: tuple[Candidate, ...], scores: Scores, threshold: float) -> set[str]:
+        """The best-scored candidates, one of those that are all but collinear, and those that no score can see."""
+        overlap = np.abs(np.asarray(scores.overlap))
+        chosen: list[str] = []
+        for one in candidates:
+            gain = self.bench.gains[one.name]
+            alike = any(overlap[gain, self.bench.gains[other]] > COLLINEAR for other in chosen)
+            if one.score > threshold and not alike and len(chosen) < self.options.refits:
+                chosen.append(one.name)
+        unseen = [one.name for one in candidates if self.bench.effects[one.name].worth_trying(self.bench.measured)]
+        return {*chosen, *unseen}
+
+    def refit(self, fitted: Fitted, candidate: Candidate) -> Fitted:
+        """All parameters together with one effect more."""
+        effects, values = (*fitted.effects, candidate.name), np.array(fitted.values)
+        values[self.bench.gains[candidate.name]] = self.bench.effects[candidate.name].begin
+        return self.bench.fit(effects, values, fitted.fit.parameters.rows)
+
+    def judge(self, fitted: Fitted, refit: Fitted, candidate: Candidate, before: float, threshold: float) -> Candidate:
+        """Whether a refitted candidate may be kept, and why not if not."""
+        fall = 2.0 * (fitted.cost - refit.cost)
+        check_fall = before - self.check_error(refit)
+        colour = candidate.score / candidate.significance if candidate.significance > 0 else np.inf
+        significant = fall / max(colour, 1.0) > threshold
+        material = fall > threshold and check_fall > self.options.material
+        if not np.isfinite(check_fall) or check_fall < -self.options.harm:
+            verdict = "predicts the check records worse"
+        elif not (significant or material):
+            verdict = "not significant"
+        else:
+            verdict = "kept"
+        return _replaced(candidate, cost_fall=fall, check_fall=float(check_fall), verdict=verdict)
+
+    def prune(self, fitted: Fitted) -> tuple[Fitted, tuple[str, ...]]:
+        """Take out earlier effects that the latest has made superfluous."""
+        dropped: tuple[str, ...] = ()
+        threshold = float(chi2.isf(self.options.level / len(self.bench.effects), 1))
+        errors = self.bench.standard_errors(fitted)
+        for name in fitted.effects[:-1]:
+            value, error = errors[f"{name}.gain"]
+            if (value / error) ** 2 > threshold if error > 0 else False:
+                continue
+            self.progress(f"trying without {name}")
+            values = np.array(fitted.values)
+            values[self.bench.gains[name]] = 0.0
+            rest = tuple(other for other in fitted.effects if other != name)
+            without = self.bench.fit(rest, values, fitted.fit.parameters.rows)
+            harmless = self.check_error(without) - self.check_error(fitted) < self.options.harm
+            if 2.0 * (without.cost - fitted.cost) < threshold and harmless:
+                fitted, dropped = without, (*dropped, name)
+        return fitted, dropped
+
+    def check_error(self, fitted: Fitted) -> float:
+        """Mean over the channels of the logarithm of the error on the check records."""
+        rms = np.asarray(self.bench.predict(fitted, self.check, self.window).rms)
+        return float(np.mean(np.log(rms))) if np.all(np.isfinite(rms)) else np.inf
+
+    def errors(self, fitted: Fitted) -> dict[str, dict[str, float]]:
+        """Root mean square error by part and channel."""
+        names = self.bench.records.outputs
+        parts = {
+            "train": root_mean_square(fitted.fit.residuals, self.bench.records.mask),
+            "check": self.bench.predict(fitted, self.check, self.window).rms,
+        }
+        for name, test in self.tests.items():
+            parts[f"test {name}"] = self.bench.predict(fitted, test, self.test_window).rms
+        return {part: dict(zip(names, map(float, rms), strict=True)) for part, rms in parts.items()}
+
+    def predictable(self, fitted: Fitted) -> dict[str, float]:
+        """Share of the training residual that its own past predicts, per channel."""
+        share = predictable_share(fitted.fit.residuals, self.bench.records.mask)
+        return dict(zip(self.bench.records.outputs, map(float, share), strict=True))
+
+
+def _replaced(candidate: Candidate, **changes) -> Candidate:
+    return Candidate(**({name: getattr(candidate, name) for name in candidate.__dataclass_fields__} | changes))

@@ -1,0 +1,165 @@
+"""`Study`: what a closed loop found, round by round, and what it did to the error on records that were not used."""
+
+import dataclasses
+import json
+from typing import Any
+
+import numpy as np
+
+from ..data.record import Record
+from ..diagnosis.validation import Prediction
+from ..estimation.result import Estimate
+from ..models.base import AbstractModel
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """One candidate of one round.
+
+    Attributes:
+        name, family, place, sentence: what it is and where it acts.
+        score: chi-square of the score test, the colour of the residual not accounted for.
+        significance: the same, accounted for.
+        expected: the gain that the score expects.
+        left: share of its sensitivity that the free parameters cannot imitate.
+        cost_fall: fall of the training cost in a refit, twice (chi-square); None where it was not refitted.
+        check_fall: fall of the check records' error, mean over channels of its logarithm; None likewise.
+        verdict: what became of it, in words.
+    """
+
+    name: str
+    family: str
+    place: str
+    sentence: str
+    score: float
+    significance: float
+    expected: float
+    left: float
+    cost_fall: float | None = None
+    check_fall: float | None = None
+    verdict: str = "not refitted"
+
+
+@dataclasses.dataclass(frozen=True)
+class Round:
+    """One round of the loop.
+
+    Attributes:
+        effects: what was in when the round began.
+        candidates: all that were scored, best first.
+        added: the name of the candidate that was kept, None when none was.
+        rivals: candidates that the data cannot tell from it.
+        dropped: effects that became insignificant and were taken out again.
+        errors: root mean square error per channel by part (`train`, `check`, `test`), at the beginning of the round.
+        predictable: share of the training residual that its own past predicts, per channel.
+    """
+
+    effects: tuple[str, ...]
+    candidates: tuple[Candidate, ...]
+    added: str | None
+    rivals: tuple[str, ...]
+    dropped: tuple[str, ...]
+    errors: dict[str, dict[str, float]]
+    predictable: dict[str, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Side:
+    """The model before or after: its estimate, and what it predicts of each test record.
+
+    Attributes:
+        model: with its estimated values.
+        estimate: of the declared parameters and the effects' together.
+        tests: predictions by name of test set.
+        rms: error by test set and channel.
+    """
+
+    model: AbstractModel
+    estimate: Estimate
+    tests: dict[str, Prediction]
+    rms: dict[str, dict[str, float]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """The result of `close_loop`.
+
+    Attributes:
+        verdict: in a sentence.
+        outcome: `nothing missing`, `explained`, `proxies` (something is missing, and what was added is not its cause for
+            certain) or `unexplained`.
+        effects: names of the effects that were added and kept, in the order of their finding.
+        sentences: the same in words.
+        rounds: what happened.
+        before, after: the declared model and the one with the effects, on the test records.
+        noise: standard deviation of the noise by channel, known or estimated from the last fit.
+        noise_known: whether the noise was given, so that the residual was held against it, or estimated.
+        outputs, output_units: names and units of the channels.
+        tests: the test records by name.
+    """
+
+    verdict: str
+    outcome: str
+    effects: tuple[str, ...]
+    sentences: tuple[str, ...]
+    rounds: tuple[Round, ...]
+    before: Side
+    after: Side
+    noise: dict[str, float]
+    noise_known: bool
+    outputs: tuple[str, ...]
+    output_units: tuple[str, ...]
+    tests: dict[str, Record]
+
+    def to_dict(self) -> dict[str, Any]:
+        """All figures as plain numbers and words, for JSON."""
+        single = len(self.tests) == 1
+        pick = (lambda rms: next(iter(rms.values()))) if single else (lambda rms: rms)
+        return {
+            "verdict": self.verdict,
+            "outcome": self.outcome,
+            "effects": list(self.effects),
+            "before": pick(self.before.rms),
+            "after": pick(self.after.rms),
+            "noise": self.noise,
+            "noise_known": self.noise_known,
+            "tests": {name: {"before": self.before.rms[name], "after": self.after.rms[name]} for name in self.tests},
+            "parameters": _parameters(self.after.estimate),
+            "declared": _parameters(self.before.estimate),
+            "rounds": [dataclasses.asdict(one) for one in self.rounds],
+        }
+
+    def to_json(self) -> str:
+        """The figures as a JSON object; a number that is not finite is null."""
+        return json.dumps(_finite(self.to_dict()), indent=2)
+
+    def __str__(self) -> str:
+        lines = [self.verdict, ""]
+        for index, one in enumerate(self.rounds, 1):
+            best = one.candidates[0] if one.candidates else None
+            what = f"added {one.added}" if one.added else "nothing added"
+            rivals = f", not to be told from {', '.join(one.rivals)}" if one.rivals else ""
+            lines.append(f"round {index}: {what}{rivals}" + (f" (best score: {best.name})" if best else ""))
+            lines += [f"         dropped {name}" for name in one.dropped]
+        width = max(len(name) for name in (*self.outputs, "channel"))
+        for test in self.tests:
+            lines += ["", f"error on {test} (RMS, not used for fitting)"]
+            lines.append(f"{'channel':<{width}} {'before':>12} {'after':>12} {'noise':>12}  unit")
+            for name, unit in zip(self.outputs, self.output_units, strict=True):
+                before, after = self.before.rms[test][name], self.after.rms[test][name]
+                lines.append(f"{name:<{width}} {before:>12.4g} {after:>12.4g} {self.noise[name]:>12.4g}  {unit}")
+        return "\n".join([*lines, "", str(self.after.estimate)])
+
+
+def _parameters(estimate: Estimate) -> dict[str, dict[str, float]]:
+    rows = zip(estimate.names, estimate.values, estimate.coloured_errors, strict=True)
+    return {name: {"value": float(value), "standard_error": float(error)} for name, value, error in rows}
+
+
+def _finite(value):
+    """Numbers that JSON has no word for become null."""
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

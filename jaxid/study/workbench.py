@@ -1,0 +1,227 @@
+"""The workbench of a loop: one augmented model, compiled once, in which any set of effects can be fitted and scored."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.types import Array, Bool, Float
+from ..data.record import Record
+from ..diagnosis.scores import Scores, score_test
+from ..diagnosis.validation import Prediction, predict_stack
+from ..estimation.estimate import Fit, fit_problem
+from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.problem import Limits, Problem
+from ..estimation.solver import GaussNewton
+from ..models.augmented import Augmented
+from ..models.base import AbstractModel, canonical
+from ..models.effects import Effect
+from ..models.free import Free, Parameters, Positions, all_names, start, with_values
+from ..models.library import started
+from ..models.names import flatten
+from ..models.noise import FixedNoise
+
+WIDTH = 8  # effects' parameters are fitted in columns of this many, so that few widths are ever compiled
+
+
+class Fitted(eqx.Module):
+    """A fit of the declared parameters and of some effects.
+
+    Attributes:
+        effects: names of the effects that are in.
+        values: of all columns; zero gains and starting shapes where an effect is out.
+        fit: what the solver left behind, in the order of `columns`, padded.
+        columns: which columns were free.
+    """
+
+    effects: tuple[str, ...] = eqx.field(static=True)
+    values: Float[np.ndarray, " column"]
+    fit: Fit
+    columns: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def cost(self) -> float:
+        """Negative log-likelihood."""
+        return float(self.fit.cost)
+
+
+class Workbench:
+    """Fits and scores any set of effects with one compiled pass.
+
+    Args:
+        model: the declared model.
+        free: its free parameters.
+        effects: the library of candidates.
+        likelihood: how the misfit is measured.
+        records: the training records, a stack.
+        solver: how to iterate.
+    """
+
+    def __init__(
+        self,
+        model: AbstractModel,
+        free: Free,
+        effects: Sequence[Effect],
+        likelihood: AbstractLikelihood,
+        records: Record,
+        solver: GaussNewton,
+    ):
+        self.model = canonical(Augmented(model, tuple(effects)))
+        self.free, self.solver = canonical(free), solver
+        self.likelihood, self.records = canonical(likelihood), records.anonymous()
+        self.names = all_names(self.model)
+        self.position = {name: index for index, name in enumerate(self.names)}
+        self.effects = {effect.name: effect for effect in self.model.effects_in}
+        self.columns = free.shared + tuple(name for effect in self.effects.values() for name in own_parameters(effect))
+        self.column = {name: index for index, name in enumerate(self.columns)}
+        self.gains = {name: self.column[f"{name}.gain"] for name in self.effects}
+        self.at = np.array([self.position[name] for name in self.columns], int)
+        self.rows = jnp.array([self.position[name] for name in free.per_record], int)
+        self.lower, self.upper = self._effect_bounds()
+        self.measured: dict[str, np.ndarray] = {}
+
+    def base(self, records: Record | None = None) -> Fitted:
+        """The declared model by itself."""
+        return self.fit((), np.asarray(flatten(self.model)[0])[self.at], records=records)
+
+    def set_shapes(self, fitted: Fitted) -> Fitted:
+        """Set the effects' shapes from the signals of the declared model's fit; the fit itself is not touched."""
+        signals, self.measured = self._signals(fitted)
+        steps = np.diff(np.asarray(self.records.t), axis=1)
+        effects = started(tuple(self.effects.values()), signals, self.measured, float(np.median(steps[steps > 0])))
+        self.model = eqx.tree_at(lambda model: model.effects_in, self.model, canonical(effects))
+        self.effects = {effect.name: effect for effect in effects}
+        values = np.array(flatten(self.model)[0])[self.at]
+        values[: len(self.free.shared)] = fitted.values[: len(self.free.shared)]
+        return eqx.tree_at(lambda one: one.values, fitted, values)
+
+    def fit(
+        self,
+        effects: Sequence[str],
+        values: Float[np.ndarray, " column"],
+        rows: Float[Array, "case own"] | None = None,
+        records: Record | None = None,
+    ) -> Fitted:
+        """Estimate the declared parameters and those of some effects together.
+
+        Args:
+            effects: names of the effects that are in.
+            values: of all columns, where to start.
+            rows: the records' own parameters, where to start; what the model reads from the records by default.
+            records: other records than the training ones.
+        """
+        declared = range(len(self.free.shared))
+        chosen = [*declared, *(self.column[name] for effect in effects for name in own_parameters(self.effects[effect]))]
+        width = len(declared) + WIDTH * max(1, -(-(len(chosen) - len(declared)) // WIDTH))
+        problem, shared = self._problem(chosen, width, values, records)
+        begin = start(problem.model, problem.positions, problem.records)
+        found = fit_problem(problem, Parameters(shared, begin.rows if rows is None else rows), self.solver)
+        new = np.array(values)
+        new[chosen] = np.asarray(found.parameters.shared)[: len(chosen)]
+        return Fitted(tuple(effects), new, found, tuple(chosen))
+
+    def score(self, fitted: Fitted) -> Scores:
+        """Score all columns that are not in a fit."""
+        everything = range(len(self.columns))
+        problem, shared = self._problem(everything, len(self.columns), fitted.values, None)
+        is_free = np.zeros(len(self.columns), bool)
+        is_free[list(fitted.columns)] = True
+        return score_test(problem, Parameters(shared, fitted.fit.parameters.rows), jnp.asarray(is_free))
+
+    def predict(self, fitted: Fitted, records: Record, window: int | None) -> Prediction:
+        """Predict records that were not used."""
+        known = eqx.tree_at(lambda likelihood: likelihood.noise, self.likelihood, FixedNoise(_regular(fitted.fit.noise)))
+        return predict_stack(self.fitted_model(fitted), records.anonymous(), known, window)
+
+    def fitted_model(self, fitted: Fitted) -> AbstractModel:
+        """The augmented model with the values of a fit."""
+        vector, unflatten = flatten(self.model)
+        return unflatten(vector.at[self.at].set(fitted.values))
+
+    def standard_errors(self, fitted: Fitted) -> dict[str, tuple[float, float]]:
+        """Value and colour-corrected standard error of every free parameter, by name."""
+        deviation = np.sqrt(np.diagonal(np.asarray(fitted.fit.coloured)))
+        return {
+            self.columns[column]: (float(fitted.values[column]), float(deviation[index]))
+            for index, column in enumerate(fitted.columns)
+        }
+
+    def _problem(self, chosen, width, values, records):
+        """The problem with the chosen columns free, padded to a width, and their starting values."""
+        padding = width - len(chosen)
+        chosen = list(chosen)
+        model = self._with(values)
+        positions = Positions(jnp.asarray(np.r_[self.at[chosen], np.full(padding, len(self.names))], int), self.rows)
+        records = self.records if records is None else records
+        limits = self._limits(chosen, padding, records.n_cases)
+        shared = jnp.asarray(np.r_[values[chosen], np.zeros(padding)])
+        return Problem(model, positions, records, self.likelihood, limits), shared
+
+    def _with(self, values):
+        vector, unflatten = flatten(self.model)
+        return unflatten(jnp.asarray(np.asarray(vector)).at[self.at].set(values))
+
+    def _limits(self, chosen, padding, n_cases) -> Limits:
+        own = Limits.of(Free((), self.free.per_record, self.free.lower, self.free.upper), n_cases)
+        declared = Limits.of(Free(self.free.shared, (), {}, {}, self.free.scale, self.free.prior), n_cases)
+
+        def wide(vector, fill):
+            """A vector over the declared parameters, extended to all columns, chosen, and padded."""
+            whole = np.r_[np.asarray(vector), np.full(len(self.columns) - len(vector), fill)]
+            return jnp.asarray(np.r_[whole[chosen], np.full(padding, fill)])
+
+        pad = np.full(padding, np.inf)
+        return Limits(
+            Parameters(jnp.asarray(np.r_[self.lower[chosen], -pad]), own.lower.rows),
+            Parameters(jnp.asarray(np.r_[self.upper[chosen], pad]), own.upper.rows),
+            wide(declared.scale, np.nan),
+            wide(declared.prior_mean, 0.0),
+            wide(declared.prior_deviation, np.inf),
+        )
+
+    def _effect_bounds(self):
+        lower, upper = (np.asarray(bound) for bound in self.free.bounds("shared"))
+        extra = np.full(len(self.columns) - lower.size, np.inf)
+        lower, upper = np.r_[lower, -extra], np.r_[upper, extra]
+        for effect in self.effects.values():
+            for field, (low, high) in effect.bounds.items():
+                index = self.column[f"{effect.name}.{field}"]
+                lower[index], upper[index] = low, high
+        return lower, upper
+
+    def _signals(self, fitted: Fitted):
+        """Signals of the model over all training records, and the measured outputs, valid samples only."""
+        declared = with_values(self.model.model, self.free.shared, fitted.values[: len(self.free.shared)])
+        problem = Problem(
+            declared, self.free.positions(declared), self.records, self.likelihood, Limits.of(self.free, self.records.n_cases)
+        )
+        shared = jnp.asarray(fitted.values[: len(self.free.shared)])
+        signals, real = _signals_of(problem, Parameters(shared, fitted.fit.parameters.rows))
+        real = np.asarray(real)
+        mask, z = np.asarray(self.records.mask), np.asarray(self.records.z)
+        measured = {name: z[..., i][mask[..., i]] for i, name in enumerate(self.records.outputs)}
+        return {name: np.asarray(signal)[real] for name, signal in signals.items()}, measured
+
+
+@eqx.filter_jit
+def _signals_of(problem: Problem, parameters: Parameters) -> tuple[dict[str, Array], Bool[Array, "case time"]]:
+    """Every signal of the model at every sample, and which samples are real time."""
+    solutions = problem.solve(parameters)
+    signals = jax.vmap(jax.vmap(problem.model.signals))(solutions.t, solutions.x, problem.records.u)
+    moving = jnp.diff(problem.records.t, axis=1) > 0
+    return signals, jnp.concatenate([jnp.ones((moving.shape[0], 1), bool), moving], axis=1)
+
+
+def own_parameters(effect: Effect) -> tuple[str, ...]:
+    """Dotted names of the parameters of an effect that are estimated once it is in, its gain first."""
+    fields = [name for name in effect.__dataclass_fields__ if eqx.is_inexact_array(getattr(effect, name))]
+    fields = ["gain", *(name for name in fields if name != "gain" and name not in effect.fixed)]
+    return tuple(f"{effect.name}.{field}" for field in fields)
+
+
+def _regular(R: Float[Array, "output output"]) -> Float[Array, "output output"]:
+    """R with a floor on its diagonal, for a channel that is fitted without any error."""
+    floor = jnp.finfo(float).eps * jnp.max(jnp.diagonal(R))
+    return R + floor * jnp.eye(R.shape[0])

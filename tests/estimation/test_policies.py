@@ -1,0 +1,133 @@
+"""An over-parameterised model: the policies converge and name what is undetermined; the plain solver runs away."""
+
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+from reference_estimation import lag_rhs, rk4
+
+from jaxid._foundation.types import Array
+from jaxid.data import record
+from jaxid.estimation import Clip, GaussNewton, OutputError, Plain, Truncate, TwoStep, estimate
+from jaxid.models import AbstractModel, free
+
+TRUTH = np.array([1.5, 6.0])
+POLICIES = [Clip(), Truncate(), TwoStep()]
+START = (1.0, 1.0, 1.0)
+
+
+class Product(AbstractModel):
+    """A first-order lag with gain `a b + leak a`: without the leak only the product is determined."""
+
+    p: Array
+    a: Array
+    b: Array
+    leak: Array
+    states, inputs, outputs = ("x",), ("u",), ("x",)
+
+    def rhs(self, t, x, u):
+        return -self.p * x + (self.a * self.b + self.leak * self.a**2) * u
+
+    def output(self, t, x, u):
+        return x
+
+
+class Ordinary(AbstractModel):
+    """The same with the product as one parameter."""
+
+    p: Array
+    gain: Array
+    states, inputs, outputs = ("x",), ("u",), ("x",)
+
+    def rhs(self, t, x, u):
+        return -self.p * x + self.gain * u
+
+    def output(self, t, x, u):
+        return x
+
+
+@pytest.fixture
+def measured(seed):
+    t = 0.05 * np.arange(200)
+    u = np.sign(np.sin(1.1 * t))
+    z = rk4(lag_rhs, t, u, np.zeros(1), TRUTH) + 0.05 * np.random.default_rng(seed).normal(size=(200, 1))
+    return record(t, u, z, inputs=("u",), outputs=("x",))
+
+
+def fit(measured, policy, start=START, leak=0.0, **options):
+    model = Product(*start, leak)
+    solver = GaussNewton(policy=policy, **options)
+    return estimate(model, free(model, "p", "a", "b"), measured, OutputError(), solver=solver)
+
+
+@pytest.mark.parametrize("policy", POLICIES, ids=lambda policy: type(policy).__name__)
+@pytest.mark.parametrize("start", [START, (0.5, 3.0, 0.3), (1.0, 0.1, 5.0)], ids=str)
+def test_what_is_determined_is_found_and_what_is_not_is_named(measured, policy, start):
+    ordinary = Ordinary(1.0, 1.0)
+    exact = estimate(ordinary, free(ordinary, "p", "gain"), measured, OutputError())
+    found = fit(measured, policy, start)
+    assert found.status == "converged"
+    assert int(found.iterations) <= 12
+    np.testing.assert_allclose(found.value("p"), exact.value("p"), rtol=1e-7)
+    np.testing.assert_allclose(found.value("a") * found.value("b"), exact.value("gain"), rtol=1e-7)
+    np.testing.assert_allclose(found.standard_error("p"), exact.standard_error("p"), rtol=1e-6)
+    assert np.isinf(found.standard_error("a"))
+    assert np.isinf(found.standard_error("b"))
+    # Along the weak direction a b stays: da/a = - db/b.
+    (words,) = found.weak_directions
+    ratio = found.value("a") / found.value("b")
+    assert words == f"a + {ratio:.3g} b is determined, a - {1 / ratio:.3g} b is not"
+    assert words in str(found)
+
+
+def test_plain_gets_nowhere_from_the_same_start(measured):
+    """Its step is huge, so that a search along it finds no descent; followed without a search it runs away."""
+    searched = fit(measured, Plain())
+    assert not bool(searched.successful)
+    assert "Check the units" in searched.status
+    assert float(searched.cost) > float(fit(measured, Clip()).cost) + 100
+    unsearched = fit(measured, Plain(), search=optx.LearningRate(1.0), max_steps=30)
+    assert not bool(unsearched.successful)
+    clipped = fit(measured, Clip(), search=optx.LearningRate(1.0), max_steps=30)
+    assert clipped.status == "converged"
+    tried = np.abs(np.asarray(_first_step(measured)))
+    assert tried.max() > 1e6, tried
+
+
+def _first_step(measured):
+    """The full step of the plain solver at the start."""
+    from jaxid.estimation.estimate import as_stack
+    from jaxid.estimation.problem import Limits, Problem
+    from jaxid.models.base import canonical
+    from jaxid.models.free import start
+    from jaxid.sensitivity import spectrum
+
+    model = canonical(Product(*START, 0.0))
+    chosen = free(model, "p", "a", "b")
+    problem = Problem(model, chosen.positions(model), as_stack(measured), OutputError(), Limits.of(chosen, 1))
+    information = problem.linearise(start(model, problem.positions, problem.records)).information
+    found = spectrum(information.triangle, information.rhs)
+    return found.step(Plain().weights(found, jnp.array(0)))
+
+
+@pytest.mark.parametrize("policy", POLICIES, ids=lambda policy: type(policy).__name__)
+def test_a_direction_that_is_weak_but_not_nothing_does_no_harm(measured, policy):
+    """With a leak of 1e-7 the two columns differ by 1e-7 of their length: an eigenvalue of 1e-14, and not rounding."""
+    found = fit(measured, policy, leak=1e-7)
+    assert found.status == "converged"
+    exact = fit(measured, Clip())
+    gain = found.value("a") * found.value("b") + 1e-7 * found.value("a") ** 2
+    np.testing.assert_allclose(gain, exact.value("a") * exact.value("b"), rtol=1e-6)
+    assert np.isinf(found.standard_error("a"))
+    assert len(found.weak_directions) == 1
+
+
+@pytest.mark.parametrize("policy", [*POLICIES, Plain()], ids=lambda policy: type(policy).__name__)
+def test_a_well_posed_problem_is_the_same_under_every_policy(measured, policy):
+    model = Ordinary(1.0, 1.0)
+    chosen = free(model, "p", "gain", per_record=("initial_state",))
+    found = estimate(model, chosen, measured, OutputError(), solver=GaussNewton(policy=policy))
+    reference = estimate(model, chosen, measured, OutputError())
+    np.testing.assert_allclose(found.values, reference.values, rtol=1e-10)
+    np.testing.assert_allclose(found.standard_errors, reference.standard_errors, rtol=1e-10)
+    assert found.weak_directions == ()

@@ -1,1 +1,88 @@
-"""jaxid"""
+"""Differentiable system identification: estimate, find the effect that the model lacks, add it.
+
+Work in float64: `jax.config.update("jax_enable_x64", True)` before the first array is made.
+"""
+
+from .data import (
+    Record,
+    convert,
+    from_xarray,
+    read_csv,
+    read_mat,
+    record,
+    split,
+    split_at,
+    stack,
+    to_xarray,
+    unstack,
+    write_csv,
+)
+from .diagnosis import predict, score_test
+from .estimation import Clip, Estimate, GaussNewton, OutputError, Plain, Truncate, TwoStep, estimate
+from .models import (
+    AbstractModel,
+    Augmented,
+    DiagonalNoise,
+    Effect,
+    FixedNoise,
+    Free,
+    FullNoise,
+    LinearModel,
+    Parameters,
+    Polynomial,
+    free,
+    general_effects,
+    parameter_names,
+    with_values,
+)
+from .simulation import RK4, Adaptive, BandLimited, Cubic, Linear, ZeroOrder, simulate
+from .study import LoopOptions, Study, close_loop
+
+__all__ = [
+    "RK4",
+    "AbstractModel",
+    "Adaptive",
+    "Augmented",
+    "BandLimited",
+    "Clip",
+    "Cubic",
+    "DiagonalNoise",
+    "Effect",
+    "Estimate",
+    "FixedNoise",
+    "Free",
+    "FullNoise",
+    "GaussNewton",
+    "Linear",
+    "LinearModel",
+    "LoopOptions",
+    "OutputError",
+    "Parameters",
+    "Plain",
+    "Polynomial",
+    "Record",
+    "Study",
+    "Truncate",
+    "TwoStep",
+    "ZeroOrder",
+    "close_loop",
+    "convert",
+    "estimate",
+    "free",
+    "from_xarray",
+    "general_effects",
+    "parameter_names",
+    "predict",
+    "read_csv",
+    "read_mat",
+    "record",
+    "score_test",
+    "simulate",
+    "split",
+    "split_at",
+    "stack",
+    "to_xarray",
+    "unstack",
+    "with_values",
+    "write_csv",
+]

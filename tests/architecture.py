@@ -23,7 +23,10 @@ FLOORS = (
     {"report"},
 )
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
-AIRCRAFT_MAY_IMPORT = {"_foundation", "data", "models", "simulation", "aircraft"}
+DOMAINS = {  # what stands beside the floors, and the floors that it stands on
+    "aircraft": {"_foundation", "data", "models", "simulation", "aircraft"},
+    "measured": {"_foundation", "data", "models", "simulation", "estimation", "measured"},
+}
 ENTRY = "__main__.py"
 
 HOMES = {
@@ -136,27 +139,27 @@ class Source:
 
 
 def floors(source: Source) -> Iterator[Finding]:
-    """Imports point down the map; aircraft stands on the four lowest floors."""
+    """Imports point down the map; the domains stand on the lowest floors."""
     own = source.floor
     if own in ("__init__", "__main__"):
         return
-    if own not in LEVEL and own != "aircraft":
+    if own not in LEVEL and own not in DOMAINS:
         yield 1, f"{own} is on no floor of the map"
         return
     for line, target in source.ours():
-        if own == "aircraft":
-            if target not in AIRCRAFT_MAY_IMPORT:
-                yield line, f"aircraft imports {target}, which is not among the floors it stands on"
+        if own in DOMAINS:
+            if target not in DOMAINS[own]:
+                yield line, f"{own} imports {target}, which is not among the floors it stands on"
         elif target in LEVEL and target != own and LEVEL[target] >= LEVEL[own]:
             yield line, f"{own} imports {target}, which is not below it"
 
 
 def core_without_domain(source: Source) -> Iterator[Finding]:
     """The core serves every domain and names none."""
-    if source.floor not in ("aircraft", "__main__"):
+    if source.floor not in (*DOMAINS, "__main__"):
         for line, target in source.ours():
-            if target == "aircraft":
-                yield line, "the core imports aircraft"
+            if target in DOMAINS:
+                yield line, f"the core imports {target}"
 
 
 def nothing_imports_report(source: Source) -> Iterator[Finding]:
@@ -188,7 +191,7 @@ def homes(source: Source) -> Iterator[Finding]:
 
 def equations_without_solvers(source: Source) -> Iterator[Finding]:
     """Equations do not know how they are solved."""
-    if source.floor in ("models", "aircraft"):
+    if source.floor in ("models", *DOMAINS):
         for found in source.theirs():
             if found.path[0] in SOLVERS:
                 yield found.line, f"equations never import {found.path[0]}"

@@ -4,6 +4,7 @@ import equinox as eqx
 
 from .._foundation.types import Array, Float
 from ..models.effects import Effect, zero
+from ..models.polynomial import factors
 
 ACTS_ON = {
     "CX": ("u", "force_per_coefficient"),
@@ -43,6 +44,10 @@ class CoefficientTerm(Effect):
     def sentence(self):
         what = "a constant" if self.product == "1" else self.product
         return f"{what} in the aerodynamic coefficient {self.coefficient}"
+
+    @property
+    def complexity(self):
+        return sum(power for _, power in factors(self.product))
 
     @property
     def term(self):

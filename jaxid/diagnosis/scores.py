@@ -110,7 +110,7 @@ def _least_squares(A: Float[Array, "row column"], B: Float[Array, "row rhs"]) ->
     """Least squares with columns scaled and undetermined directions left at zero."""
     length = jnp.linalg.norm(A, axis=0)
     length = jnp.where(length > 0, length, 1.0)
-    U, s, Vt = jnp.linalg.svd(A / length, full_matrices=False)
+    U, s, Vt = jnp.linalg.svd(A / length[None], full_matrices=False)
     strong = s > 1e-10 * jnp.max(s, initial=0.0)
     inverse = jnp.where(strong, 1.0 / jnp.where(strong, s, 1.0), 0.0)
     return (Vt.T @ (inverse[:, None] * (U.T @ B))) / length[:, None]

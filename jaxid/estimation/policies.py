@@ -1,6 +1,7 @@
 """What to do with weak eigenvalues of the information matrix: the report's fixes (section 4.3.1) as small objects."""
 
 import abc
+
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -63,10 +64,10 @@ class Clip(AbstractPolicy):
 class TwoStep(AbstractPolicy):
     """Fix e: a step in the strong directions (Eq. 4.27), then one in the weak (Eq. 4.30), then each weak one by itself.
 
-    Every step has its own one-dimensional search. The phases follow each other and begin again, so that the search along
-    each weak eigenvector, which the report makes at the end, is made as often as there are iterations for it. A search that
-    finds nothing along weak directions is given up for the next phase. Directions with an eigenvalue of mere rounding are not
-    searched: there the data say nothing, and the right-hand side is rounding too.
+    Every step has its own one-dimensional search. The phases follow each other and begin again, so that the search
+    along each weak eigenvector, which the report makes at the end, is made as often as there are iterations for it.
+    A search that finds nothing along weak directions is given up for the next phase. Directions of mere rounding are
+    not searched: there the data say nothing, and the right-hand side is rounding too.
     """
 
     threshold: float = eqx.field(static=True, default=SPREAD)

@@ -155,7 +155,7 @@ class Minimiser(optx.AbstractMinimiser):
         skip = ~accept & state.descent[-1] & (step_size < GIVE_UP)
 
         choose = partial(jax.tree.map, partial(jnp.where, accept))
-        little = ~state.first & (state.cost - cost < self.least_fall)
+        little = ~state.first & ~state.descent[-1] & (jnp.abs(state.cost - cost) < self.least_fall)
         y, cost, linearised = choose((state.trial, cost, linearised), (y, state.cost, state.linearised))
         information = linearised.information
         asked = self.descent.query(y, _evaluation(cost, information), state.descent)

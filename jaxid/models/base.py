@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from equinox import AbstractVar
+from jax.core import Tracer
 
 from .._foundation.types import Array, Float
 from ..data.record import Record
@@ -99,7 +100,13 @@ class AbstractModel(eqx.Module):
 
 def canonical(tree):
     """Bring every numeric leaf to one dtype, so that numbers, weak types and float32 do not compile anew."""
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, float) if _is_number(leaf) else leaf, tree)
+    return jax.tree.map(lambda leaf: _float(leaf) if _is_number(leaf) else leaf, tree)
+
+
+def _float(leaf):
+    """A number as an array of JAX's widest float; one of another type goes through NumPy, which compiles no conversion."""
+    known = isinstance(leaf, Tracer) or (isinstance(leaf, jax.Array) and leaf.dtype == float and not leaf.weak_type)
+    return jnp.asarray(leaf if known else np.asarray(leaf, float), float)
 
 
 def _is_number(leaf) -> bool:

@@ -46,6 +46,12 @@ class Effect(eqx.Module):
         return "model"
 
     @property
+    def complexity(self) -> int:
+        """How much it asks one to believe: the number of factors of a term, or of its shape parameters and one. Of effects
+        that predict equally well the simplest is preferred."""
+        return 1
+
+    @property
     def fixed(self) -> tuple[str, ...]:
         """Shape parameters that stay as `start` sets them; the others are estimated once the effect is in."""
         return ()

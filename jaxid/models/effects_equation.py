@@ -5,6 +5,7 @@ import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
 from .effects import Effect, zero
+from .polynomial import factors
 
 
 class Term(Effect):
@@ -33,6 +34,10 @@ class Term(Effect):
         return f"{what} in the equation of {self.state}"
 
     @property
+    def complexity(self):
+        return sum(power for _, power in factors(self.product))
+
+    @property
     def term(self):
         return self.state, self.product
 
@@ -40,7 +45,7 @@ class Term(Effect):
 class DryFriction(Effect):
     """Dry (Coulomb) friction: `d(state)/dt += gain * tanh(speed / width)`, a smoothed sign of a speed.
 
-    The width is two thousandths of the speed's largest value on the training records, narrow enough to leave the friction
+    The width is one hundredth of the speed's largest value on the training records, narrow enough to leave the friction
     constant and wide enough for a fixed step.
 
     Args:
@@ -70,7 +75,7 @@ class DryFriction(Effect):
         return ("width",)
 
     def start(self, signals, measured, step):
-        width = 0.002 * jnp.max(jnp.abs(signals[self.speed]))
+        width = 0.01 * jnp.max(jnp.abs(signals[self.speed]))
         return eqx.tree_at(lambda effect: effect.width, self, jnp.where(width > 0, width, 1.0))
 
     def equations(self, dx, signals):
@@ -100,6 +105,10 @@ class QuadraticDrag(Effect):
     @property
     def sentence(self):
         return f"quadratic drag: |{self.speed}| {self.speed} in the equation of {self.state}"
+
+    @property
+    def complexity(self):
+        return 2
 
     @property
     def term(self):
@@ -142,6 +151,10 @@ class StateLimit(Effect):
     @property
     def sentence(self):
         return f"{self.state} has a limit above which it runs over, in part into {self.into}"
+
+    @property
+    def complexity(self):
+        return 3
 
     @property
     def begin(self):

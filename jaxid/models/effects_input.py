@@ -91,6 +91,10 @@ class InputLag(Effect):
         return f"an actuator lags behind the input {self.channel}"
 
     @property
+    def complexity(self):
+        return 2
+
+    @property
     def bounds(self):
         return {"time": (1e-6, float("inf"))}
 

@@ -166,6 +166,10 @@ class SensorSaturation(Effect):
         return f"the sensor of {self.channel} stops at {'an upper' if self.end == 'upper' else 'a lower'} level"
 
     @property
+    def complexity(self):
+        return 2
+
+    @property
     def begin(self):
         return 1.0
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from scipy.stats import chi2
+from jax.scipy.stats import chi2
 
 from .._foundation.checks import require, require_float64
 from .._foundation.grid import is_uniform
@@ -76,10 +76,10 @@ def close_loop(
     require_float64()
     progress, options, solver = progress or (lambda _: None), options or LoopOptions(), solver or SOLVER
     train = as_stack(train)
-    whole, check_window = None, window
+    whole = None
     if check is None:
         whole = train
-        train, check, check_window = _carve(train, window)
+        train, check = _carve(train, window)
     check = as_stack(check)
     tests = _tests(test, check)
     for records in (train, check, *tests.values()):
@@ -91,7 +91,7 @@ def close_loop(
     bench = Workbench(model, free, library, likelihood, train, solver)
     progress("estimate of the declared model")
     declared = bench.set_shapes(bench.base())
-    search = Search(bench, check, tests, check_window, window if test is not None else check_window, options, progress)
+    search = Search(bench, check, tests, window, options, progress)
     found, rounds = search.run(declared)
     if whole is not None:
         progress("estimate on the whole of the training records")
@@ -110,12 +110,15 @@ def candidates(model: AbstractModel, free: Free, records: Record) -> tuple[Effec
     return (*general_effects(model, equations, uniform=is_uniform(np.asarray(records.t))), *model.effects())
 
 
-def _carve(train: Record, window: int | None) -> tuple[Record, Record, int]:
-    """The first two thirds and the last third of each record; the third begins in motion, so it needs a window."""
-    pieces = [split_at(record, 2 / 3) for record in unstack(train)]
-    check = stack([last for _, last in pieces])
-    shortest = int(jnp.min(check.samples))
-    return stack([first for first, _ in pieces]), check, max(window or 0, shortest // 20, 10)
+def _carve(train: Record, window: int | None) -> tuple[Record, Record]:
+    """The first two thirds of each record, and each whole record with only its last third to be predicted.
+
+    The check runs on from the record's own start, so that it needs no initial state of its own in the middle of a motion.
+    """
+    first = stack([split_at(record, 2 / 3)[0] for record in unstack(train)])
+    row = jnp.arange(train.t.shape[1])
+    kept = (row >= (2 * train.samples[:, None]) // 3) | (row < (window or 0))
+    return first, eqx.tree_at(lambda record: record.mask, train, train.mask & kept[..., None])
 
 
 def _tests(test, check: Record) -> dict[str, Record]:
@@ -152,7 +155,7 @@ def _study(bench: Workbench, search: Search, declared, found, rounds, tests, use
 
 
 def _side(bench: Workbench, search: Search, fitted: Fitted, tests: dict[str, Record], used: Record) -> Side:
-    predictions = {name: bench.predict(fitted, test, search.test_window) for name, test in tests.items()}
+    predictions = {name: bench.predict(fitted, test, search.window) for name, test in tests.items()}
     rms = {name: dict(zip(used.outputs, map(float, one.rms), strict=True)) for name, one in predictions.items()}
     effects = tuple(bench.effects[name] for name in fitted.effects)
     model = Augmented(bench.model.model, effects) if effects else bench.model.model
@@ -188,8 +191,7 @@ def _unpadded(fitted: Fitted) -> Fit:
 def _outcome(rounds: tuple[Round, ...], found: Fitted, search: Search, bench: Workbench) -> str:
     """Whether the residual is consistent with noise after what was added (the gate of a claim)."""
     last = rounds[-1]
-    threshold = float(chi2.isf(search.options.level / max(len(last.candidates), 1), 1))
-    fires = any(one.significance > threshold for one in last.candidates)
+    fires = any(min(one.score, one.significance) > last.threshold for one in last.candidates)
     coloured = max(last.predictable.values()) > search.options.predictable
     if isinstance(bench.likelihood.noise, FixedNoise):
         coloured = coloured or _above_known_noise(found, bench, search.options.level)

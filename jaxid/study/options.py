@@ -24,7 +24,7 @@ class LoopOptions(eqx.Module):
     level: float = eqx.field(static=True, default=0.01)
     material: float = eqx.field(static=True, default=0.02)
     harm: float = eqx.field(static=True, default=0.001)
-    refits: int = eqx.field(static=True, default=6)
+    refits: int = eqx.field(static=True, default=8)
     max_rounds: int = eqx.field(static=True, default=8)
     predictable: float = eqx.field(static=True, default=0.03)
 

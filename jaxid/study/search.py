@@ -2,18 +2,20 @@
 
 from collections.abc import Callable
 
+import jax.numpy as jnp
 import numpy as np
-from scipy.stats import chi2
+from jax.scipy.special import ndtri
 
 from ..data.record import Record
 from ..diagnosis.predictable import predictable_share
 from ..diagnosis.scores import Scores
 from ..diagnosis.validation import root_mean_square
+from ..estimation.coloured import tapered_covariance
 from .options import LoopOptions
 from .study import Candidate, Round
 from .workbench import Fitted, Workbench
 
-COLLINEAR = 0.95  # overlap from which on two candidates are one to the data, and one of them is refitted
+COLLINEAR = 0.9999  # overlap from which on two candidates are one and the same to the data
 INSEPARABLE = 6.0  # fits whose chi-squares differ by less, price included, are rivals that the data cannot tell apart
 Progress = Callable[[str], None]
 
@@ -25,8 +27,7 @@ class Search:
         bench: fits and scores.
         check: the records that decide; not used for fitting.
         tests: records whose errors are noted in passing, and decide nothing.
-        window: samples at the start of check records in which the initial state is fitted.
-        test_window: the same of test records.
+        window: samples at the start of check and test records in which the initial state is fitted.
         options: levels and limits.
         progress: told what is going on.
     """
@@ -37,12 +38,11 @@ class Search:
         check: Record,
         tests: dict[str, Record],
         window: int | None,
-        test_window: int | None,
         options: LoopOptions,
         progress: Progress,
     ):
         self.bench, self.check, self.tests = bench, check, tests
-        self.window, self.test_window = window, test_window
+        self.window = window
         self.options, self.progress = options, progress
         self.samples = int(np.sum(np.asarray(bench.records.mask)))
 
@@ -61,7 +61,7 @@ class Search:
             begin = fitted.effects
             if better is not None:
                 fitted, dropped = self.prune(better)
-            rounds.append(Round(begin, tried, added, rivals, dropped, errors, predictable))
+            rounds.append(Round(begin, tried, added, rivals, dropped, errors, predictable, self.threshold(candidates)))
             if better is None or fitted.effects == begin:
                 break
         return fitted, tuple(rounds)
@@ -79,7 +79,7 @@ class Search:
 
     def best(self, fitted: Fitted, candidates: tuple[Candidate, ...], scores: Scores, number: int):
         """Refit the best-scored candidates; the one to keep, its fit, its rivals, and the candidates with their verdicts."""
-        threshold = float(chi2.isf(self.options.level / max(len(candidates), 1), 1))
+        threshold = self.threshold(candidates)
         before = self.check_error(fitted)
         refits: dict[str, Fitted] = {}
         told: list[Candidate] = []
@@ -95,9 +95,7 @@ class Search:
         kept = {one.name: one for one in told if one.verdict == "kept"}
         if not kept:
             return None, None, (), tuple(told)
-        price = {name: kept[name].cost_fall - np.log(self.samples) * len(refits[name].columns) for name in kept}
-        winner = max(price, key=lambda name: price[name])
-        rivals = tuple(name for name in kept if name != winner and price[winner] - price[name] < INSEPARABLE)
+        winner, rivals = self.choose(kept, refits)
         verdicts = {
             name: "added" if name == winner else "a rival that the data cannot tell from it" if name in rivals else "helps less"
             for name in kept
@@ -105,8 +103,25 @@ class Search:
         told = [_replaced(one, verdict=verdicts.get(one.name, one.verdict)) for one in told]
         return winner, refits[winner], rivals, tuple(told)
 
+    def choose(self, kept: dict[str, Candidate], refits: dict[str, Fitted]) -> tuple[str, tuple[str, ...]]:
+        """The winner and its rivals.
+
+        Those that predict the check records as well as the best, to within one standard error of its error, are equals
+        (Breiman et al., Classification and Regression Trees, 1984, section 3.4.3). Of them the simplest wins, and of equally
+        simple ones the best on the training records, with a price for each parameter.
+        """
+        best = max(kept.values(), key=lambda one: one.check_fall)
+        error = self.check_uncertainty(refits[best.name])
+        equals = [one for one in kept.values() if one.check_fall >= best.check_fall - error]
+        simplest = min(self.bench.effects[one.name].complexity for one in equals)
+        price = {one.name: one.cost_fall - np.log(self.samples) * len(refits[one.name].columns) for one in kept.values()}
+        simple = [one.name for one in equals if self.bench.effects[one.name].complexity == simplest]
+        winner = max(simple, key=lambda name: price[name])
+        inseparable = [one.name for one in equals if one.name != winner and price[winner] - price[one.name] < INSEPARABLE]
+        return winner, tuple(inseparable)
+
     def worth_refitting(self, candidates: tuple[Candidate, ...], scores: Scores, threshold: float) -> set[str]:
-        """The best-scored candidates, one of those that are all but collinear, and those that no score can see."""
+        """The best-scored candidates, one of those that are the same to the data, and those that no score can see."""
         overlap = np.abs(np.asarray(scores.overlap))
         chosen: list[str] = []
         for one in candidates:
@@ -141,7 +156,7 @@ class Search:
     def prune(self, fitted: Fitted) -> tuple[Fitted, tuple[str, ...]]:
         """Take out earlier effects that the latest has made superfluous."""
         dropped: tuple[str, ...] = ()
-        threshold = float(chi2.isf(self.options.level / len(self.bench.effects), 1))
+        threshold = critical(self.options.level / len(self.bench.effects))
         errors = self.bench.standard_errors(fitted)
         for name in fitted.effects[:-1]:
             value, error = errors[f"{name}.gain"]
@@ -162,6 +177,22 @@ class Search:
         rms = np.asarray(self.bench.predict(fitted, self.check, self.window).rms)
         return float(np.mean(np.log(rms))) if np.all(np.isfinite(rms)) else np.inf
 
+    def threshold(self, candidates: tuple[Candidate, ...]) -> float:
+        """The chi-square that counts as significant, with as many candidates tried (Bonferroni)."""
+        return critical(self.options.level / max(len(candidates), 1))
+
+    def check_uncertainty(self, fitted: Fitted) -> float:
+        """Standard error of `check_error`, from the number of independent samples that the coloured residual amounts to.
+
+            var(log rms) = 1/(4 N) sum_k 2 r_k^2        for a Gaussian residual with autocorrelation r_k
+        """
+        prediction = self.bench.predict(fitted, self.check, self.window)
+        v = jnp.where(prediction.scored, prediction.residuals, 0.0)
+        count = jnp.sum(prediction.scored, axis=(0, 1))
+        covariance = tapered_covariance(v)
+        squared = jnp.sum((covariance / covariance[0]) ** 2, axis=0)
+        return float(jnp.sqrt(jnp.mean(0.5 * squared / count) / count.size))
+
     def errors(self, fitted: Fitted) -> dict[str, dict[str, float]]:
         """Root mean square error by part and channel."""
         names = self.bench.records.outputs
@@ -170,13 +201,18 @@ class Search:
             "check": self.bench.predict(fitted, self.check, self.window).rms,
         }
         for name, test in self.tests.items():
-            parts[f"test {name}"] = self.bench.predict(fitted, test, self.test_window).rms
+            parts[f"test {name}"] = self.bench.predict(fitted, test, self.window).rms
         return {part: dict(zip(names, map(float, rms), strict=True)) for part, rms in parts.items()}
 
     def predictable(self, fitted: Fitted) -> dict[str, float]:
         """Share of the training residual that its own past predicts, per channel."""
         share = predictable_share(fitted.fit.residuals, self.bench.records.mask)
         return dict(zip(self.bench.records.outputs, map(float, share), strict=True))
+
+
+def critical(probability: float) -> float:
+    """The chi-square with one degree of freedom that is exceeded with the given probability."""
+    return float(ndtri(0.5 * probability) ** 2)
 
 
 def _replaced(candidate: Candidate, **changes) -> Candidate:

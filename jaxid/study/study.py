@@ -52,6 +52,7 @@ class Round:
         dropped: effects that became insignificant and were taken out again.
         errors: root mean square error per channel by part (`train`, `check`, `test`), at the beginning of the round.
         predictable: share of the training residual that its own past predicts, per channel.
+        threshold: chi-square from which on a candidate counts as significant, the number tried accounted for.
     """
 
     effects: tuple[str, ...]
@@ -61,6 +62,7 @@ class Round:
     dropped: tuple[str, ...]
     errors: dict[str, dict[str, float]]
     predictable: dict[str, float]
+    threshold: float
 
 
 @dataclasses.dataclass(frozen=True)

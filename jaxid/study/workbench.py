@@ -80,7 +80,7 @@ class Workbench:
         self.at = np.array([self.position[name] for name in self.columns], int)
         self.rows = jnp.array([self.position[name] for name in free.per_record], int)
         self.lower, self.upper = self._effect_bounds()
-        self.measured: dict[str, np.ndarray] = {}
+        self.measured: dict[str, Array] = {}
 
     def base(self, records: Record | None = None) -> Fitted:
         """The declared model by itself."""
@@ -90,7 +90,7 @@ class Workbench:
         """Set the effects' shapes from the signals of the declared model's fit; the fit itself is not touched."""
         signals, self.measured = self._signals(fitted)
         steps = np.diff(np.asarray(self.records.t), axis=1)
-        effects = started(tuple(self.effects.values()), signals, self.measured, float(np.median(steps[steps > 0])))
+        effects = started(tuple(self.effects.values()), signals, self.measured, jnp.asarray(np.median(steps[steps > 0])))
         self.model = eqx.tree_at(lambda model: model.effects_in, self.model, canonical(effects))
         self.effects = {effect.name: effect for effect in effects}
         values = np.array(flatten(self.model)[0])[self.at]
@@ -193,7 +193,7 @@ class Workbench:
 
     def _signals(self, fitted: Fitted):
         """Signals of the model over all training records, and the measured outputs, valid samples only."""
-        declared = with_values(self.model.model, self.free.shared, fitted.values[: len(self.free.shared)])
+        declared = with_values(self.model.model, self.free.shared, jnp.asarray(fitted.values[: len(self.free.shared)]))
         problem = Problem(
             declared, self.free.positions(declared), self.records, self.likelihood, Limits.of(self.free, self.records.n_cases)
         )
@@ -201,8 +201,8 @@ class Workbench:
         signals, real = _signals_of(problem, Parameters(shared, fitted.fit.parameters.rows))
         real = np.asarray(real)
         mask, z = np.asarray(self.records.mask), np.asarray(self.records.z)
-        measured = {name: z[..., i][mask[..., i]] for i, name in enumerate(self.records.outputs)}
-        return {name: np.asarray(signal)[real] for name, signal in signals.items()}, measured
+        measured = {name: jnp.asarray(z[..., i][mask[..., i]]) for i, name in enumerate(self.records.outputs)}
+        return {name: jnp.asarray(np.asarray(signal)[real]) for name, signal in signals.items()}, measured
 
 
 @eqx.filter_jit

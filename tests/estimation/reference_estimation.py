@@ -54,7 +54,7 @@ def lag_rhs(x, u, theta):
 
 def rk4(rhs, t, u, x0, theta):
     """The classical Runge-Kutta method, one step a sample, straight lines between the input's samples; also complex."""
-    x = np.zeros((len(t), len(x0)), np.result_type(x0, theta, float))
+    x = np.zeros((len(t), *np.shape(x0)), np.result_type(x0, theta, float))
     x[0] = x0
     for i, h in enumerate(np.diff(t)):
         middle = (u[i] + u[i + 1]) / 2

@@ -1,0 +1,140 @@
+"""The main job on the command line: find what a model lacks, add it, and report the error before and after."""
+
+import dataclasses
+import os
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import jax
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+jax.config.update("jax_enable_x64", True)
+# Most of the time of a first run is compilation; a second run finds it done.
+CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "jaxid"
+jax.config.update("jax_compilation_cache_dir", os.environ.get("JAX_COMPILATION_CACHE_DIR", str(CACHE)))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+from ._foundation.checks import InputError  # noqa: E402
+from .aircraft.default_flight import default_flight, realised_noise  # noqa: E402
+from .estimation import OutputError  # noqa: E402
+from .measured import emps, silverbox, tanks  # noqa: E402
+from .report import require_new, write_json, write_study  # noqa: E402
+from .study import Study, close_loop  # noqa: E402
+
+app = typer.Typer(add_completion=False, no_args_is_help=False, pretty_exceptions_enable=False)
+console = Console(stderr=True)
+
+FLIGHT_WINDOW = 25  # samples, one second, in which a flight's initial state is fitted
+
+
+class Set(StrEnum):
+    """The measured sets that have a declared model."""
+
+    silverbox = "silverbox"
+    emps = "emps"
+    tanks = "tanks"
+
+
+Json = Annotated[Path | None, typer.Option("--json", help="Also write the figures to this JSON file, which must not exist.")]
+Out = Annotated[
+    Path | None, typer.Option(help="Folder for the report, which must not exist; by default a new jaxid-study folder here.")
+]
+
+
+@app.callback(invoke_without_command=True)
+def flight(
+    context: typer.Context,
+    json: Json = None,
+    out: Out = None,
+    seed: Annotated[int, typer.Option(help="Of the measurement noise.")] = 0,
+) -> None:
+    """Find the effect that a model lacks, add it, and report the error before and after on records that were not used.
+
+    Without a command: an embedded simulated flight of a longitudinal aircraft, with an undeclared effect in it.
+    """
+    if context.invoked_subcommand is not None:
+        return
+    _require_new(json, out)
+    with _told() as progress:
+        progress("simulated flight")
+        case = default_flight(jax.random.key(seed))
+        study = close_loop(
+            case.model,
+            case.free,
+            OutputError(),
+            train=case.train,
+            check=case.check,
+            test=case.test,
+            window=FLIGHT_WINDOW,
+            progress=progress,
+        )
+    noise = realised_noise(case, case.test, skip=FLIGHT_WINDOW)
+    study = dataclasses.replace(study, noise=dict(zip(study.outputs, map(float, noise), strict=True)))
+    _deliver(study, "A simulated flight with an undeclared effect", json, out)
+
+
+@app.command()
+def dataset(
+    name: Annotated[Set, typer.Argument(help="Which measured set.")],
+    path: Annotated[Path | None, typer.Argument(help="Its file or folder; by default the variable JAXID_DATA.")] = None,
+    json: Json = None,
+    out: Out = None,
+) -> None:
+    """The same on measured data: a simple physical model is declared, and the rest is found."""
+    _require_new(json, out)
+    with _told() as progress:
+        progress("reading")
+        case = {Set.silverbox: silverbox, Set.emps: emps, Set.tanks: tanks}[name](path)
+        (window,) = set(case.data.window.values())
+        study = close_loop(
+            case.model,
+            case.free,
+            case.likelihood,
+            train=case.data.train,
+            test=case.data.test,
+            window=window,
+            progress=progress,
+        )
+    _deliver(study, f"{case.data.name}: {case.data.citation}", json, out)
+
+
+def _require_new(*paths: Path | None) -> None:
+    """Refuse a taken name before the long run, not after it."""
+    for path in paths:
+        if path is not None:
+            require_new(path)
+
+
+@contextmanager
+def _told():
+    """A bar that moves while it works, with a few words beside it; on standard error, so that output can be piped."""
+    columns = (BarColumn(bar_width=24), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda words: bar.update(task, description=words)
+
+
+def _deliver(study: Study, title: str, json: Path | None, out: Path | None) -> None:
+    """Print the study, and write its figures, its page and, where asked, its JSON."""
+    print(study)
+    folder = write_study(study, out or Path("jaxid-study"), title, exist="refuse" if out else "number")
+    if json is not None:
+        write_json(study, json)
+    print(f"\nThe report is {folder / 'study.html'}")
+
+
+def main() -> None:
+    """Run the command line; bad input is one sentence, not a traceback."""
+    try:
+        app()
+    except InputError as error:
+        console.print(f"[bold red]jaxid:[/] {error}", soft_wrap=True)
+        raise SystemExit(2) from None
+
+
+if __name__ == "__main__":
+    main()

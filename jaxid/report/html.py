@@ -1,0 +1,74 @@
+"""`html`: a study as one page that needs nothing beside it."""
+
+from importlib.resources import files
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+
+from ..study.study import Study
+from .gallery import Gallery, gallery
+from .tables import decided, effect_rows, error_rows, parameter_rows, remains_rows, round_rows
+from .words import NOISE_KNOWN, OUTCOMES, raised
+
+TEMPLATE = "study.html.j2"
+
+
+def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None) -> str:
+    """Write a study as one self-contained HTML page: figures and style are inside, nothing is fetched.
+
+    Args:
+        study: the study.
+        title: words for the head of the page.
+        drawn: the study's figures, where they have been drawn already.
+
+    Returns:
+        The page.
+    """
+    drawn = gallery(study) if drawn is None else drawn
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    source = files(__package__ or "jaxid.report").joinpath(TEMPLATE).read_text(encoding="utf-8")
+    return environment.from_string(source).render(
+        title=title,
+        study=study,
+        verdict=raised(study.verdict),
+        outcome_words=OUTCOMES.get(study.outcome, ""),
+        noise_words=NOISE_KNOWN[study.noise_known],
+        facts=_facts(study),
+        drawn=drawn,
+        errors={test: error_rows(study, test) for test in study.tests},
+        decided=decided(study),
+        effects=effect_rows(study),
+        parameters=parameter_rows(study),
+        rounds=list(zip(round_rows(study), drawn.rounds, strict=True)),
+        remains=remains_rows(study),
+        degrees=any(unit.startswith("rad") for unit in study.output_units),
+    )
+
+
+def _facts(study: Study) -> dict[str, str | tuple[str, ...]]:
+    """What was fitted, on what, and how the fit ended."""
+    estimate, declared = study.after.estimate, study.before.estimate
+    records = int(np.prod(np.asarray(estimate.mask).shape[:-2]))
+    tests = [
+        f"{name} ({_records(one.n_cases)}, {int(np.sum(np.asarray(one.samples)))} samples)"
+        for name, one in study.tests.items()
+    ]
+    return {
+        "model": _model_name(study),
+        "train": f"{_records(records)}, {int(np.sum(np.asarray(estimate.mask)))} valid measurements",
+        "tests": tuple(tests),
+        "candidates": str(len(study.rounds[0].candidates)) if study.rounds else "0",
+        "before_status": declared.status,
+        "status": estimate.status,
+        "weak": tuple(raised(words) for words in estimate.weak_directions),
+        "own": tuple(estimate.free.per_record),
+    }
+
+
+def _records(number: int) -> str:
+    return f"{number} record{'s' if number > 1 else ''}"
+
+
+def _model_name(study: Study) -> str:
+    """The class of the declared model."""
+    return type(study.before.model).__name__

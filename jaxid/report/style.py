@@ -1,0 +1,71 @@
+"""One look for all figures: colours that colour-blind readers tell apart, plain axes, words in the colour of a line."""
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+# Okabe & Ito, Color Universal Design, 2008.
+MEASURED, BEFORE, AFTER, NOISE, RIVAL, OTHER = "#8c8c8c", "#d55e00", "#0072b2", "#007a5a", "#e69f00", "#c4c4c4"
+INK = "#333333"
+WIDTH = 9.0  # inches
+FONT = 9.0
+
+
+def canvas(height: float, rows: int = 1, columns: int = 1, **options) -> tuple[Figure, list[list[Axes]]]:
+    """An empty figure of the report's width.
+
+    Args:
+        height: in inches.
+        rows, columns: panels.
+        options: of `Figure.subplots`.
+
+    Returns:
+        The figure and its panels, by row.
+    """
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, [list(row) for row in panels]
+
+
+def plain(ax: Axes, x: str = "", y: str = "", title: str = "") -> None:
+    """Take off what carries no information, and write labels as they stand (no mathematics between dollar signs).
+
+    Args:
+        ax: the panel.
+        x, y: labels of the axes.
+        title: words above, to the left.
+    """
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.spines[["left", "bottom"]].set_color("#999999")
+    ax.tick_params(colors=INK, labelsize=FONT - 1, width=0.6, length=3)
+    ax.grid(True, color="#e8e8e8", linewidth=0.6)
+    ax.set_axisbelow(True)
+    for write, text in ((ax.set_xlabel, x), (ax.set_ylabel, y)):
+        write(text, fontsize=FONT, color=INK, parse_math=False)
+    if title:
+        ax.set_title(title, fontsize=FONT, color=INK, loc="left", parse_math=False)
+
+
+def key(figure: Figure, entries: list[tuple[str, str]], title: str = "") -> None:
+    """Name the colours above a figure, each word in its own.
+
+    Args:
+        figure: the figure, its panels already there.
+        entries: words and colour.
+        title: words at the left of them.
+    """
+    handles = [Patch(color=colour, label=words) for words, colour in entries]
+    legend = figure.legend(
+        handles=handles, loc="outside upper right", ncols=len(entries), frameon=False, fontsize=FONT,
+        handlelength=1.0, handleheight=0.8, labelcolor="linecolor", columnspacing=1.6,
+    )  # fmt: skip
+    figure.align_ylabels()
+    for text, (_, colour) in zip(legend.get_texts(), entries, strict=True):
+        text.set_color(colour if colour != OTHER else INK)
+    if title:
+        figure.suptitle(title, x=0.0, ha="left", fontsize=FONT + 1, color=INK, parse_math=False)
+
+
+def channel_label(name: str, unit: str) -> str:
+    """Name and unit of a channel for an axis."""
+    return f"{name} [{unit}]" if unit else name

@@ -1,0 +1,276 @@
+"""The report of a small study: the figures, the page and the folder, as a user meets them."""
+
+import dataclasses
+import json
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from spring_study import HOSTILE, make_study
+
+from jaxid._foundation.checks import InputError
+from jaxid.report import figures, gallery, html, views, words, write_json, write_study
+
+VOID = {"meta", "br", "img", "link", "input", "hr"}
+
+
+class Page(HTMLParser):
+    """Collects text, tags and addresses, and fails on a tag that is not closed in its turn."""
+
+    def __init__(self, text):
+        super().__init__(convert_charrefs=True)
+        self.text, self.tags, self.addresses, self.open = "", [], [], []
+        self.feed(text)
+        self.close()
+        assert not self.open, f"not closed: {self.open}"
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.addresses += [value for name, value in attrs if name in ("src", "href", "srcset", "data", "action")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open, f"{tag} is closed and was not open"
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data if self.open[-1:] != ["style"] else ""
+
+
+@pytest.fixture(scope="session")
+def study():
+    return make_study()
+
+
+@pytest.fixture(scope="session")
+def drawn(study):
+    return gallery.gallery(study)
+
+
+@pytest.fixture(scope="session")
+def page(study, drawn):
+    return html(study, "A <script>spring</script>", drawn)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Figures become bytes without being painted."""
+    monkeypatch.setattr(gallery, "_saved", lambda figure, kind, **options: kind.encode())
+
+
+def lines(figure):
+    return [line for ax in figure.axes for line in ax.lines]
+
+
+def test_the_page_is_whole_and_says_what_was_found(study, page):
+    parsed = Page(page)
+    told = " ".join(parsed.text.split())
+    assert words.raised(study.verdict) in told
+    assert "x³ in the equation of v" in told
+    for needed in (*study.outputs, *study.tests, "How to read this page", words.OUTCOMES["explained"], "deg", "1/s²"):
+        assert needed in told, needed
+    gain, error = float(study.after.estimate.values[-1]), float(study.after.estimate.coloured_errors[-1])
+    assert words.with_error(gain, error) in told
+    assert f"{np.degrees(study.before.rms['quick']['tilt']):.4g}" in told
+    assert all(one.verdict in told for one in study.rounds[0].candidates if one.cost_fall is not None)
+
+
+def test_the_page_needs_nothing_beside_it_and_escapes_what_it_is_given(page):
+    parsed = Page(page)
+    assert "script" not in parsed.tags
+    assert "b" not in parsed.tags
+    assert "link" not in parsed.tags
+    assert HOSTILE in parsed.text
+    assert len(parsed.addresses) >= 6
+    assert all(address.startswith("data:image/") for address in parsed.addresses)
+    assert "url(" not in page
+    assert "@import" not in page
+
+
+@pytest.mark.parametrize("outcome", words.OUTCOMES)
+def test_every_outcome_is_said_in_words(study, drawn, outcome, quick):
+    found = outcome in ("explained", "proxies")
+    changed = {} if found else {"effects": (), "sentences": (), "after": study.before}
+    parsed = Page(html(dataclasses.replace(study, outcome=outcome, **changed), drawn=drawn))
+    assert words.OUTCOMES[outcome] in parsed.text
+    assert ("No effect was added" in parsed.text) == (not found)
+
+
+def test_records_that_decided_are_told(study, drawn, quick):
+    rounds = tuple(
+        dataclasses.replace(one, errors=one.errors | {"test quick": one.errors["check"]}) for one in study.rounds
+    )
+    told = Page(html(dataclasses.replace(study, rounds=rounds), drawn=drawn)).text
+    assert "but quick, which decided" in " ".join(told.split())
+
+
+def test_prediction_has_a_panel_for_each_channel(study):
+    figure = figures.prediction(study, "quick", 1)
+    assert len(figure.axes) == 2
+    assert [ax.get_ylabel() for ax in figure.axes] == ["x [m]", "tilt [deg]"]
+    assert figure.axes[-1].get_xlabel() == "time [s]"
+    measured, before, after = figure.axes[1].lines
+    assert np.all(np.isfinite(before.get_ydata()))
+    assert np.all(np.isfinite(after.get_ydata()))
+    z = np.asarray(study.tests["quick"].channel("tilt"))[1]
+    np.testing.assert_allclose(measured.get_ydata(), np.degrees(z), rtol=1e-12)
+
+
+def test_residuals_show_what_is_scored(study):
+    figure = figures.residuals(study, "quick")
+    assert len(figure.axes) == 6
+    after = np.asarray(study.after.tests["quick"].residuals)[0, 20:, 0]
+    shown = figure.axes[1].lines[0].get_ydata()
+    assert np.all(np.isnan(shown[:20]))  # the window in which the initial state is fitted
+    np.testing.assert_allclose(shown[20:], after, rtol=1e-12)
+    correlation = figure.axes[2].lines[1].get_ydata()
+    assert np.all(np.abs(correlation) <= 1)
+
+
+def test_errors_have_a_panel_for_each_channel_and_logarithms_where_needed(study):
+    figure = figures.errors(study)
+    assert [ax.get_title(loc="left") for ax in figure.axes] == ["x [m]", "tilt [deg]"]
+    widths = [patch.get_width() for patch in figure.axes[0].patches]
+    expected = [side.rms[test]["x"] for test in study.tests for side in (study.before, study.after)]
+    np.testing.assert_allclose(widths, expected)
+    assert {ax.get_xscale() for ax in figure.axes} == {"linear"}
+    far = {test: {name: 1e3 * value for name, value in rms.items()} for test, rms in study.before.rms.items()}
+    far["quick"] = {"x": np.inf, "tilt": np.nan}
+    far = dataclasses.replace(study, before=dataclasses.replace(study.before, rms=far))
+    figure = figures.errors(far)
+    assert {ax.get_xscale() for ax in figure.axes} == {"log"}
+    assert "diverged" in [text.get_text() for text in figure.axes[0].texts]
+
+
+def test_ranking_marks_what_was_added(study):
+    one = study.rounds[0]
+    (ax,) = figures.ranking(one, threshold=9.0).axes
+    assert ax.get_xscale() == "log"
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["x³ in v", "x² in v", "bias of x"]
+    colours = [patch.get_facecolor() for patch in ax.patches]
+    assert colours[0] != colours[1] == colours[2]
+    assert any(np.all(np.asarray(line.get_xdata()) == 9.0) for line in ax.lines)
+
+
+def test_a_model_that_runs_off_does_not_hide_the_measurements(study):
+    wild = {
+        name: dataclasses.replace(one, y=one.y.at[:, 100:].set(1e200).at[:, 150:].set(np.nan))
+        for name, one in study.before.tests.items()
+    }
+    far = dataclasses.replace(study, before=dataclasses.replace(study.before, tests=wild))
+    low, high = figures.prediction(far, "quick").axes[0].get_ylim()
+    z = np.asarray(study.tests["quick"].z)[0, :, 0]
+    assert high - low < 3 * np.ptp(z)
+    for figure in (figures.prediction(far, "quick"), figures.residuals(far, "quick")):
+        figure.canvas.draw()
+
+
+def test_long_records_are_thinned_or_cut_and_say_so(study, monkeypatch):
+    monkeypatch.setattr(views, "LIMIT", 150)
+    thinned = views.view(study, "quick")
+    assert thinned.t.size == 100
+    assert thinned.time_label == "time [s]: one sample in 2 of 200 is drawn"
+    monkeypatch.setattr(views, "LIMIT", 50)
+    cut = views.view(study, "quick")
+    assert cut.t.size == 50
+    np.testing.assert_allclose(np.diff(cut.t), 0.1)
+    assert "a typical stretch, 50 of 200 samples" in figures.prediction(study, "quick").axes[-1].get_xlabel()
+
+
+def test_unknown_sets_and_records_are_refused(study):
+    with pytest.raises(InputError, match="quick"):
+        figures.prediction(study, "quik")
+    with pytest.raises(InputError, match="2 records"):
+        figures.residuals(study, "quick", 2)
+
+
+def test_the_folder_holds_page_numbers_and_figures(study, tmp_path):
+    folder = write_study(study, tmp_path / "deep" / "out", "Spring")
+    assert folder == tmp_path / "deep" / "out"
+    names = sorted(path.name for path in folder.iterdir())
+    assert [name for name in names if not name.endswith(".png")] == ["study.html", "study.json"]
+    assert len(names) == 2 + 8  # errors, three records, two residuals, two rounds
+    assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in names if name.endswith(".png"))
+    assert json.loads((folder / "study.json").read_text())["effects"] == ["x^3 in v"]
+    assert "<title>Spring</title>" in (folder / "study.html").read_text(encoding="utf-8")
+    assert [path.name for path in folder.parent.iterdir()] == ["out"]
+
+
+def test_a_folder_is_never_overwritten(study, tmp_path, quick):
+    taken = tmp_path / "out"
+    taken.mkdir()
+    (tmp_path / "out-2").symlink_to(tmp_path / "nowhere")
+    assert write_study(study, taken).name == "out-3"
+    assert write_study(study, taken).name == "out-4"
+    assert list(taken.iterdir()) == []
+    with pytest.raises(InputError, match="never overwritten"):
+        write_study(study, taken, exist="refuse")
+    assert write_study(study, tmp_path / "new", exist="refuse").name == "new"
+    with pytest.raises(InputError, match="number"):
+        write_study(study, taken, exist="replace")
+
+
+@pytest.mark.parametrize("where", ["drawing", "writing", "naming"])
+def test_a_failure_leaves_nothing_behind(study, tmp_path, quick, monkeypatch, where):
+    def fail(*_, **__):
+        raise OSError("planted")
+
+    def fail_late(path, content, write=Path.write_bytes):
+        write(path, content) if path.name.startswith("study") else fail()
+
+    if where == "drawing":
+        monkeypatch.setattr(gallery, "_saved", fail)
+    elif where == "writing":
+        monkeypatch.setattr(Path, "write_bytes", fail_late)
+    else:
+        monkeypatch.setattr(Path, "rename", fail)
+    with pytest.raises(OSError, match="planted"):
+        write_study(study, tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_json_is_written_once(study, tmp_path):
+    path = write_json(study, tmp_path / "out.json")
+    before = path.read_text()
+    assert json.loads(before)["verdict"] == study.verdict
+    with pytest.raises(InputError, match="never overwritten"):
+        write_json(study, path)
+    with pytest.raises(InputError, match="no folder"):
+        write_json(study, tmp_path / "none" / "out.json")
+    assert path.read_text() == before
+    assert [one.name for one in tmp_path.iterdir()] == ["out.json"]
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "expected"),
+    [
+        (-0.598574, 0.00284, "-0.5986 ± 0.0028"),
+        (4.3217e-7, 1.04e-8, "(4.32 ± 0.10)·10⁻⁷"),
+        (17700.4, 31.0, "17700 ± 31"),
+        (1.0, np.nan, "1 (on its bound)"),
+        (1.0, np.inf, "1 (not determined by these data)"),
+        (3.0, 0.0, "3"),
+        (2.5e8, 3e6, "(2.500 ± 0.030)·10⁸"),
+    ],
+)
+def test_estimates_are_cut_where_their_error_begins(value, error, expected):
+    assert words.with_error(value, error) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(0.014213, "0.01421"), (0.0, "0"), (3.2e-7, "3.2·10⁻⁷"), (123456.0, "123456"), (np.nan, "not finite")],
+)
+def test_numbers_are_short(value, expected):
+    assert words.number(value) == expected
+    assert words.number(1.2e7) == "1.2·10⁷"
+
+
+def test_units_are_shown_in_degrees_where_they_are_angles():
+    assert words.display_unit("rad/s^2")[1] == "deg/s^2"
+    assert words.display_unit("rad/s")[0] == pytest.approx(57.29577951308232)
+    assert words.display_unit("m/s^2") == (1.0, "m/s^2")
+    assert words.display_unit("1/rad") == (1.0, "1/rad")
+    assert words.unit_words("kg*m^2/s") == "kg·m²/s"

@@ -39,9 +39,12 @@ class Set(StrEnum):
     tanks = "tanks"
 
 
-Json = Annotated[Path | None, typer.Option("--json", help="Also write the figures to this JSON file, which must not exist.")]
+Json = Annotated[
+    Path | None, typer.Option("--json", help="Also write the figures to this JSON file, which must not exist.")
+]
 Out = Annotated[
-    Path | None, typer.Option(help="Folder for the report, which must not exist; by default a new jaxid-study folder here.")
+    Path | None,
+    typer.Option(help="Folder for the report, which must not exist; by default a new jaxid-study folder here."),
 ]
 
 

@@ -15,5 +15,11 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]  (equin
         "The simulation diverges at the starting values, so there is nothing to improve on. Start from values for which "
         "the model is stable, or shorten the record."
     )
-    at_bound = "Converged with at least one parameter on its bound. Its standard error is not defined there; widen the bound, or fix the parameter and say so."
-    steps_exhausted = "The iteration limit was reached before the steps became small against the standard errors. Raise `max_steps`, or look at the weak directions: an undetermined combination drifts."
+    at_bound = (
+        "Converged with at least one parameter on its bound. Its standard error is not defined there; widen the bound, or "
+        "fix the parameter and say so."
+    )
+    steps_exhausted = (
+        "The iteration limit was reached before the steps became small against the standard errors. Raise `max_steps`, or "
+        "look at the weak directions: an undetermined combination drifts."
+    )

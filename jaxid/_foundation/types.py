@@ -4,6 +4,9 @@ Axis names: `case` one record of a stack, `time` one sample, `state`, `input`, `
 `parameter` one free parameter, `row` and `column` of a matrix without a name of its own.
 """
 
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
-__all__ = ["Array", "Bool", "Float", "Int", "PyTree", "Scalar"]
+Numbers = Array | np.ndarray  # what an entry function takes from a user
+
+__all__ = ["Array", "Bool", "Float", "Int", "Numbers", "PyTree", "Scalar"]

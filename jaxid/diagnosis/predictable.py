@@ -4,9 +4,20 @@ import jax.numpy as jnp
 
 from .._foundation.types import Array, Bool, Float
 
+ORDER = 10  # past samples that predict
+
+
+def allowance(count: int) -> float:
+    """What the share of white noise of a given number of samples exceeds with a probability of one in a thousand.
+
+    With no memory in the noise, `count` times the share is chi-square with `ORDER` degrees of freedom, whose 99.9 %
+    point is 29.6; `predictable_share` has taken off its mean, 10.
+    """
+    return 19.6 / count
+
 
 def predictable_share(
-    v: Float[Array, "case time output"], mask: Bool[Array, "case time output"], order: int = 10
+    v: Float[Array, "case time output"], mask: Bool[Array, "case time output"], order: int = ORDER
 ) -> Float[Array, " output"]:
     """Share of each channel's residual power that a linear prediction from its own past explains.
 
@@ -27,8 +38,8 @@ def predictable_share(
 
     c = jnp.stack([covariance(lag) for lag in range(order + 1)])
     power = jnp.where(c[0] > 0, c[0], 1.0)
-    r = c / power
-    toeplitz = r[jnp.abs(jnp.arange(order)[:, None] - jnp.arange(order))]
+    r = c / power[None]
+    toeplitz = r[jnp.abs(jnp.arange(order)[:, None] - jnp.arange(order)[None])]
     ridge = 1e-9 * jnp.eye(order)[:, :, None]
     a = jnp.linalg.solve(jnp.moveaxis(toeplitz + ridge, -1, 0), jnp.moveaxis(r[1:], -1, 0)[..., None])[..., 0]
     explained = jnp.sum(a * r[1:].T, axis=-1)

@@ -18,7 +18,9 @@ from ..estimation.problem import Problem
 from ..models.free import Parameters
 from ..sensitivity.information import gather, record_triangles
 
-LEFT_OVER = 1e-8  # of a column's squared length: less than this is rounding, and the effect cannot be told from what is free
+LEFT_OVER = (
+    1e-8  # of a column's squared length: less than this is rounding, and the effect cannot be told from what is free
+)
 
 
 class Scores(eqx.Module):
@@ -66,9 +68,7 @@ def score_test(problem: Problem, parameters: Parameters, is_free: Bool[Array, " 
     v, S = problem.whiten(v, v), problem.whiten(v, S)
     triangles = record_triangles(S[..., :count], S[..., count:], v)
     nothing = jnp.zeros((1, is_free.size + 1))
-    information = gather(
-        triangles, nothing, jnp.zeros((v.shape[0], count), bool), jnp.zeros(is_free.size, bool)
-    )
+    information = gather(triangles, nothing, jnp.zeros((v.shape[0], count), bool), jnp.zeros(is_free.size, bool))
     columns, rhs = information.triangle, information.rhs
     coefficients = _least_squares(jnp.where(is_free, columns, 0.0), jnp.column_stack([columns, rhs]))
     rest = jnp.column_stack([columns, rhs]) - jnp.where(is_free, columns, 0.0) @ coefficients
@@ -79,7 +79,9 @@ def score_test(problem: Problem, parameters: Parameters, is_free: Bool[Array, " 
     expected = jnp.where(seen, toward / safe, 0.0)
     inflation = _inflation(S, v, count, is_free, coefficients, information, expected)
     length = jnp.sqrt(safe)
-    overlap = jnp.where(seen[:, None] & seen, rest[:, :-1].T @ rest[:, :-1] / (length[:, None] * length), 0.0)
+    overlap = jnp.where(
+        seen[:, None] & seen[None], rest[:, :-1].T @ rest[:, :-1] / (length[:, None] * length[None]), 0.0
+    )
     share = jnp.where(seen, left / jnp.where(whole > 0, whole, 1.0), 0.0)
     return Scores(jnp.where(seen, toward**2 / safe, 0.0), jnp.where(seen, inflation, 1.0), expected, share, overlap)
 

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._foundation.checks import require
 from .._foundation.types import Array, Float, Int
@@ -70,14 +71,23 @@ def predict(
     records = as_stack(records)
     check_channels(model, records)
     if window is not None:
-        shortest = int(jnp.min(records.samples))
-        need = -(-len(model.states) // len(model.outputs))
-        require(
-            need <= window < shortest,
-            f"The window has {window} samples; it needs at least {need} for {len(model.states)} states, and must be shorter "
-            f"than the shortest record, which has {shortest}.",
-        )
+        check_window(model, records, window)
     return predict_stack(canonical(model), records.anonymous(), canonical(likelihood), window)
+
+
+def check_window(model: AbstractModel, records: Record, window: int) -> None:
+    """Refuse a window that cannot determine an initial state, or leaves nothing to score.
+
+    Raises:
+        InputError: it tells how many samples are needed and how many there are.
+    """
+    shortest = int(np.min(np.asarray(records.samples)))
+    need = -(-len(model.states) // len(model.outputs))
+    require(
+        need <= window < shortest,
+        f"The window has {window} samples; it needs at least {need} for {len(model.states)} states, and must be shorter "
+        f"than the shortest record, which has {shortest}.",
+    )
 
 
 @eqx.filter_jit
@@ -99,7 +109,7 @@ def predict_stack(
 
     single = jax.tree.map(lambda leaf: leaf[:, None], records)
     y, initial = jax.vmap(one)(single)
-    counted = jnp.arange(records.t.shape[1])[:, None] >= (window or 0)
+    counted = (jnp.arange(records.t.shape[1]) >= (window or 0))[None, :, None]
     return Prediction(records.t, records.z, y, records.mask & counted, initial)
 
 

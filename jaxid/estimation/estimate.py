@@ -12,11 +12,10 @@ from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
 from ..data.stack import stack
 from ..models.base import AbstractModel, canonical
-from ..models.free import Free, Parameters, insert, start
-from ..models.names import flatten
+from ..models.free import Free, Parameters, start
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum
-from ..simulation.simulate import explain_divergence, simulate
+from ..simulation.simulate import explain_divergence
 from .coloured import score_covariance
 from .likelihoods import AbstractLikelihood
 from .problem import Limits, Problem
@@ -185,19 +184,17 @@ def check_samples(records: Record) -> None:
 def failure(problem: Problem, fit: Fit, found: Estimate) -> InputError:
     """The error for a fit that failed: its status, and for a diverging start the time and the state."""
     if bool(jnp.any(fit.result == RESULTS.start_diverges)):
-        begin = start(problem.model, problem.positions, problem.records)
-        for case in range(problem.records.n_cases):
-            record = problem.records[case]
-            flat = jnp.concatenate([flatten(problem.model)[0], problem.model.initial_state(record)])
-            flat = flat.at[problem.positions.rows].set(begin.rows[case])
-            model, initial_state = insert(problem.model, flat, problem.positions.shared, begin.shared)
-            options = {name: getattr(problem.likelihood, name) for name in ("hold", "stepper")}
-            solution = simulate(model, record.t, record.u, initial_state, **options)
-            if not bool(solution.finite):
-                values = ", ".join(
-                    f"{name} = {value:.4g}" for name, value in zip(found.names, found.values, strict=True)
-                )
-                return InputError(
-                    f"{explain_divergence(solution, model, f'record {case}')} The parameters were {values}."
-                )
+        return divergence(problem.model, found.free, problem.records, problem.likelihood)
     return InputError(str(found.status))
+
+
+def divergence(model: AbstractModel, free: Free, records: Record, likelihood: AbstractLikelihood) -> InputError:
+    """The error for a model whose simulation diverges at its starting values: record, time, state and parameters."""
+    positions = free.positions(model)
+    problem = Problem(model, positions, records, likelihood, Limits.of(free, records.n_cases))
+    begin = start(model, positions, records)
+    solution = problem.solve(begin)
+    case = int(jnp.argmin(solution.finite))
+    told = explain_divergence(jax.tree.map(lambda leaf: leaf[case], solution), model, f"record {case}")
+    values = ", ".join(f"{name} = {float(value):.4g}" for name, value in zip(free.shared, begin.shared, strict=True))
+    return InputError(f"{told} The parameters were {values}.")

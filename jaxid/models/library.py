@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .base import AbstractModel
+from .base import AbstractModel, canonical
 from .effects import Effect
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
 from .effects_input import InputBetweenSamples, InputDelay, InputLag
@@ -19,17 +19,21 @@ MOST_SIGNALS_FOR_CUBIC_PRODUCTS = 3
 LEVELS = (0.6, 0.75, 0.9)  # starts of a limit within the range of its signal
 
 
-def general_effects(model: AbstractModel, equations: tuple[str, ...], *, uniform: bool = True) -> tuple[Effect, ...]:
+def general_effects(
+    model: AbstractModel, equations: tuple[str, ...] | None = None, *, uniform: bool = True
+) -> tuple[Effect, ...]:
     """Candidates that make sense for any model: terms, friction, limits, inputs and sensors.
 
     Args:
         model: the model whose channels are named.
-        equations: states in whose equations unknown terms may stand; see `uncertain_equations`.
+        equations: states in whose equations unknown terms may stand; by default those that hold a parameter.
         uniform: whether the records are sampled uniformly, so that an input may be band-limited.
 
     Returns:
         The effects, all absent, in the order of their names.
     """
+    if equations is None:
+        equations = uncertain_equations(canonical(model), np.arange(flatten(canonical(model))[0].size))
     effects: list[Effect] = []
     for state in equations:
         signals = model.states + model.inputs

@@ -1,7 +1,6 @@
 """How an input runs between its samples: zero-order hold, straight lines, cubic spline, band-limited."""
 
 import abc
-from typing import Literal
 
 import equinox as eqx
 import interpax
@@ -11,7 +10,7 @@ import numpy as np
 
 from .._foundation.checks import require
 from .._foundation.grid import is_uniform, strictly_increasing
-from .._foundation.types import Array, Float
+from .._foundation.types import Array, Float, Int
 
 
 class AbstractPath(eqx.Module):
@@ -42,28 +41,33 @@ class AbstractPath(eqx.Module):
 
 
 class Smooth(AbstractPath):
-    """A continuous path: an interpolant through knots.
+    """A continuous path through knots: straight lines, or cubics where the slopes at the knots are given.
 
     Args:
         knots: strictly increasing times [s].
         values: the input at the knots.
         delay: by how much each channel is late [s].
-        method: an interpolation of `interpax`.
+        end: the last real sample, behind which stands padding [s].
+        slopes: the rate of the input at the knots.
     """
 
     knots: Float[Array, " knot"]
     values: Float[Array, "knot input"]
     delay: Float[Array, " input"]
-    method: Literal["linear", "cubic", "cubic2"] = eqx.field(static=True)
+    end: Float[Array, ""]
+    slopes: Float[Array, "knot input"] | None = None
 
     def _at(self, t):
-        """Values at any number of times; before the first knot and after the last the signal stands still."""
+        """Values at any number of times; before the first sample and after the last the signal stands still."""
 
-        def channel(values, delay):
-            late = jnp.clip(t - delay, self.knots[0], self.knots[-1])
-            return interpax.interp1d(late, self.knots, values, method=self.method)
+        def channel(values, delay, slopes):
+            late = jnp.clip(t - delay, self.knots[0], self.end)
+            if slopes is None:
+                return interpax.interp1d(late, self.knots, values, method="linear")
+            with jax.numpy_rank_promotion("allow"):  # interpax promotes ranks inside
+                return interpax.interp1d(late, self.knots, values, method="cubic", fx=slopes)
 
-        return jax.vmap(channel, in_axes=(1, 0), out_axes=-1)(self.values, self.delay)
+        return jax.vmap(channel, in_axes=(1, 0, 1), out_axes=-1)(self.values, self.delay, self.slopes)
 
     def __call__(self, t):
         return self._at(t[None])[0]
@@ -80,7 +84,7 @@ class Smooth(AbstractPath):
         return _towards_band_limited(self, channel, weight)
 
     def corners(self):
-        return _times(self) if self.method == "linear" else None
+        return _times(self) if self.slopes is None else None
 
 
 class Steps(AbstractPath):
@@ -93,11 +97,13 @@ class Steps(AbstractPath):
         knots: strictly increasing times [s].
         values: the input from each knot on.
         delay: by how much each channel is late [s].
+        end: the last real sample, behind which stands padding [s].
     """
 
     knots: Float[Array, " knot"]
     values: Float[Array, "knot input"]
     delay: Float[Array, " input"]
+    end: Float[Array, ""]
 
     def __call__(self, t):
         index = jax.vmap(lambda delay: jnp.searchsorted(self.knots, t - delay, side="right") - 1)(self.delay)
@@ -158,7 +164,7 @@ class Blend(AbstractPath):
 
 def _towards_band_limited(path: Smooth | Steps, channel: int, weight: Float[Array, ""]) -> Blend:
     """The blend of a path with the band-limited run through its knots."""
-    other = BandLimited().path(path.knots, path.values)
+    other = BandLimited().path(jnp.minimum(path.knots, path.end), path.values)
     other = eqx.tree_at(lambda path: path.delay, other, path.delay)
     return Blend(path, other, jnp.zeros(path.delay.size).at[channel].set(weight))
 
@@ -183,21 +189,30 @@ class ZeroOrder(AbstractHold):
     """Each sample is held until the next, as a digital controller's output is."""
 
     def path(self, t, u):
-        return Steps(strictly_increasing(t), u, jnp.zeros(u.shape[1]))
+        knots = strictly_increasing(t)
+        return Steps(knots, u, jnp.zeros(u.shape[1]), knots[_last(t)])
 
 
 class Linear(AbstractHold):
     """Straight lines between the samples: the usual choice for measured positions."""
 
     def path(self, t, u):
-        return Smooth(strictly_increasing(t), u, jnp.zeros(u.shape[1]), "linear")
+        knots = strictly_increasing(t)
+        return Smooth(knots, u, jnp.zeros(u.shape[1]), knots[_last(t)])
 
 
 class Cubic(AbstractHold):
-    """A natural cubic spline through the samples, for smooth inputs sampled slowly."""
+    """A cubic spline through the samples, twice differentiable, for smooth inputs sampled slowly.
+
+    Its first two intervals share one cubic, and so do its last two (de Boor, A Practical Guide to Splines, chapter IV).
+    """
 
     def path(self, t, u):
-        return Smooth(strictly_increasing(t), u, jnp.zeros(u.shape[1]), "cubic2")
+        knots = strictly_increasing(t)
+        return Smooth(knots, u, jnp.zeros(u.shape[1]), knots[_last(t)], _spline_slopes(knots, u, _last(t)))
+
+    def check(self, t):
+        require(t.shape[-1] > 3, "A cubic spline needs more than 3 samples. Use Linear().")
 
 
 class BandLimited(AbstractHold):
@@ -213,20 +228,21 @@ class BandLimited(AbstractHold):
     half_width: int = eqx.field(static=True, default=32)
 
     def path(self, t, u):
-        knots, fine = strictly_increasing(t), 8
-        half = self.half_width
+        last, half, fine = _last(t), self.half_width, 8
         offsets = np.arange(-half * fine, half * fine + 1) / fine
         kernel = np.sinc(offsets) * np.kaiser(offsets.size, 10.0)
-        before = 2.0 * u[:1] - u[1 : half + 1][::-1]
-        after = 2.0 * u[-1:] - u[-half - 1 : -1][::-1]
-        extended = jnp.concatenate([before, u, after])
+        at = jnp.arange(-half, t.size + half)
+        within = jnp.clip(at, 0, last)
+        mirrored = jnp.clip(2 * within - at, 0, last)
+        extended = jnp.where((at == within)[:, None], u[within], 2.0 * u[within] - u[mirrored])
         spread = jnp.zeros((extended.shape[0], fine, u.shape[1])).at[:, 0].set(extended).reshape(-1, u.shape[1])
         smooth = jax.vmap(lambda v: jax.scipy.signal.fftconvolve(v, jnp.asarray(kernel), mode="same"), 1, 1)(spread)
-        count = (u.shape[0] - 1) * fine + 1
-        values = jax.lax.dynamic_slice_in_dim(smooth, half * fine, count)
-        values = values.at[::fine].set(u)
-        grid = knots[0] + (knots[1] - knots[0]) * jnp.arange(count) / fine
-        return Smooth(grid, values, jnp.zeros(u.shape[1]), "cubic")
+        smooth = smooth.at[::fine].set(extended)
+        step = (t[-1] - t[0]) / (last * fine)
+        grid = t[0] + step * jnp.arange((t.size - 1) * fine + 1)
+        slopes = (jnp.roll(smooth, -1, 0) - jnp.roll(smooth, 1, 0)) / (2.0 * step)
+        values, slopes = (array[half * fine :][: grid.size] for array in (smooth, slopes))
+        return Smooth(grid, values, jnp.zeros(u.shape[1]), grid[last * fine], slopes)
 
     def check(self, t):
         require(
@@ -237,6 +253,36 @@ class BandLimited(AbstractHold):
             t.shape[-1] > self.half_width,
             f"A band-limited input needs more than {self.half_width} samples. Use Cubic(), or a smaller half_width.",
         )
+
+
+def _last(t: Float[Array, " time"]) -> Int[Array, ""]:
+    """The row of the last real sample, behind which time stands still."""
+    return jnp.sum(jnp.diff(t) > 0)
+
+
+def _spline_slopes(
+    knots: Float[Array, " time"], values: Float[Array, "time input"], last: Int[Array, ""]
+) -> Float[Array, "time input"]:
+    """Slopes at the knots of the cubic spline that ends at row `last`; what stands behind it counts for nothing."""
+    h = jnp.diff(knots)
+    rise = jnp.diff(values, axis=0) / h[:, None]
+
+    def end(h0, h1, rise0, rise1):
+        """The equation at an end, from the interval there and its neighbour: one cubic for both."""
+        return h1, h0 + h1, ((3.0 * h0 + 2.0 * h1) * h1 * rise0 + h0**2 * rise1) / (h0 + h1)
+
+    first_row = end(h[0], h[1], rise[0], rise[1])
+    last_row = end(h[last - 1], h[last - 2], rise[last - 1], rise[last - 2])
+    row = jnp.arange(knots.size)
+    inner, at_end = (row > 0) & (row < last), row == last
+    before, after = jnp.pad(h, (1, 0)), jnp.pad(h, (0, 1))
+    lower = jnp.where(inner, after, jnp.where(at_end, last_row[1], 0.0))
+    diagonal = jnp.where(inner, 2.0 * (before + after), jnp.where(at_end, last_row[0], 1.0)).at[0].set(first_row[0])
+    upper = jnp.where(inner, before, 0.0).at[0].set(first_row[1])
+    pair = (before[:, None], after[:, None], jnp.pad(rise, ((1, 0), (0, 0))), jnp.pad(rise, ((0, 1), (0, 0))))
+    right = jnp.where(inner[:, None], 3.0 * (pair[0] * pair[3] + pair[1] * pair[2]), 0.0)
+    right = jnp.where(at_end[:, None], last_row[2][None], right).at[0].set(first_row[2])
+    return jax.lax.linalg.tridiagonal_solve(lower, diagonal, upper, right)
 
 
 def substeps_of(t: Float[Array, " time"], substeps: int):

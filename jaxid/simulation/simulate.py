@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .._foundation.checks import InputError, require, require_float64
-from .._foundation.types import Array, Float
+from .._foundation.types import Array, Float, Numbers
 from ..models.base import AbstractModel, canonical
 from .inputs import AbstractHold, Linear
 from .solution import Solution
@@ -13,9 +13,9 @@ from .steppers import RK4, AbstractStepper
 
 def simulate(
     model: AbstractModel,
-    t: Float[Array, "*case time"],
-    u: Float[Array, "*case time input"],
-    initial_state: Float[Array, "*case state"],
+    t: Float[Numbers, "*case time"],
+    u: Float[Numbers, "*case time input"],
+    initial_state: Float[Numbers, "*case state"],
     *,
     hold: AbstractHold | None = None,
     stepper: AbstractStepper | None = None,

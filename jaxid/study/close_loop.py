@@ -12,7 +12,8 @@ from .._foundation.grid import is_uniform
 from .._foundation.linalg import triangle
 from ..data.record import Record
 from ..data.stack import split_at, stack, unstack
-from ..estimation.estimate import Fit, as_stack, check_channels, check_samples
+from ..diagnosis.validation import check_window
+from ..estimation.estimate import Fit, as_stack, check_channels, check_samples, divergence
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
 from ..estimation.solver import GaussNewton
@@ -88,9 +89,13 @@ def close_loop(
     likelihood.check(model, train)
     library = candidates(model, free, train) if effects is None else tuple(effects)
 
+    if window is not None:
+        for records in (check, *tests.values()):
+            check_window(model, records, window)
+
     bench = Workbench(model, free, library, likelihood, train, solver)
     progress("estimate of the declared model")
-    declared = bench.set_shapes(bench.base())
+    declared = bench.set_shapes(_started(bench))
     search = Search(bench, check, tests, window, options, progress)
     found, rounds = search.run(declared)
     if whole is not None:
@@ -100,6 +105,14 @@ def close_loop(
     progress("prediction of the test records")
     used = train if whole is None else whole
     return _study(bench, search, declared, found, rounds, tests, used)
+
+
+def _started(bench: Workbench) -> Fitted:
+    """The declared model's fit, refused where its simulation diverges at the start."""
+    declared = bench.base()
+    if not np.isfinite(declared.cost):
+        raise divergence(bench.model.model, bench.free, bench.records, bench.likelihood)
+    return declared
 
 
 def candidates(model: AbstractModel, free: Free, records: Record) -> tuple[Effect, ...]:
@@ -162,7 +175,9 @@ def _side(bench: Workbench, search: Search, fitted: Fitted, tests: dict[str, Rec
     own = tuple(name for effect in effects for name in own_parameters(effect))
     free = eqx.tree_at(lambda f: f.lower, bench.free, dict(bench.free.lower))
     free = Free(bench.free.shared + own, free.per_record, free.lower, free.upper, free.scale, free.prior)
-    return Side(model, Estimate.of(_unpadded(fitted), model, free, used, bench.solver.policy.threshold), predictions, rms)
+    return Side(
+        model, Estimate.of(_unpadded(fitted), model, free, used, bench.solver.policy.threshold), predictions, rms
+    )
 
 
 def _unpadded(fitted: Fitted) -> Fit:
@@ -175,7 +190,14 @@ def _unpadded(fitted: Fitted) -> Fit:
         (triangle(fit.information.factor[:, keep]), fit.information.own.coupling[..., :count]),
     )
     return eqx.tree_at(
-        lambda one: (one.parameters.shared, one.covariance, one.coloured, one.shared_on_bound, one.information, one.spectrum),
+        lambda one: (
+            one.parameters.shared,
+            one.covariance,
+            one.coloured,
+            one.shared_on_bound,
+            one.information,
+            one.spectrum,
+        ),
         fit,
         (
             fit.parameters.shared[:count],
@@ -192,7 +214,7 @@ def _outcome(rounds: tuple[Round, ...], found: Fitted, search: Search, bench: Wo
     """Whether the residual is consistent with noise after what was added (the gate of a claim)."""
     last = rounds[-1]
     fires = any(min(one.score, one.significance) > last.threshold for one in last.candidates)
-    coloured = max(last.predictable.values()) > search.options.predictable
+    coloured = not search.looks_like_noise(last.predictable)
     if isinstance(bench.likelihood.noise, FixedNoise):
         coloured = coloured or _above_known_noise(found, bench, search.options.level)
     if found.effects:

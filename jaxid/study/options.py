@@ -10,8 +10,8 @@ class LoopOptions(eqx.Module):
 
     Args:
         level: probability of one false effect in a study in which nothing is missing, spread over all candidates tried.
-        material: fall of the check records' error (mean over channels of its logarithm) from which on an effect counts even
-            though a coloured residual leaves its significance open.
+        material: fall of the check records' error (mean over channels of its logarithm) from which on an effect counts
+            while the residual is still predictable, so that no significance is known.
         harm: rise of the same error that an effect may cause on check records that hardly excite it.
         refits: how many of the best-scored candidates are refitted in each round.
         max_rounds: how many effects may be added.

@@ -7,7 +7,7 @@ import numpy as np
 from jax.scipy.special import ndtri
 
 from ..data.record import Record
-from ..diagnosis.predictable import predictable_share
+from ..diagnosis.predictable import allowance, predictable_share
 from ..diagnosis.scores import Scores
 from ..diagnosis.validation import root_mean_square
 from ..estimation.coloured import tapered_covariance
@@ -97,7 +97,11 @@ class Search:
             return None, None, (), tuple(told)
         winner, rivals = self.choose(kept, refits)
         verdicts = {
-            name: "added" if name == winner else "a rival that the data cannot tell from it" if name in rivals else "helps less"
+            name: "added"
+            if name == winner
+            else "a rival that the data cannot tell from it"
+            if name in rivals
+            else "helps less"
             for name in kept
         }
         told = [_replaced(one, verdict=verdicts.get(one.name, one.verdict)) for one in told]
@@ -114,10 +118,14 @@ class Search:
         error = self.check_uncertainty(refits[best.name])
         equals = [one for one in kept.values() if one.check_fall >= best.check_fall - error]
         simplest = min(self.bench.effects[one.name].complexity for one in equals)
-        price = {one.name: one.cost_fall - np.log(self.samples) * len(refits[one.name].columns) for one in kept.values()}
+        price = {
+            one.name: one.cost_fall - np.log(self.samples) * len(refits[one.name].columns) for one in kept.values()
+        }
         simple = [one.name for one in equals if self.bench.effects[one.name].complexity == simplest]
         winner = max(simple, key=lambda name: price[name])
-        inseparable = [one.name for one in equals if one.name != winner and price[winner] - price[one.name] < INSEPARABLE]
+        inseparable = [
+            one.name for one in equals if one.name != winner and price[winner] - price[one.name] < INSEPARABLE
+        ]
         return winner, tuple(inseparable)
 
     def worth_refitting(self, candidates: tuple[Candidate, ...], scores: Scores, threshold: float) -> set[str]:
@@ -143,7 +151,9 @@ class Search:
         fall = 2.0 * (fitted.cost - refit.cost)
         check_fall = before - self.check_error(refit)
         colour = candidate.score / candidate.significance if candidate.significance > 0 else np.inf
-        significant = fall / max(colour, 1.0) > threshold
+        # Of a residual that is still predictable no significance is known; there only a material gain counts.
+        noise = self.looks_like_noise(self.predictable(refit))
+        significant = noise and fall / max(colour, 1.0) > threshold
         material = fall > threshold and check_fall > self.options.material
         if not np.isfinite(check_fall) or check_fall < -self.options.harm:
             verdict = "predicts the check records worse"
@@ -184,13 +194,13 @@ class Search:
     def check_uncertainty(self, fitted: Fitted) -> float:
         """Standard error of `check_error`, from the number of independent samples that the coloured residual amounts to.
 
-            var(log rms) = 1/(4 N) sum_k 2 r_k^2        for a Gaussian residual with autocorrelation r_k
+        var(log rms) = 1/(4 N) sum_k 2 r_k^2        for a Gaussian residual with autocorrelation r_k
         """
         prediction = self.bench.predict(fitted, self.check, self.window)
         v = jnp.where(prediction.scored, prediction.residuals, 0.0)
         count = jnp.sum(prediction.scored, axis=(0, 1))
         covariance = tapered_covariance(v)
-        squared = jnp.sum((covariance / covariance[0]) ** 2, axis=0)
+        squared = jnp.sum((covariance / covariance[:1]) ** 2, axis=0)
         return float(jnp.sqrt(jnp.mean(0.5 * squared / count) / count.size))
 
     def errors(self, fitted: Fitted) -> dict[str, dict[str, float]]:
@@ -203,6 +213,11 @@ class Search:
         for name, test in self.tests.items():
             parts[f"test {name}"] = self.bench.predict(fitted, test, self.window).rms
         return {part: dict(zip(names, map(float, rms), strict=True)) for part, rms in parts.items()}
+
+    def looks_like_noise(self, predictable: dict[str, float]) -> bool:
+        """Whether no channel's past predicts more of it than is allowed, the scatter of short records included."""
+        fewest = int(np.min(np.sum(np.asarray(self.bench.records.mask), axis=(0, 1))))
+        return max(predictable.values()) <= self.options.predictable + allowance(fewest)
 
     def predictable(self, fitted: Fitted) -> dict[str, float]:
         """Share of the training residual that its own past predicts, per channel."""

@@ -90,7 +90,9 @@ class Workbench:
         """Set the effects' shapes from the signals of the declared model's fit; the fit itself is not touched."""
         signals, self.measured = self._signals(fitted)
         steps = np.diff(np.asarray(self.records.t), axis=1)
-        effects = started(tuple(self.effects.values()), signals, self.measured, jnp.asarray(np.median(steps[steps > 0])))
+        effects = started(
+            tuple(self.effects.values()), signals, self.measured, jnp.asarray(np.median(steps[steps > 0]))
+        )
         self.model = eqx.tree_at(lambda model: model.effects_in, self.model, canonical(effects))
         self.effects = {effect.name: effect for effect in effects}
         values = np.array(flatten(self.model)[0])[self.at]
@@ -113,7 +115,10 @@ class Workbench:
             records: other records than the training ones.
         """
         declared = range(len(self.free.shared))
-        chosen = [*declared, *(self.column[name] for effect in effects for name in own_parameters(self.effects[effect]))]
+        chosen = [
+            *declared,
+            *(self.column[name] for effect in effects for name in own_parameters(self.effects[effect])),
+        ]
         width = len(declared) + WIDTH * max(1, -(-(len(chosen) - len(declared)) // WIDTH))
         problem, shared = self._problem(chosen, width, values, records)
         begin = start(problem.model, problem.positions, problem.records)
@@ -132,7 +137,9 @@ class Workbench:
 
     def predict(self, fitted: Fitted, records: Record, window: int | None) -> Prediction:
         """Predict records that were not used."""
-        known = eqx.tree_at(lambda likelihood: likelihood.noise, self.likelihood, FixedNoise(_regular(fitted.fit.noise)))
+        known = eqx.tree_at(
+            lambda likelihood: likelihood.noise, self.likelihood, FixedNoise(_regular(fitted.fit.noise))
+        )
         return predict_stack(self.fitted_model(fitted), records.anonymous(), known, window)
 
     def fitted_model(self, fitted: Fitted) -> AbstractModel:
@@ -195,7 +202,11 @@ class Workbench:
         """Signals of the model over all training records, and the measured outputs, valid samples only."""
         declared = with_values(self.model.model, self.free.shared, jnp.asarray(fitted.values[: len(self.free.shared)]))
         problem = Problem(
-            declared, self.free.positions(declared), self.records, self.likelihood, Limits.of(self.free, self.records.n_cases)
+            declared,
+            self.free.positions(declared),
+            self.records,
+            self.likelihood,
+            Limits.of(self.free, self.records.n_cases),
         )
         shared = jnp.asarray(fitted.values[: len(self.free.shared)])
         signals, real = _signals_of(problem, Parameters(shared, fitted.fit.parameters.rows))

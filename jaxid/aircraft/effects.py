@@ -47,7 +47,7 @@ class CoefficientTerm(Effect):
 
     @property
     def complexity(self):
-        return sum(power for _, power in factors(self.product))
+        return max(1, sum(power for _, power in factors(self.product)))
 
     @property
     def term(self):

@@ -5,6 +5,7 @@ The general effects of every domain stand in `effects_equation`, `effects_input`
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from equinox import AbstractVar
 
 from .._foundation.types import Array, Float
@@ -66,15 +67,15 @@ class Effect(eqx.Module):
         """The gain from which a refit starts: zero, but where nothing is felt of a small gain."""
         return 0.0
 
-    def worth_trying(self, measured: dict[str, Float[Array, " sample"]]) -> bool:
+    def worth_trying(self, measured: dict[str, Float[np.ndarray, " _"]]) -> bool:
         """Whether to refit with it whatever its score, because at zero gain the score hardly sees it."""
         return False
 
     def start(
         self,
-        signals: dict[str, Float[Array, " sample"]],
-        measured: dict[str, Float[Array, " sample"]],
-        step: Float[Array, ""],
+        signals: dict[str, Float[np.ndarray, " sample"]],
+        measured: dict[str, Float[np.ndarray, " _"]],
+        step: float,
     ) -> "Effect":
         """The same effect with its shape set from the signals of the training records.
 

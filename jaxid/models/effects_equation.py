@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from .._foundation.types import Array, Float
 from .effects import Effect, zero
@@ -35,7 +36,7 @@ class Term(Effect):
 
     @property
     def complexity(self):
-        return sum(power for _, power in factors(self.product))
+        return max(1, sum(power for _, power in factors(self.product)))
 
     @property
     def term(self):
@@ -75,8 +76,8 @@ class DryFriction(Effect):
         return ("width",)
 
     def start(self, signals, measured, step):
-        width = 0.01 * jnp.max(jnp.abs(signals[self.speed]))
-        return eqx.tree_at(lambda effect: effect.width, self, jnp.where(width > 0, width, 1.0))
+        width = 0.01 * np.max(np.abs(signals[self.speed]))
+        return eqx.tree_at(lambda effect: effect.width, self, jnp.asarray(width if width > 0 else 1.0))
 
     def equations(self, dx, signals):
         return {self.state: self.gain * jnp.tanh(signals[self.speed] / self.width)}
@@ -175,7 +176,7 @@ class StateLimit(Effect):
         return {self.state: -spill, self.into: self.share * spill}
 
 
-def level_in(signal: Float[Array, " sample"], fraction: float) -> Float[Array, ""]:
+def level_in(signal: Float[np.ndarray, " sample"], fraction: float) -> Float[Array, ""]:
     """The level at a fraction of a signal's range."""
-    low, high = jnp.min(signal), jnp.max(signal)
-    return low + fraction * (high - low)
+    low, high = np.min(signal), np.max(signal)
+    return jnp.asarray(low + fraction * (high - low))

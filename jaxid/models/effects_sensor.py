@@ -6,6 +6,7 @@ import equinox as eqx
 import interpax
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._foundation.grid import strictly_increasing
 from .._foundation.types import Array, Float
@@ -90,15 +91,21 @@ class SensorDelay(Effect):
 
     def observe(self, t, y, outputs):
         column = outputs.index(self.channel)
-        knots = strictly_increasing(t)
-        late = interpax.interp1d(jnp.clip(knots - self.gain, knots[0], knots[-1]), knots, y[:, column], method="cubic")
-        return y.at[:, column].set(late)
+        signal, knots, last = y[:, column], strictly_increasing(t), jnp.sum(jnp.diff(t) > 0)
+        # The last real straight line goes on through the padding, so that padding changes nothing.
+        line = (jnp.diff(signal) / jnp.diff(knots))[jnp.minimum(jnp.arange(t.size - 1), last - 1)]
+        slopes = 0.5 * (jnp.concatenate([line[:1], line]) + jnp.concatenate([line, line[-1:]]))
+        late = jnp.clip(knots - self.gain, knots[0], knots[last])
+        with jax.numpy_rank_promotion("allow"):  # interpax promotes ranks inside
+            return y.at[:, column].set(interpax.interp1d(late, knots, signal, method="cubic", fx=slopes))
 
 
 class SensorLag(Effect):
     """A first-order lag of an output, exact for straight lines between the samples.
 
-        lag dw/dt = y - w,    y -> w,    lag = |gain| in seconds
+        lag dw/dt = y - w,    y -> w,    lag = gain in seconds
+
+    Below zero, where a search may pass, the effect goes on as it begins: `y -> y - gain dy/dt`.
 
     Args:
         channel: name of the output.
@@ -175,7 +182,7 @@ class SensorSaturation(Effect):
 
     def worth_trying(self, measured):
         signal = measured[self.channel]
-        return int(jnp.sum(signal == self._extreme(signal))) >= PILE
+        return int(np.sum(signal == self._extreme(signal))) >= PILE
 
     def start(self, signals, measured, step):
         return eqx.tree_at(lambda effect: effect.level, self, jnp.asarray(self._extreme(measured[self.channel])))
@@ -187,4 +194,4 @@ class SensorSaturation(Effect):
         return y.at[:, column].add(-self.gain * beyond)
 
     def _extreme(self, signal):
-        return jnp.max(signal) if self.end == "upper" else jnp.min(signal)
+        return np.max(signal) if self.end == "upper" else np.min(signal)

@@ -129,7 +129,7 @@ def _carve(train: Record, window: int | None) -> tuple[Record, Record]:
     The check runs on from the record's own start, so that it needs no initial state of its own in the middle of a motion.
     """
     first = stack([split_at(record, 2 / 3)[0] for record in unstack(train)])
-    row = jnp.arange(train.t.shape[1])
+    row = jnp.arange(train.t.shape[1])[None]
     kept = (row >= (2 * train.samples[:, None]) // 3) | (row < (window or 0))
     return first, eqx.tree_at(lambda record: record.mask, train, train.mask & kept[..., None])
 

@@ -83,10 +83,12 @@ class Search:
         before = self.check_error(fitted)
         refits: dict[str, Fitted] = {}
         told: list[Candidate] = []
-        chosen = self.worth_refitting(candidates, scores, threshold)
+        chosen, twins = self.worth_refitting(candidates, scores, threshold)
         for candidate in candidates:
             if candidate.name not in chosen:
-                told.append(candidate)
+                same = twins.get(candidate.name)
+                verdict = f"to these records one and the same as {same}" if same else "not refitted"
+                told.append(_replaced(candidate, verdict=verdict))
                 continue
             self.progress(f"round {number}: refit with {candidate.name}")
             refit = self.refit(fitted, candidate)
@@ -96,6 +98,7 @@ class Search:
         if not kept:
             return None, None, (), tuple(told)
         winner, rivals = self.choose(kept, refits)
+        rivals += tuple(name for name, same in twins.items() if same == winner)
         verdicts = {
             name: "added"
             if name == winner
@@ -128,17 +131,23 @@ class Search:
         ]
         return winner, tuple(inseparable)
 
-    def worth_refitting(self, candidates: tuple[Candidate, ...], scores: Scores, threshold: float) -> set[str]:
-        """The best-scored candidates, one of those that are the same to the data, and those that no score can see."""
+    def worth_refitting(
+        self, candidates: tuple[Candidate, ...], scores: Scores, threshold: float
+    ) -> tuple[set[str], dict[str, str]]:
+        """The best-scored candidates and those that no score can see; and the twins of the former, which are the same to
+        the data and need no refit of their own, with the name of each one's twin."""
         overlap = np.abs(np.asarray(scores.overlap))
         chosen: list[str] = []
+        twins: dict[str, str] = {}
         for one in candidates:
             gain = self.bench.gains[one.name]
-            alike = any(overlap[gain, self.bench.gains[other]] > COLLINEAR for other in chosen)
-            if one.score > threshold and not alike and len(chosen) < self.options.refits:
+            same = next((other for other in chosen if overlap[gain, self.bench.gains[other]] > COLLINEAR), None)
+            if same is not None:
+                twins[one.name] = same
+            elif one.score > threshold and len(chosen) < self.options.refits:
                 chosen.append(one.name)
-        unseen = [one.name for one in candidates if self.bench.effects[one.name].worth_trying(self.bench.measured)]
-        return {*chosen, *unseen}
+        unseen = {one.name for one in candidates if self.bench.effects[one.name].worth_trying(self.bench.measured)}
+        return unseen.union(chosen), {name: same for name, same in twins.items() if name not in unseen}
 
     def refit(self, fitted: Fitted, candidate: Candidate) -> Fitted:
         """All parameters together with one effect more."""

@@ -80,7 +80,7 @@ class Workbench:
         self.at = np.array([self.position[name] for name in self.columns], int)
         self.rows = jnp.array([self.position[name] for name in free.per_record], int)
         self.lower, self.upper = self._effect_bounds()
-        self.measured: dict[str, Array] = {}
+        self.measured: dict[str, np.ndarray] = {}
 
     def base(self, records: Record | None = None) -> Fitted:
         """The declared model by itself."""
@@ -91,7 +91,7 @@ class Workbench:
         signals, self.measured = self._signals(fitted)
         steps = np.diff(np.asarray(self.records.t), axis=1)
         effects = started(
-            tuple(self.effects.values()), signals, self.measured, jnp.asarray(np.median(steps[steps > 0]))
+            tuple(self.effects.values()), signals, self.measured, float(np.median(steps[steps > 0]))
         )
         self.model = eqx.tree_at(lambda model: model.effects_in, self.model, canonical(effects))
         self.effects = {effect.name: effect for effect in effects}
@@ -212,8 +212,8 @@ class Workbench:
         signals, real = _signals_of(problem, Parameters(shared, fitted.fit.parameters.rows))
         real = np.asarray(real)
         mask, z = np.asarray(self.records.mask), np.asarray(self.records.z)
-        measured = {name: jnp.asarray(z[..., i][mask[..., i]]) for i, name in enumerate(self.records.outputs)}
-        return {name: jnp.asarray(np.asarray(signal)[real]) for name, signal in signals.items()}, measured
+        measured = {name: z[..., i][mask[..., i]] for i, name in enumerate(self.records.outputs)}
+        return {name: np.asarray(signal)[real] for name, signal in signals.items()}, measured
 
 
 @eqx.filter_jit

@@ -28,6 +28,10 @@ class AbstractLikelihood(eqx.Module):
     def solve(self, model: AbstractModel, record: Record, initial_state: Float[Array, " state"]) -> Solution:
         """States of one record, and as outputs what the model says of each sample."""
 
+    def compact(self) -> "AbstractLikelihood":
+        """The same likelihood in the form that compiles fastest, for models with many effects."""
+        return self
+
     @abc.abstractmethod
     def check(self, model: AbstractModel, records: Record) -> None:
         """Refuse records that this likelihood cannot serve."""
@@ -50,6 +54,9 @@ class OutputError(AbstractLikelihood):
 
     def solve(self, model, record, initial_state):
         return run(model, record.t, record.u, initial_state, self.hold, self.stepper)
+
+    def compact(self):
+        return OutputError(self.noise, self.hold, self.stepper.compact())
 
     def check(self, model, records):
         self.noise.check(records.mask, records.outputs)

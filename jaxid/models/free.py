@@ -112,7 +112,7 @@ def free(
         require_known(f"free parameter (in `{option}`)", values, shared + (rows if option == "scale" else ()))
         for name, value in values.items():
             require(
-                np.isfinite(value) and value > 0,
+                bool(np.isfinite(value) and value > 0),
                 f"The {option} of {name!r} is {value}; it must be positive and finite.",
             )
     return Free(shared, rows, lower, upper, canonical(dict(scale or {})), canonical(dict(prior or {})))

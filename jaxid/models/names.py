@@ -67,7 +67,7 @@ def _walk(node, prefix: str) -> Iterator[str]:
     elif isinstance(node, dict):
         for key in sorted(node):
             yield from _walk(node[key], f"{prefix}.{key}".lstrip("."))
-    elif eqx.is_inexact_array(node) or isinstance(node, float | int):
+    elif eqx.is_inexact_array(node) or (isinstance(node, float | int) and not isinstance(node, bool)):
         shape = jnp.shape(node)
         for index in itertools.product(*map(range, shape)):
             yield prefix + (f"[{','.join(map(str, index))}]" if shape else "")

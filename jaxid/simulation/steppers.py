@@ -22,6 +22,10 @@ class AbstractStepper(eqx.Module):
     ) -> Float[Array, "time state"]:
         """States at the sample times; not finite where the simulation fails."""
 
+    def compact(self) -> "AbstractStepper":
+        """The same method in the form that compiles fastest, for models with many effects."""
+        return self
+
 
 class RK4(AbstractStepper):
     """The classical Runge-Kutta method of fourth order, with a fixed number of steps between two samples.
@@ -30,30 +34,49 @@ class RK4(AbstractStepper):
 
     Args:
         substeps: steps in each interval between samples.
+        unrolled: whether the four stages are written out, which runs faster and, for a large model, compiles four times as
+            long as a loop over them.
     """
 
     substeps: int = eqx.field(static=True, default=1)
+    unrolled: bool = eqx.field(static=True, default=True)
 
     def states(self, model, t, path, initial_state):
         begin, length = substeps_of(t, self.substeps)
-
-        def step(x, now):
-            t0, h, u = now
-            k1 = model.rhs(t0, x, u[0])
-            k2 = model.rhs(t0 + h / 2, x + h / 2 * k1, u[1])
-            k3 = model.rhs(t0 + h / 2, x + h / 2 * k2, u[1])
-            k4 = model.rhs(t0 + h, x + h * k3, u[2])
-            return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        stages = (begin, length, path.stages(t, self.substeps))
+        by_interval = jax.tree.map(lambda leaf: leaf.reshape(t.size - 1, self.substeps, *leaf.shape[1:]), stages)
+        step = self._written_out if self.unrolled else self._in_a_loop
 
         def interval(x, now):
             for substep in range(self.substeps):
-                x = step(x, jax.tree.map(lambda leaf, at=substep: leaf[at], now))
+                x = step(model, x, *jax.tree.map(lambda leaf, at=substep: leaf[at], now))
             return x, x
 
-        stages = (begin, length, path.stages(t, self.substeps))
-        by_interval = jax.tree.map(lambda leaf: leaf.reshape(t.size - 1, self.substeps, *leaf.shape[1:]), stages)
         _, later = jax.lax.scan(interval, initial_state, by_interval)
         return jnp.concatenate([initial_state[None], later])
+
+    def compact(self):
+        return RK4(self.substeps, unrolled=False)
+
+    @staticmethod
+    def _written_out(model, x, t, h, u):
+        k1 = model.rhs(t, x, u[0])
+        k2 = model.rhs(t + h / 2, x + h / 2 * k1, u[1])
+        k3 = model.rhs(t + h / 2, x + h / 2 * k2, u[1])
+        k4 = model.rhs(t + h, x + h * k3, u[2])
+        return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+    @staticmethod
+    def _in_a_loop(model, x, t, h, u):
+        def stage(carry, now):
+            k, total = carry
+            reach, weight, u = now
+            k = model.rhs(t + reach * h, x + reach * h * k, u)
+            return (k, total + weight * k), None
+
+        nodes = (jnp.array([0.0, 0.5, 0.5, 1.0]), jnp.array([1.0, 2.0, 2.0, 1.0]), u[jnp.array([0, 1, 1, 2])])
+        (_, total), _ = jax.lax.scan(stage, (jnp.zeros_like(x), jnp.zeros_like(x)), nodes)
+        return x + h / 6 * total
 
 
 class Adaptive(AbstractStepper):

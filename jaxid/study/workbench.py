@@ -70,7 +70,7 @@ class Workbench:
     ):
         self.model = canonical(Augmented(model, tuple(effects)))
         self.free, self.solver = canonical(free), solver
-        self.likelihood, self.records = canonical(likelihood), records.anonymous()
+        self.likelihood, self.records = canonical(likelihood.compact()), records.anonymous()
         self.names = all_names(self.model)
         self.position = {name: index for index, name in enumerate(self.names)}
         self.effects = {effect.name: effect for effect in self.model.effects_in}

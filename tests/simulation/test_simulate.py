@@ -3,6 +3,7 @@
 import diffrax
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -216,7 +217,8 @@ def test_the_explanation_names_time_and_state():
         (np.zeros((4, 1)), np.zeros(2), "u has 4 rows for 5 sample times."),
     ],
 )
-def test_wrong_shapes_name_the_channels(u, start, said):
+def test_wrong_shapes_name_the_channels(monkeypatch, u, start, said):
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as a user runs it: annotations do not execute
     with pytest.raises(InputError, match=f"^{said}$"):
         simulate(Pendulum(1.0, 0.1), 0.1 * np.arange(5), u, start)
 

@@ -1,0 +1,263 @@
+"""Every general effect: absent at gain zero, with the sensitivity that finite differences have; and what each one does."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxid.models import (
+    AbstractModel,
+    Augmented,
+    DryFriction,
+    InputLag,
+    LinearModel,
+    Polynomial,
+    SensorDelay,
+    SensorLag,
+    SensorSaturation,
+    StateLimit,
+    general_effects,
+)
+from jaxid.models.library import started, uncertain_equations
+from jaxid.simulation import RK4, simulate
+
+
+class Duffing(AbstractModel):
+    k: object
+    c: object
+    states, inputs, outputs = ("x", "v"), ("u",), ("y",)
+
+    def rhs(self, t, x, u):
+        return jnp.stack([x[1], u[0] - self.k * x[0] - self.c * x[1]])
+
+    def output(self, t, x, u):
+        return x[:1] + 0.2 * x[1:]
+
+
+MODEL = Duffing(jnp.array(4.0), jnp.array(0.4))
+T = 0.1 * np.arange(50)
+U = np.sin(1.3 * T + 0.5)[:, None] + 0.5 * np.cos(4.0 * T)[:, None]
+START = np.array([0.7, 0.9])
+NAMES = [effect.name for effect in general_effects(MODEL, ("x", "v"))]
+FELT_ONLY_BEYOND_THE_RECORD = {"upper saturation of y", "lower saturation of y"}
+STEP = 1e-5
+
+
+def answer(model, start=START):
+    return simulate(model, T, U, start, stepper=RK4(2))
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return answer(MODEL)
+
+
+@pytest.fixture(scope="module")
+def effects(plain):
+    """All general effects with their shapes set from the simulation itself."""
+    signals = {"x": plain.x[:, 0], "v": plain.x[:, 1], "u": jnp.array(U[:, 0])}
+    return started(general_effects(MODEL, ("x", "v")), signals, {"y": plain.y[:, 0]}, jnp.array(0.1))
+
+
+@pytest.fixture(scope="module")
+def outcome(effects):
+    """The outputs for a vector of gains, compiled once for all effects."""
+    model = Augmented(MODEL, effects)
+    extra = len(model.states) - 2
+
+    @jax.jit
+    def y(gains):
+        filled = eqx.tree_at(lambda m: [e.gain for e in m.effects_in], model, list(gains))
+        return answer(filled, jnp.concatenate([jnp.asarray(START), jnp.zeros(extra)])).y[:, 0]
+
+    return y
+
+
+@pytest.fixture(scope="module")
+def sensitivities(outcome):
+    return jax.jacfwd(outcome)(jnp.zeros(len(NAMES)))
+
+
+@pytest.fixture(scope="module")
+def differences(outcome):
+    """One-sided differences of second order on either side of zero."""
+    zero, both = outcome(jnp.zeros(len(NAMES))), []
+    for d in (STEP, -STEP):
+        near, far = (jax.lax.map(outcome, size * jnp.eye(len(NAMES))) for size in (d, 2 * d))
+        both.append((4 * near - far - 3 * zero[None]) / (2 * d))
+    return both
+
+
+def test_all_effects_at_gain_zero_are_absent(outcome, plain):
+    np.testing.assert_allclose(outcome(jnp.zeros(len(NAMES))), plain.y[:, 0], rtol=0, atol=1e-12)
+
+
+def test_each_kind_of_effect_alone_is_absent_at_gain_zero(effects, plain):
+    for effect in {type(effect): effect for effect in effects}.values():
+        assert effect.gain == 0
+        model = Augmented(MODEL, (effect,))
+        found = answer(model, np.pad(START, (0, len(effect.extra_states))))
+        np.testing.assert_allclose(found.x[:, :2], plain.x, rtol=0, atol=1e-12, err_msg=effect.name)
+        np.testing.assert_allclose(found.y, plain.y, rtol=0, atol=1e-12, err_msg=effect.name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_sensitivity_at_gain_zero_is_a_finite_difference(effects, sensitivities, differences, name):
+    column = NAMES.index(name)
+    assert effects[column].name == name
+    S = sensitivities[:, column]
+    assert np.all(np.isfinite(S))
+    if name in FELT_ONLY_BEYOND_THE_RECORD:
+        assert effects[column].begin == 1.0  # a refit starts where it is felt
+        np.testing.assert_allclose(S, 0.0, rtol=0, atol=1e-12)
+        return
+    scale = np.abs(S).max()
+    assert scale > 1e-3
+    # Rounding of 1e-16/1e-5, and the third derivative times its square. A delayed input bends inside the two steps beside a
+    # sample: there the derivative is that of either side, h/6 of the change of slope apart.
+    tolerance = 5e-2 if name == "delay of input u" else 1e-6
+    best = min(np.abs(S - side[column]).max() for side in differences)
+    assert best < tolerance * scale, f"{best / scale:.1e} of {scale:.1e}"
+
+
+def static(slope=1.0):
+    """`y = slope * u`, with a state that stands still."""
+    return LinearModel([[0.0]], [[0.0]], [[0.0]], [[slope]], states=("x",), inputs=("u",), outputs=("y",))
+
+
+def observed(effect, t, signal):
+    return simulate(Augmented(static(), (effect,)), t, signal[:, None], np.zeros(1)).y[:, 0]
+
+
+@pytest.mark.parametrize("lag", [0.03, 0.1, 2.0])
+def test_a_lag_is_exact_for_a_ramp_however_the_samples_lie(seed, lag):
+    t = np.concatenate([[0.0], np.cumsum(np.random.default_rng(seed).uniform(0.02, 0.3, 40))])
+    found = observed(SensorLag("y", jnp.array(lag)), t, 3.0 + 2.0 * t)
+    # w = y - lag * slope * (1 - exp(-t/lag)), from rest.
+    np.testing.assert_allclose(found, 3.0 + 2.0 * t - 2.0 * lag * (1 - np.exp(-t / lag)), rtol=1e-13)
+
+
+def test_a_late_sensor_shows_an_earlier_sine():
+    t, w = 0.05 * np.arange(100), 2.0
+    found = observed(SensorDelay("y", jnp.array(0.033)), t, np.sin(w * t))
+    # The slopes at the samples are central differences: (w h)^3/6 of the rate, of which cubics show at most 0.1.
+    np.testing.assert_allclose(
+        found[2:-2], np.sin(w * (t - 0.033))[2:-2], rtol=0, atol=0.1 * (w * 0.05) ** 3 / 6 + 1e-6
+    )
+    whole = observed(SensorDelay("y", jnp.array(0.1)), t, np.sin(w * t))
+    np.testing.assert_allclose(whole[2:], np.sin(w * t[:-2]), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(whole[:2], 0.0, atol=1e-15)  # before the record the output stands still
+
+
+@pytest.mark.parametrize("gain", [0.05, -0.05])
+def test_padding_does_not_reach_a_late_sensor(gain):
+    t, effect = 0.1 * np.arange(30), SensorDelay("y", jnp.array(gain))
+    padded = observed(effect, np.pad(t, (0, 6), mode="edge"), np.pad(np.sin(2 * t), (0, 6), mode="edge"))
+    np.testing.assert_allclose(padded[:30], observed(effect, t, np.sin(2 * t)), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("end", ["upper", "lower"])
+def test_a_saturation_of_gain_one_clips_and_of_a_half_takes_half(end):
+    t = 0.1 * np.arange(60)
+    signal = np.sin(t)
+    sign = 1.0 if end == "upper" else -1.0
+    clipped = sign * np.minimum(sign * signal, 0.3)
+    for gain in (1.0, 0.5):
+        effect = SensorSaturation("y", end, jnp.array(gain), jnp.array(0.3 * sign))
+        want = signal + gain * (clipped - signal)
+        np.testing.assert_allclose(observed(effect, t, signal), want, rtol=0, atol=1e-15)
+
+
+def test_a_saturation_is_worth_trying_where_samples_pile_up():
+    effect = SensorSaturation("y", "upper")
+    signal = jnp.sin(jnp.arange(50.0))
+    assert not effect.worth_trying({"y": signal})
+    assert effect.worth_trying({"y": jnp.minimum(signal, 0.8)})
+    assert not SensorSaturation("y", "lower").worth_trying({"y": jnp.minimum(signal, 0.8)})
+    assert effect.start({}, {"y": jnp.minimum(signal, 0.8)}, jnp.array(1.0)).level == 0.8
+
+
+def tanks():
+    """Two integrators, of which the first is filled."""
+    return LinearModel(
+        np.zeros((2, 2)),
+        [[1.0], [0.0]],
+        np.eye(2),
+        np.zeros((2, 1)),
+        states=("a", "b"),
+        inputs=("u",),
+        outputs=("a", "b"),
+    )
+
+
+@pytest.mark.parametrize("share", [1.0, 0.25, 0.0])
+def test_what_spills_arrives_in_its_share(share):
+    effect = StateLimit("a", "b", gain=jnp.array(2.0), level=jnp.array(1.0), share=jnp.array(share))
+    t = 0.1 * np.arange(60)
+    found = simulate(Augmented(tanks(), (effect,)), t, np.ones((60, 1)), np.zeros(2), stepper=RK4(4)).x
+    # Filled at one per second: above the level the excess tends to 1/2 as 1 - exp(-2 s), from s = t - 1 = 0.
+    since = np.maximum(t - 1.0, 0.0)
+    excess = 0.5 * (1 - np.exp(-2 * since))
+    # RK4 with h = 0.025 s: (2 h)^4/120 = 5e-8 of the motion; the limit is met at a sample.
+    np.testing.assert_allclose(found[:, 0], np.minimum(t, 1.0) + excess, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(found[:, 1], share * (since - excess), rtol=0, atol=1e-7)
+    if share == 1.0:
+        np.testing.assert_allclose(found.sum(axis=1), t, rtol=1e-13, atol=1e-14)  # nothing is lost: rounding
+
+
+def test_dry_friction_is_nothing_at_rest_and_constant_in_motion():
+    effect = DryFriction("x", "x", jnp.array(-0.7)).start({"x": jnp.array([-3.0, 2.0])}, {}, jnp.array(0.1))
+    np.testing.assert_allclose(effect.width, 0.03, rtol=1e-15)
+    model = Augmented(static(), (effect,))
+    for speed, rate in [(0.0, 0.0), (2.0, -0.7), (-2.0, 0.7)]:
+        np.testing.assert_allclose(model.rhs(jnp.zeros(()), jnp.array([speed]), jnp.zeros(1)), [rate], rtol=1e-15)
+    slope = jax.jacfwd(lambda x: model.rhs(jnp.zeros(()), x, jnp.zeros(1)))(jnp.zeros(1))
+    np.testing.assert_allclose(slope, [[-0.7 / 0.03]], rtol=1e-13)
+    still = DryFriction("x", "x").start({"x": jnp.zeros(4)}, {}, jnp.array(0.1))
+    assert still.width == 1.0  # a speed that is always zero sets no width
+
+
+def test_a_lagging_input_is_a_state_of_its_own():
+    integrator = LinearModel([[0.0]], [[1.0]], [[1.0]], [[0.0]], states=("x",), inputs=("u",), outputs=("x",))
+    model = Augmented(integrator, (InputLag("u", jnp.array(1.0), jnp.array(0.5)),))
+    assert model.states == ("x", "lagged u")
+    t = 0.1 * np.arange(40)
+    found = simulate(model, t, np.ones((40, 1)), np.zeros(2), stepper=RK4(4)).x
+    # (h/time)^4/120 with h = 0.025 s is 5e-8.
+    np.testing.assert_allclose(found[:, 1], 1 - np.exp(-2 * t), rtol=0, atol=1e-7)
+    np.testing.assert_allclose(found[:, 0], t - 0.5 * (1 - np.exp(-2 * t)), rtol=0, atol=1e-7)
+
+
+def test_equations_without_a_free_parameter_are_kinematics():
+    assert uncertain_equations(MODEL, np.array([0, 1])) == ("v",)
+    assert uncertain_equations(MODEL, np.array([], int)) == ()
+    assert general_effects(MODEL) == general_effects(MODEL, ("v",))
+    terms = {effect.name for effect in general_effects(MODEL, ("v",))}
+    assert "x^2 v in v" in terms
+    assert not any(name.endswith(" in x") for name in terms)
+
+
+def test_only_the_equation_of_the_freed_polynomial_is_uncertain():
+    class Two(AbstractModel):
+        first: Polynomial
+        second: Polynomial
+        states, inputs, outputs = ("x", "v"), ("u",), ("x",)
+
+        def rhs(self, t, x, u):
+            signals = self.signals(t, x, u)
+            return jnp.stack([self.first(signals), self.second(signals)])
+
+        def output(self, t, x, u):
+            return x[:1]
+
+    model = Two(Polynomial({"v": 1.0}), Polynomial({"x": -1.0, "u": 2.0}))
+    assert uncertain_equations(model, np.array([0])) == ("x",)
+    assert uncertain_equations(model, np.array([2])) == ("v",)
+    assert uncertain_equations(model, np.array([0, 1])) == ("x", "v")
+
+
+def test_candidates_have_unique_names_and_a_band_limited_input_needs_even_sampling():
+    assert NAMES == sorted(set(NAMES))
+    uneven = [effect.name for effect in general_effects(MODEL, ("x", "v"), uniform=False)]
+    assert set(NAMES) - set(uneven) == {"u between samples"}

@@ -1,0 +1,192 @@
+"""What is free: names, groups, bounds, and where the values stand in the flat vector."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxid._foundation.checks import InputError
+from jaxid.data import record, stack
+from jaxid.models import AbstractModel, LinearModel, Polynomial, free, with_values
+from jaxid.models.free import flat_vectors, insert, inside, start
+from jaxid.models.names import flatten
+
+
+class Aero(eqx.Module):
+    Cm: Polynomial
+    Cmx: object
+
+
+class Plane(AbstractModel):
+    aero: Aero
+    mass: object
+    table: object
+    states, inputs, outputs = ("alpha", "q"), ("elevator",), ("q",)
+
+    def rhs(self, t, x, u):
+        signals = dict(zip(("alpha", "q", "elevator"), jnp.concatenate([x, u]), strict=True))
+        return jnp.stack([x[1], self.aero.Cm(signals) / self.mass + self.aero.Cmx * u[0]])
+
+    def output(self, t, x, u):
+        return x[1:] + self.table[0, 1]
+
+    def initial_state(self, record):
+        return jnp.stack([self.mass / 10.0, record.z[0, 0]])
+
+
+def plane(mass=2.0):
+    return Plane(Aero(Polynomial({"alpha": -1.0, "alpha^2": 0.5, "q": -0.2}), 3.0), mass, jnp.array([[7.0, 8.0]]))
+
+
+ALL = (
+    "aero.Cm.alpha",
+    "aero.Cm.alpha^2",
+    "aero.Cm.q",
+    "aero.Cmx",
+    "mass",
+    "table[0,0]",
+    "table[0,1]",
+    "initial_state.alpha",
+    "initial_state.q",
+)
+
+
+def flight(name, n, q0, **constants):
+    t = 0.1 * np.arange(n)
+    z = q0 + np.zeros((n, 1))
+    return record(t, np.ones((n, 1)), z, inputs=("elevator",), outputs=("q",), name=name, constants=constants)
+
+
+def test_groups_are_written_out_in_the_order_asked_for():
+    found = free(plane(), "table", "mass", "aero.Cm", per_record=("initial_state",))
+    assert found.shared == (*ALL[5:7], "mass", *ALL[:3])
+    assert found.per_record == ALL[7:]
+    assert free(plane(), "aero").shared == ALL[:4]
+    assert free(plane(), "table[0,1]", "initial_state.q").shared == ("table[0,1]", "initial_state.q")
+
+
+def test_an_unknown_name_lists_the_names_and_the_nearest():
+    with pytest.raises(InputError) as caught:
+        free(plane(), "mass", "aero.Cm.alfa")
+    said = str(caught.value)
+    assert "There is no parameter 'aero.Cm.alfa'. Did you mean 'aero.Cm.alpha'" in said
+    assert f"The names are: {', '.join(ALL)}." in said
+    with pytest.raises(InputError, match=r"There is no parameter 'zzz'\. The names are"):
+        free(plane(), per_record=("zzz",))
+
+
+@pytest.mark.parametrize(
+    ("names", "rows", "twice"),
+    [
+        (("mass", "mass"), (), "mass"),
+        (("aero.Cm", "aero.Cm.q"), (), "aero.Cm.q"),
+        (("mass", "table"), ("table[0,0]",), "table[0,0]"),
+    ],
+)
+def test_a_name_given_twice_is_refused(names, rows, twice):
+    with pytest.raises(InputError) as caught:
+        free(plane(), *names, per_record=rows)
+    assert f"free parameter name {twice!r} occurs twice" in str(caught.value)
+
+
+def test_nothing_free_is_refused():
+    with pytest.raises(InputError, match="No parameter is free"):
+        free(plane())
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"bounds": {"mass": (2.5, None)}}, "The starting value of 'mass', 2, lies outside its bounds (2.5, inf)"),
+        ({"bounds": {"mass": (None, 1.5)}}, "The starting value of 'mass', 2, lies outside its bounds (-inf, 1.5)"),
+        ({"bounds": {"mass": (3.0, 3.0)}}, "The bounds of 'mass' are empty: 3.0 is not below 3.0"),
+        ({"bounds": {"aero.Cmx": (0.0, 9.0)}}, "There is no free parameter (in `bounds`) 'aero.Cmx'"),
+        ({"scale": {"mass": 0.0}}, "The scale of 'mass' is 0.0; it must be positive and finite."),
+        ({"scale": {"mass": float("nan")}}, "The scale of 'mass' is nan"),
+        ({"prior": {"mass": (2.0, -1.0)}}, "The prior of 'mass' is -1.0; it must be positive and finite."),
+        ({"prior": {"initial_state.q": (0.0, 1.0)}}, "There is no free parameter (in `prior`) 'initial_state.q'"),
+    ],
+)
+def test_options_that_cannot_be_meant_are_refused(options, said):
+    with pytest.raises(InputError) as caught:
+        free(plane(), "mass", per_record=("initial_state.q",), **options)
+    assert said in str(caught.value)
+
+
+def test_bounds_stand_in_the_order_of_the_names():
+    chosen = free(
+        plane(),
+        "aero.Cm.q",
+        "mass",
+        per_record=("initial_state",),
+        bounds={"mass": (1.0, None), "initial_state.q": (-3.0, 4.0)},
+    )
+    np.testing.assert_array_equal(chosen.bounds("shared"), [[-np.inf, 1.0], [np.inf, np.inf]])
+    np.testing.assert_array_equal(chosen.bounds("per_record"), [[-np.inf, -3.0], [np.inf, 4.0]])
+    free(plane(), "mass", bounds={"mass": (2.0, 5.0)})  # a start on the bound is inside
+    edges = inside(jnp.array([1.0, 1.5, 2.0]), jnp.ones(3), 2.0 * jnp.ones(3))
+    np.testing.assert_array_equal(edges, [False, True, False])
+
+
+def test_numbers_given_for_options_become_arrays():
+    chosen = free(plane(), "mass", scale={"mass": 2.0}, prior={"mass": (1.0, 3.0)}, bounds={"mass": (0.0, 9.0)})
+    for leaf in jax.tree.leaves(chosen):
+        assert leaf.dtype == jnp.float64
+        assert not leaf.weak_type
+
+
+@pytest.mark.parametrize("mass", [2, 2.0, np.float32(2), jnp.float32(2), jnp.array(2.0)])
+def test_values_replace_a_leaf_of_any_kind(mass):
+    found = with_values(plane(mass), ("mass", "table[0,0]"), jnp.array([5.0, -1.0]))
+    assert found.mass.dtype == jnp.float64
+    np.testing.assert_array_equal(flatten(found)[0], [-1.0, 0.5, -0.2, 3.0, 5.0, -1.0, 8.0])
+
+
+def test_values_for_an_unknown_name_are_refused():
+    with pytest.raises(InputError, match=r"There is no parameter 'masss'\. Did you mean 'mass'"):
+        with_values(plane(), ("masss",), jnp.zeros(1))
+
+
+def test_positions_find_the_values_that_start_gives():
+    records = stack([flight("a", 5, 0.1), flight("b", 3, -0.4)])
+    model = with_values(plane(), (), jnp.zeros(0))
+    chosen = free(model, "mass", "aero.Cm.q", per_record=("initial_state",))
+    positions = chosen.positions(model)
+    np.testing.assert_array_equal(positions.shared, [ALL.index("mass"), ALL.index("aero.Cm.q")])
+    np.testing.assert_array_equal(positions.rows, [7, 8])
+    values = start(model, positions, records)
+    np.testing.assert_array_equal(values.shared, [2.0, -0.2])
+    np.testing.assert_allclose(values.rows, [[0.2, 0.1], [0.2, -0.4]], rtol=1e-15)
+
+
+def test_constants_of_a_record_take_the_place_of_parameters():
+    records = stack([flight("light", 5, 0.1, mass=1.5), flight("heavy", 5, 0.1, mass=4.0)])
+    flat = flat_vectors(with_values(plane(), (), jnp.zeros(0)), records)
+    own = np.array([-1.0, 0.5, -0.2, 3.0, np.nan, 7.0, 8.0, np.nan, 0.1])
+    want = np.stack([np.where(np.isnan(own), [0, 0, 0, 0, m, 0, 0, m / 10.0, 0], own) for m in (1.5, 4.0)])
+    np.testing.assert_allclose(flat, want, rtol=1e-15)  # the initial state is read with the record's own mass
+
+
+def test_insert_puts_values_in_and_drops_columns_that_are_switched_off():
+    model = with_values(plane(), (), jnp.zeros(0))
+    flat = jnp.arange(9.0)
+    positions = jnp.array([4, 9, 8, 12345])
+    found, state = insert(model, flat, positions, jnp.array([-4.0, 1e6, -8.0, 1e6]))
+    np.testing.assert_array_equal(flatten(found)[0], [0.0, 1.0, 2.0, 3.0, -4.0, 5.0, 6.0])
+    np.testing.assert_array_equal(state, [7.0, -8.0])
+    np.testing.assert_array_equal(found.mass, -4.0)
+
+    def all_numbers(values):
+        model_at, state_at = insert(model, flat, positions, values)
+        return jnp.concatenate([flatten(model_at)[0], state_at])
+
+    jacobian = jax.jacfwd(all_numbers)(jnp.zeros(4))
+    want = np.zeros((9, 4))
+    want[4, 0] = want[8, 2] = 1.0
+    np.testing.assert_array_equal(jacobian, want)
+
+
+def test_matrices_that_do_not_fit_the_names_are_refused():
+    with pytest.raises(InputError, match=r"B has shape \(1, 2\), but the channel names ask for \(1, 1\)"):
+        LinearModel([[1.0]], [[1.0, 2.0]], [[1.0]], [[0.0]], states=("x",), inputs=("u",), outputs=("x",))

@@ -23,7 +23,7 @@ def require_float64() -> None:
         InputError: when JAX does not run in 64 bit.
     """
     require(
-        bool(jax.config.jax_enable_x64),
+        bool(jax.config.jax_enable_x64),  # pyright: ignore[reportAttributeAccessIssue]
         "jaxid computes in float64, and JAX is set to float32. Switch it on before the first array is made: "
         'jax.config.update("jax_enable_x64", True), or set the environment variable JAX_ENABLE_X64=1.',
     )

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.results import RESULTS
@@ -77,7 +78,7 @@ def estimate(
     records = as_stack(records)
     check_channels(model, records)
     model, free = canonical(model), canonical(free)
-    if not isinstance(records.t, jax.core.Tracer):
+    if not isinstance(records.t, Tracer):
         likelihood.check(model, records)
         check_samples(records)
     problem = Problem(

@@ -196,7 +196,7 @@ def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[
         begin: where to start.
         solver: how to iterate.
     """
-    minimiser = Minimiser(
+    minimiser = Minimiser(  # pyright: ignore[reportCallIssue]  (as in models/library.py)
         SpectrumDescent(solver.policy, problem.limits.scale),
         solver.search,
         problem.project,

@@ -1,4 +1,6 @@
 """EMPS: a carriage on a ball screw, driven by a motor; declared: a mass with viscous friction."""
+# Pyright counts equinox's abstract fields as arguments of the constructor; at run time they are none.
+# pyright: reportCallIssue=false, reportArgumentType=false
 
 from pathlib import Path
 

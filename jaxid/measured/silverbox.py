@@ -1,4 +1,6 @@
 """Silverbox: an electronic circuit that behaves as a mass on a spring; declared: a linear oscillator."""
+# Pyright counts equinox's abstract fields as arguments of the constructor; at run time they are none.
+# pyright: reportCallIssue=false, reportArgumentType=false
 
 from pathlib import Path
 

@@ -3,7 +3,6 @@
 from typing import ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -68,7 +67,7 @@ class Augmented(AbstractModel):
         gains, states, products = zip(*single, strict=True)
         signals = signals | {f"|{name}|": jnp.abs(value) for name, value in signals.items()}
         belongs = np.array([[state == name for state in states] for name in self.model.states], float)
-        return belongs @ (jnp.stack(gains) * monomials(products, signals))
+        return jnp.asarray(belongs) @ (jnp.stack(gains) * monomials(products, signals))
 
     def output(self, t, x, u):
         return self.output_given(t, x, u, self.rhs(t, x, u))
@@ -85,8 +84,8 @@ class Augmented(AbstractModel):
             u = effect.input(u, extra, self.inputs)
         return own, extra, u
 
-    def observe(self, t, x, u):
-        y = jax.vmap(self.output)(t, x, u)
+    def observe(self, t, y):
+        y = self.model.observe(t, y)
         for effect in self.effects_in:
             y = effect.observe(t, y, self.outputs)
         return y

@@ -76,11 +76,9 @@ class AbstractModel(eqx.Module):
         """What happens to the input signal before it is sampled by the equations (a delay, its run between samples)."""
         return path
 
-    def observe(
-        self, t: Float[Array, " time"], x: Float[Array, "time state"], u: Float[Array, "time input"]
-    ) -> Float[Array, "time output"]:
-        """The sampled output signal; what acts on a whole signal after it is sampled (a sensor's delay) belongs here."""
-        return jax.vmap(self.output)(t, x, u)
+    def observe(self, t: Float[Array, " time"], y: Float[Array, "time output"]) -> Float[Array, "time output"]:
+        """What the instruments make of the sampled outputs; what acts on a whole signal (a sensor's delay) belongs here."""
+        return y
 
     def effects(self):
         """Candidates for missing effects beside the general ones: a tuple of `Effect`."""

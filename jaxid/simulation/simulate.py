@@ -66,7 +66,7 @@ def run(
     """One case without the border's checks: what the estimation differentiates."""
     path = model.input_path(hold.path(t, u))
     x = stepper.states(model, t, path, initial_state)
-    y = model.observe(t, x, u)
+    y = model.observe(t, jax.vmap(model.output)(t, x, u))
     return Solution(t, x, y, jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y)))
 
 

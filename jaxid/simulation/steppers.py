@@ -100,7 +100,7 @@ class Adaptive(AbstractStepper):
         if corners is not None:
             controller = diffrax.ClipStepSizeController(controller, jump_ts=corners)
         solution = diffrax.diffeqsolve(
-            diffrax.ODETerm(lambda time, x, _: model.rhs(time, x, path(time))),
+            diffrax.ODETerm(lambda time, x, _: model.rhs(jnp.asarray(time), x, path(jnp.asarray(time)))),
             self.solver,
             t0=knots[0],
             t1=t[-1],
@@ -113,4 +113,4 @@ class Adaptive(AbstractStepper):
             throw=False,
         )
         good = solution.result == diffrax.RESULTS.successful
-        return jnp.where(good, solution.ys, jnp.nan)
+        return jnp.where(good, jnp.asarray(solution.ys), jnp.nan)

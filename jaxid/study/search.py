@@ -68,13 +68,14 @@ class Search:
 
     def candidates(self, fitted: Fitted, scores: Scores) -> tuple[Candidate, ...]:
         """All effects that are not in, none of their family being in, best score first."""
-        arrays = {name: np.asarray(getattr(scores, name)) for name in ("score", "significance", "expected", "left")}
+        arrays = [np.asarray(one) for one in (scores.score, scores.significance, scores.expected, scores.left)]
         families_in = {self.bench.effects[name].family for name in fitted.effects}
         found = []
         for name, effect in self.bench.effects.items():
             if effect.family not in families_in:
-                figures = {key: float(array[self.bench.gains[name]]) for key, array in arrays.items()}
-                found.append(Candidate(name, effect.family, effect.place, effect.sentence, **figures))
+                score, significance, expected, left = (float(array[self.bench.gains[name]]) for array in arrays)
+                words = (name, effect.family, effect.place, effect.sentence)
+                found.append(Candidate(*words, score, significance, expected, left))
         return tuple(sorted(found, key=lambda one: -one.score))
 
     def best(self, fitted: Fitted, candidates: tuple[Candidate, ...], scores: Scores, number: int):
@@ -117,9 +118,9 @@ class Search:
         (Breiman et al., Classification and Regression Trees, 1984, section 3.4.3). Of them the simplest wins, and of equally
         simple ones the best on the training records, with a price for each parameter.
         """
-        best = max(kept.values(), key=lambda one: one.check_fall)
+        best = max(kept.values(), key=_check_fall)
         error = self.check_uncertainty(refits[best.name])
-        equals = [one for one in kept.values() if one.check_fall >= best.check_fall - error]
+        equals = [one for one in kept.values() if _check_fall(one) >= _check_fall(best) - error]
         simplest = min(self.bench.effects[one.name].complexity for one in equals)
         price = {
             one.name: one.cost_fall - np.log(self.samples) * len(refits[one.name].columns) for one in kept.values()
@@ -232,6 +233,12 @@ class Search:
         """Share of the training residual that its own past predicts, per channel."""
         share = predictable_share(fitted.fit.residuals, self.bench.records.mask)
         return dict(zip(self.bench.records.outputs, map(float, share), strict=True))
+
+
+def _check_fall(candidate: Candidate) -> float:
+    """The fall of the check records' error of a candidate that was refitted."""
+    assert candidate.check_fall is not None
+    return candidate.check_fall
 
 
 def critical(probability: float) -> float:

@@ -90,9 +90,7 @@ class Workbench:
         """Set the effects' shapes from the signals of the declared model's fit; the fit itself is not touched."""
         signals, self.measured = self._signals(fitted)
         steps = np.diff(np.asarray(self.records.t), axis=1)
-        effects = started(
-            tuple(self.effects.values()), signals, self.measured, float(np.median(steps[steps > 0]))
-        )
+        effects = started(tuple(self.effects.values()), signals, self.measured, float(np.median(steps[steps > 0])))
         self.model = eqx.tree_at(lambda model: model.effects_in, self.model, canonical(effects))
         self.effects = {effect.name: effect for effect in effects}
         values = np.array(flatten(self.model)[0])[self.at]

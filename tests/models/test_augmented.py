@@ -119,6 +119,17 @@ def test_a_sensor_effect_stays_inside_when_wrapped():
     np.testing.assert_allclose(simulate(nested, T, U, np.array([0.5, 0.0])).y, want, rtol=1e-14)
 
 
+class Doubled(Cart):
+    def observe(self, t, y):
+        return 2.0 * y
+
+
+def test_what_a_model_does_to_its_whole_signal_comes_before_the_effects():
+    start = np.array([0.5, 0.0])
+    found = simulate(Augmented(Doubled(CART.k), (SensorBias("x", jnp.array(0.5)),)), T, U, start).y
+    np.testing.assert_allclose(found, 2.0 * simulate(CART, T, U, start).y + np.array([[0.5, 0.0]]), rtol=1e-13)
+
+
 def test_extra_states_start_at_zero_behind_the_models_own():
     data = record(T, U, np.stack([0.3 + T, 0 * T], axis=1), inputs=("u",), outputs=("x", "a"))
     np.testing.assert_array_equal(Augmented(CART, EFFECTS).initial_state(data), [0.3, 0.0, 0.0])

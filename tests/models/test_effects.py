@@ -56,8 +56,8 @@ def plain():
 @pytest.fixture(scope="module")
 def effects(plain):
     """All general effects with their shapes set from the simulation itself."""
-    signals = {"x": plain.x[:, 0], "v": plain.x[:, 1], "u": jnp.array(U[:, 0])}
-    return started(general_effects(MODEL, ("x", "v")), signals, {"y": plain.y[:, 0]}, jnp.array(0.1))
+    signals = {"x": np.array(plain.x[:, 0]), "v": np.array(plain.x[:, 1]), "u": U[:, 0]}
+    return started(general_effects(MODEL, ("x", "v")), signals, {"y": np.array(plain.y[:, 0])}, 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -171,11 +171,11 @@ def test_a_saturation_of_gain_one_clips_and_of_a_half_takes_half(end):
 
 def test_a_saturation_is_worth_trying_where_samples_pile_up():
     effect = SensorSaturation("y", "upper")
-    signal = jnp.sin(jnp.arange(50.0))
+    signal = np.sin(np.arange(50.0))
     assert not effect.worth_trying({"y": signal})
-    assert effect.worth_trying({"y": jnp.minimum(signal, 0.8)})
-    assert not SensorSaturation("y", "lower").worth_trying({"y": jnp.minimum(signal, 0.8)})
-    assert effect.start({}, {"y": jnp.minimum(signal, 0.8)}, jnp.array(1.0)).level == 0.8
+    assert effect.worth_trying({"y": np.minimum(signal, 0.8)})
+    assert not SensorSaturation("y", "lower").worth_trying({"y": np.minimum(signal, 0.8)})
+    assert effect.start({}, {"y": np.minimum(signal, 0.8)}, 1.0).level == 0.8
 
 
 def tanks():
@@ -207,14 +207,14 @@ def test_what_spills_arrives_in_its_share(share):
 
 
 def test_dry_friction_is_nothing_at_rest_and_constant_in_motion():
-    effect = DryFriction("x", "x", jnp.array(-0.7)).start({"x": jnp.array([-3.0, 2.0])}, {}, jnp.array(0.1))
+    effect = DryFriction("x", "x", jnp.array(-0.7)).start({"x": np.array([-3.0, 2.0])}, {}, 0.1)
     np.testing.assert_allclose(effect.width, 0.03, rtol=1e-15)
     model = Augmented(static(), (effect,))
     for speed, rate in [(0.0, 0.0), (2.0, -0.7), (-2.0, 0.7)]:
         np.testing.assert_allclose(model.rhs(jnp.zeros(()), jnp.array([speed]), jnp.zeros(1)), [rate], rtol=1e-15)
     slope = jax.jacfwd(lambda x: model.rhs(jnp.zeros(()), x, jnp.zeros(1)))(jnp.zeros(1))
     np.testing.assert_allclose(slope, [[-0.7 / 0.03]], rtol=1e-13)
-    still = DryFriction("x", "x").start({"x": jnp.zeros(4)}, {}, jnp.array(0.1))
+    still = DryFriction("x", "x").start({"x": np.zeros(4)}, {}, 0.1)
     assert still.width == 1.0  # a speed that is always zero sets no width
 
 
@@ -258,6 +258,6 @@ def test_only_the_equation_of_the_freed_polynomial_is_uncertain():
 
 
 def test_candidates_have_unique_names_and_a_band_limited_input_needs_even_sampling():
-    assert NAMES == sorted(set(NAMES))
+    assert sorted(set(NAMES)) == NAMES
     uneven = [effect.name for effect in general_effects(MODEL, ("x", "v"), uniform=False)]
     assert set(NAMES) - set(uneven) == {"u between samples"}

@@ -1,0 +1,54 @@
+"""The command line as a user meets it: the main job's figures, its files, and what it says to bad input."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+
+def run(arguments, folder, timeout=600):
+    environment = {name: value for name, value in os.environ.items() if name not in ("JAX_ENABLE_X64", "JAXID_DATA")}
+    command = [sys.executable, "-m", "jaxid", *map(str, arguments)]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout)
+
+
+def test_the_main_job_names_the_planted_effect_and_reaches_the_noise(tmp_path):
+    done = run(["--json", "out.json"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    figures = json.loads((tmp_path / "out.json").read_text())
+    assert figures["effects"] == ["alpha^3 in Cm"]
+    assert figures["outcome"] == "explained"
+    assert "alpha^3 in the aerodynamic coefficient Cm" in figures["verdict"]
+    for channel, noise in figures["noise"].items():
+        # Three per cent of the noise that stands in the scored samples of the test records, as the main job promises.
+        assert figures["after"][channel] <= 1.03 * noise, channel
+    assert figures["before"]["alpha"] > 5 * figures["after"]["alpha"]
+    page = (tmp_path / "jaxid-study" / "study.html").read_text()
+    assert figures["verdict"].split(".")[0] in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["dataset", "tanks"], "JAXID_DATA"),
+        (["dataset", "silverbox", "nowhere"], "SNLS80mV.mat"),
+        (["--json", "taken.json"], "taken.json"),
+    ],
+)
+def test_bad_input_is_a_sentence_and_not_a_traceback(arguments, words, tmp_path):
+    (tmp_path / "taken.json").write_text("{}")
+    done = run(arguments, tmp_path)
+    assert done.returncode == 2
+    assert words in done.stderr.replace("\n", "")
+    assert "Traceback" not in done.stderr
+    assert (tmp_path / "taken.json").read_text() == "{}"
+
+
+def test_help_tells_of_both_jobs(tmp_path):
+    done = run(["--help"], tmp_path)
+    assert done.returncode == 0
+    assert "dataset" in done.stdout
+    assert "--json" in done.stdout

@@ -29,7 +29,9 @@ class Effect(eqx.Module):
     @property
     def name(self) -> str:
         """A short unique name."""
-        raise NotImplementedError
+        raise NotImplementedError(
+            f"{type(self).__name__} has no name: give it a property `name` that returns a short unique one."
+        )
 
     @property
     def family(self) -> str:

@@ -40,7 +40,7 @@ def general_effects(
     for state in equations:
         signals = model.states + model.inputs
         effects += [Term(state, term) for term in products(signals)]
-        effects += [kind(state, speed) for kind in (DryFriction, QuadraticDrag) for speed in model.states]
+        effects += [DryFriction(state, state), QuadraticDrag(state, state)]  # of the equation's own speed
         effects += [StateLimit(state, into, start) for into in equations if into != state for start in LEVELS]
     for channel in model.inputs:
         effects += [InputDelay(channel), InputLag(channel)] + [InputBetweenSamples(channel)] * uniform

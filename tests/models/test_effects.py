@@ -112,12 +112,14 @@ def test_the_sensitivity_at_gain_zero_is_a_finite_difference(effects, sensitivit
         assert effects[column].begin == 1.0  # a refit starts where it is felt
         np.testing.assert_allclose(S, 0.0, rtol=0, atol=1e-12)
         return
+    # A late sensor stands still before the record, and an early one after it: the two end samples belong to neither side.
+    rows = slice(1, -1) if name == "delay of y" else slice(None)
     scale = np.abs(S).max()
     assert scale > 1e-3
     # Rounding of 1e-16/1e-5, and the third derivative times its square. A delayed input bends inside the two steps beside a
     # sample: there the derivative is that of either side, h/6 of the change of slope apart.
     tolerance = 5e-2 if name == "delay of input u" else 1e-6
-    best = min(np.abs(S - side[column]).max() for side in differences)
+    best = min(np.abs(S - side[column])[rows].max() for side in differences)
     assert best < tolerance * scale, f"{best / scale:.1e} of {scale:.1e}"
 
 

@@ -1,0 +1,43 @@
+"""`estimate` on a stack that is spread over two devices gives what one device gives."""
+
+import os
+import subprocess
+import sys
+
+SCRIPT = """
+import jax, jax.numpy as jnp, numpy as np
+jax.config.update("jax_enable_x64", True)
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+import jaxid
+
+class Lag(jaxid.AbstractModel):
+    p: jax.Array
+    states, inputs, outputs = ("x",), ("u",), ("x",)
+    def rhs(self, t, x, u): return self.p * (u - x)
+    def output(self, t, x, u): return x
+
+rng, t = np.random.default_rng(0), 0.05 * np.arange(120)
+def fly():
+    u = np.sign(np.sin(rng.uniform(0.5, 2.0) * t))[:, None]
+    y = jaxid.simulate(Lag(1.3), t, u, jnp.zeros(1)).y
+    return jaxid.record(t, u, y + 0.02 * rng.normal(size=y.shape), inputs=("u",), outputs=("x",))
+
+stack = jaxid.stack([fly() for _ in range(4)])
+model, likelihood = Lag(1.0), jaxid.OutputError()
+chosen = jaxid.free(model, "p", per_record=("initial_state",))
+alone = jaxid.estimate(model, chosen, stack, likelihood)
+spread = jax.device_put(stack, NamedSharding(Mesh(jax.devices(), ("case",)), PartitionSpec("case")))
+assert len(spread.z.sharding.device_set) == 2
+both = jaxid.estimate(model, chosen, spread, likelihood)
+np.testing.assert_allclose(both.values, alone.values, rtol=1e-9)
+np.testing.assert_allclose(both.standard_errors, alone.standard_errors, rtol=1e-9)
+np.testing.assert_allclose(both.own, alone.own, rtol=1e-7, atol=1e-9)
+print("two devices agree")
+"""
+
+
+def test_two_devices_agree_with_one():
+    environment = os.environ | {"XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
+    done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert "two devices agree" in done.stdout

@@ -45,7 +45,7 @@ def silverbox(path: str | Path | None = None) -> Declared:
     Raises:
         InputError: when the file is not there or not the one that was published.
     """
-    squared = (2 * jnp.pi * 60.0) ** 2
+    squared = jnp.array((2 * jnp.pi * 60.0) ** 2)
     model = Oscillator(stiffness=squared, damping=0.1 * jnp.sqrt(squared), gain=0.5 * squared)
     chosen = free(model, "stiffness", "damping", "gain", per_record=("initial_state",))
     return Declared(load(path), model, chosen, OutputError(stepper=RK4(substeps=2)))

@@ -6,11 +6,6 @@ import numpy as np
 from .types import Array, Bool, Float
 
 
-def steps(t: Float[Array, " time"]) -> Float[Array, " time-1"]:
-    """Lengths of the intervals between samples; zero in the padding of a record."""
-    return jnp.diff(t)
-
-
 def strictly_increasing(t: Float[Array, " time"]) -> Float[Array, " time"]:
     """The same grid with its padding, where time stands still, continued at the first step's length.
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require, require_known, require_unique
-from .._foundation.types import Array, Float, Int
+from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
 from .base import AbstractModel, canonical
 from .names import flatten, parameter_names
@@ -191,3 +191,8 @@ def _checked_bounds(model: AbstractModel, bounds: Mapping, names: tuple[str, ...
             )
         lower[name], upper[name] = jnp.asarray(low, float), jnp.asarray(high, float)
     return lower, upper
+
+
+def inside(values: Float[Array, " p"], lower: Float[Array, " p"], upper: Float[Array, " p"]) -> Bool[Array, " p"]:
+    """Which values lie strictly between their bounds."""
+    return (values > lower) & (values < upper)

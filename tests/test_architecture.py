@@ -242,7 +242,6 @@ DEPENDENCIES = (
     "pandas",
     "xarray",
     "pint",
-    "tqdm",
 )
 
 

@@ -91,13 +91,7 @@ class SensorDelay(Effect):
 
     def observe(self, t, y, outputs):
         column = outputs.index(self.channel)
-        signal, knots, last = y[:, column], strictly_increasing(t), jnp.sum(jnp.diff(t) > 0)
-        # The last real straight line goes on through the padding, so that padding changes nothing.
-        line = (jnp.diff(signal) / jnp.diff(knots))[jnp.minimum(jnp.arange(t.size - 1), last - 1)]
-        slopes = 0.5 * (jnp.concatenate([line[:1], line]) + jnp.concatenate([line, line[-1:]]))
-        late = jnp.clip(knots - self.gain, knots[0], knots[last])
-        with jax.numpy_rank_promotion("allow"):  # interpax promotes ranks inside
-            return y.at[:, column].set(interpax.interp1d(late, knots, signal, method="cubic", fx=slopes))
+        return y.at[:, column].set(late(t, y[:, column], self.gain))
 
 
 class SensorLag(Effect):
@@ -128,18 +122,7 @@ class SensorLag(Effect):
 
     def observe(self, t, y, outputs):
         column = outputs.index(self.channel)
-        signal, step = y[:, column], jnp.diff(t)
-
-        def follow(error, now):
-            # The lagging part e = y - w obeys lag de/dt = lag dy/dt - e, and for a slope s tends to lag * s.
-            rise, h = now
-            ratio = h / jnp.where(self.gain > 0, self.gain, 1.0)
-            keep = jnp.where(self.gain > 0, jnp.exp(-ratio), 0.0)
-            error = error * keep + self.gain * rise / jnp.where(h > 0, h, 1.0) * (1.0 - keep)
-            return error, error
-
-        _, error = jax.lax.scan(follow, jnp.zeros(()), (jnp.diff(signal), step))
-        return y.at[1:, column].add(-error)
+        return y.at[:, column].set(lagging(t, y[:, column], self.gain))
 
 
 class SensorSaturation(Effect):
@@ -195,3 +178,41 @@ class SensorSaturation(Effect):
 
     def _extreme(self, signal):
         return np.max(signal) if self.end == "upper" else np.min(signal)
+
+
+def late(t: Float[Array, " time"], signal: Float[Array, " time"], delay: Float[Array, ""]) -> Float[Array, " time"]:
+    """A signal that is recorded late, `y(t - delay)`, by cubics through the samples; before its first sample it stands still.
+
+    Args:
+        t: time [s]; padding, where it stands still, changes nothing.
+        signal: samples of y [any].
+        delay: time by which it is late, negative for early [s].
+    """
+    knots, last = strictly_increasing(t), jnp.sum(jnp.diff(t) > 0)
+    # The last real straight line goes on through the padding, so that padding changes nothing.
+    line = (jnp.diff(signal) / jnp.diff(knots))[jnp.minimum(jnp.arange(t.size - 1), last - 1)]
+    slopes = 0.5 * (jnp.concatenate([line[:1], line]) + jnp.concatenate([line, line[-1:]]))
+    earlier = jnp.clip(knots - delay, knots[0], knots[last])
+    with jax.numpy_rank_promotion("allow"):  # interpax promotes ranks inside
+        return interpax.interp1d(earlier, knots, signal, method="cubic", fx=slopes)
+
+
+def lagging(t: Float[Array, " time"], signal: Float[Array, " time"], lag: Float[Array, ""]) -> Float[Array, " time"]:
+    """A signal behind a first-order lag, `lag dw/dt = y - w` from rest, exact for straight lines between the samples.
+
+    Args:
+        t: time [s].
+        signal: samples of y [any].
+        lag: time constant [s]; below zero the effect goes on as it begins, `y - lag dy/dt`.
+    """
+
+    def follow(error, now):
+        # The lagging part e = y - w obeys lag de/dt = lag dy/dt - e, and for a slope s tends to lag * s.
+        rise, h = now
+        ratio = h / jnp.where(lag > 0, lag, 1.0)
+        keep = jnp.where(lag > 0, jnp.exp(-ratio), 0.0)
+        error = error * keep + lag * rise / jnp.where(h > 0, h, 1.0) * (1.0 - keep)
+        return error, error
+
+    _, error = jax.lax.scan(follow, jnp.zeros(()), (jnp.diff(signal), jnp.diff(t)))
+    return signal.at[1:].add(-error)

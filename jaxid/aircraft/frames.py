@@ -1,0 +1,108 @@
+"""Axes and attitude: earth axes (north, east, down), body axes (forward, right, down), and the unit quaternion between.
+
+The quaternion turns earth axes into body axes. It has no singularity, where Euler angles have one at a pitch of 90 deg.
+Source: B. L. Stevens, F. L. Lewis, Aircraft Control and Simulation, 2nd ed., Wiley 2003, section 1.2.
+"""
+
+import jax.numpy as jnp
+
+from .._foundation.types import Array, Float
+
+Scalar = Float[Array, ""] | float | int
+
+
+def quaternion(phi: Scalar, pitch: Scalar, psi: Scalar) -> Float[Array, "4"]:
+    """The attitude of three Euler angles, turned in the order psi, pitch, phi.
+
+        e = (c c c + s s s,  s c c - c s s,  c s c + s c s,  c c s - s s c)    of phi/2, pitch/2, psi/2
+
+    Args:
+        phi, pitch, psi: bank, pitch and heading [rad].
+
+    Returns:
+        The unit quaternion (e0, e1, e2, e3).
+    """
+    half = 0.5 * jnp.stack([jnp.asarray(angle, float) for angle in (phi, pitch, psi)])
+    (cf, ct, cp), (sf, st, sp) = jnp.cos(half), jnp.sin(half)
+    return jnp.stack(
+        [
+            cf * ct * cp + sf * st * sp,
+            sf * ct * cp - cf * st * sp,
+            cf * st * cp + sf * ct * sp,
+            cf * ct * sp - sf * st * cp,
+        ]
+    )
+
+
+def rotation(e: Float[Array, "4"]) -> Float[Array, "3 3"]:
+    """The matrix that turns a vector's earth components into its body components, `v_body = T v_earth`.
+
+    The quaternion is taken at unit length, so that a small change of any of its elements is a rotation still. The third
+    column is the direction of gravity, `(-sin pitch, sin phi cos pitch, cos phi cos pitch)` (App. D.1.1).
+
+    Args:
+        e: quaternion, of any length but zero.
+    """
+    e0, e1, e2, e3 = e
+    rows = [
+        [e0**2 + e1**2 - e2**2 - e3**2, 2 * (e1 * e2 + e0 * e3), 2 * (e1 * e3 - e0 * e2)],
+        [2 * (e1 * e2 - e0 * e3), e0**2 - e1**2 + e2**2 - e3**2, 2 * (e2 * e3 + e0 * e1)],
+        [2 * (e1 * e3 + e0 * e2), 2 * (e2 * e3 - e0 * e1), e0**2 - e1**2 - e2**2 + e3**2],
+    ]
+    return jnp.stack([jnp.stack(row) for row in rows]) / jnp.dot(e, e)
+
+
+def euler(e: Float[Array, "4"]) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    """Bank, pitch and heading of an attitude [rad]; at a pitch of 90 deg bank and heading are not unique.
+
+        phi = atan2(T23, T33),    pitch = atan2(-T13, sqrt(T11^2 + T12^2)),    psi = atan2(T12, T11)
+
+    Args:
+        e: quaternion, of any length but zero.
+    """
+    T = rotation(e)
+    level = jnp.sqrt(T[0, 0] ** 2 + T[0, 1] ** 2)
+    return jnp.arctan2(T[1, 2], T[2, 2]), jnp.arctan2(-T[0, 2], level), jnp.arctan2(T[0, 1], T[0, 0])
+
+
+def quaternion_rate(e: Float[Array, "4"], omega: Float[Array, "3"], restoring: float = 1.0) -> Float[Array, "4"]:
+    """The rate of the attitude that a body rate makes, with a pull back to unit length that exact motion never feels.
+
+        edot = 1/2 (-e1 p - e2 q - e3 r,  e0 p - e3 q + e2 r,  e3 p + e0 q - e1 r,  -e2 p + e1 q + e0 r) + k (1 - e'e) e
+
+    Args:
+        e: quaternion.
+        omega: angular rate (p, q, r) in body axes [rad/s].
+        restoring: k [1/s].
+    """
+    e0, e1, e2, e3 = e
+    p, q, r = omega
+    turning = jnp.stack(
+        [-e1 * p - e2 * q - e3 * r, e0 * p - e3 * q + e2 * r, e3 * p + e0 * q - e1 * r, -e2 * p + e1 * q + e0 * r]
+    )
+    return 0.5 * turning + restoring * (1.0 - jnp.dot(e, e)) * e
+
+
+def velocity(V: Scalar, alpha: Scalar, beta: Scalar) -> Float[Array, "3"]:
+    """Body components of a velocity given by speed and air angles, `V (cos a cos b, sin b, sin a cos b)` (Eq. 2.1, 2.2).
+
+    Args:
+        V: speed [m/s].
+        alpha, beta: angle of attack and of sideslip [rad].
+    """
+    V, alpha, beta = (jnp.asarray(value, float) for value in (V, alpha, beta))
+    return V * jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
+
+
+def air_angles(v: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    """Speed [m/s], angle of attack and of sideslip [rad] of a velocity in body axes (Eq. 2.1, 2.2).
+
+        V = |v|,    alpha = atan2(w, u),    beta = atan2(v, sqrt(u^2 + w^2))
+
+    The last equals `asin(v/V)` and keeps its derivative at 90 deg.
+
+    Args:
+        v: velocity relative to the air, body axes, not zero [m/s].
+    """
+    in_plane = jnp.sqrt(v[0] ** 2 + v[2] ** 2)
+    return jnp.sqrt(jnp.dot(v, v)), jnp.arctan2(v[2], v[0]), jnp.arctan2(v[1], in_plane)

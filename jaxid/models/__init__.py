@@ -12,6 +12,7 @@ from .linear import LinearModel
 from .names import parameter_names
 from .noise import DiagonalNoise, FixedNoise, FullNoise
 from .polynomial import Polynomial
+from .tables import Table, outside, require_inside
 
 __all__ = [
     "AbstractModel",
@@ -35,9 +36,12 @@ __all__ = [
     "SensorSaturation",
     "SensorScale",
     "StateLimit",
+    "Table",
     "Term",
     "free",
     "general_effects",
+    "outside",
     "parameter_names",
+    "require_inside",
     "with_values",
 ]

@@ -10,6 +10,7 @@ import interpax
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from .._foundation.checks import InputError, require, require_known, require_unique
 from .._foundation.types import Array, Float, Numbers
@@ -216,7 +217,7 @@ def _check(table: Table) -> None:
         table.values.shape == shape,
         f"{name}: values of shape {table.values.shape}, and knots and quantities make {shape}. Bring them together.",
     )
-    if not isinstance(table.values, jax.core.Tracer):  # inside a transformation there is nothing to look at
+    if not isinstance(table.values, Tracer):  # inside a transformation there is nothing to look at
         bad = np.argwhere(~np.isfinite(np.asarray(table.values)))
         names = table.element_names["values"]
         where = names[np.ravel_multi_index(tuple(bad[0]), shape)] if len(bad) else ""

@@ -1,0 +1,168 @@
+"""The channels that an aircraft's instruments record, and one number (or a few) for each of some channels."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.checks import require, require_known, require_unique
+from .._foundation.types import Array, Float
+
+AXES = ("x", "y", "z")
+
+
+class Channel(NamedTuple):
+    """What is static about one channel.
+
+    Attributes:
+        unit: SI, angles in radians.
+        signals: names of the signals that it is computed from.
+        has_position: whether what it shows depends on where it stands.
+        angles: the two angles by which its axis may be misaligned, () where it has no axis.
+    """
+
+    unit: str
+    signals: tuple[str, ...]
+    has_position: bool = False
+    angles: tuple[str, ...] = ()
+
+
+# A turn about the sensitive axis itself changes nothing, so that each axis has two angles (D.2.2.1, D.2.7).
+ALONG = {"x": ("psi", "theta"), "y": ("psi", "phi"), "z": ("theta", "phi")}
+RATES, ANGULAR = ("p", "q", "r"), ("pdot", "qdot", "rdot")
+FLOW = ("u_air", "v_air", "w_air")
+FORCE = ("ax", "ay", "az")
+
+TABLE: dict[str, Channel] = {
+    "alpha": Channel("rad", FLOW + RATES, has_position=True),
+    "beta": Channel("rad", FLOW + RATES, has_position=True),
+    "V": Channel("m/s", ("V", "density", "mach")),
+    **{name: Channel("rad/s", RATES, angles=ALONG[axis]) for name, axis in zip(RATES, AXES, strict=True)},
+    **{name: Channel("rad/s^2", ANGULAR, angles=ALONG[axis]) for name, axis in zip(ANGULAR, AXES, strict=True)},
+    **{name: Channel("rad", (name,)) for name in ("phi", "pitch", "psi")},
+    **{
+        name: Channel("m/s^2", FORCE + RATES + ANGULAR, has_position=True, angles=ALONG[axis])
+        for name, axis in zip((*FORCE, "az_pilot"), (*AXES, "z"), strict=True)
+    },
+    "altitude": Channel("m", ("altitude",)),
+    **{name: Channel("rad", (name,)) for name in ("stabilator", "aileron", "rudder")},
+    "thrust": Channel("N", ("thrust",)),
+}
+CHANNELS: tuple[str, ...] = tuple(TABLE)
+
+
+class PerChannel(eqx.Module):
+    """One number, or a few, for each of some channels: the biases, the positions.
+
+    What a channel has not been given does not exist: it costs nothing and has no name. A number's dotted name ends in its
+    channel, and its part where there are several: `bias.alpha`, `position.ax.x`, `misalignment.q.psi`. Read one by
+    `instruments.bias["alpha"]`.
+
+    Args:
+        values: by channel, each of the same shape, () or (part,).
+        parts: names of the parts by channel, for values of shape (part,).
+    """
+
+    values: Float[Array, "channel *part"]
+    channels: tuple[str, ...] = eqx.field(static=True)
+    parts: tuple[tuple[str, ...], ...] = eqx.field(static=True)
+
+    transparent: ClassVar[tuple[str, ...]] = ("values",)
+
+    def __init__(self, values: Mapping[str, Any], parts: Mapping[str, tuple[str, ...]] | None = None):
+        self.channels = tuple(values)
+        self.parts = tuple(parts[name] for name in values) if parts is not None else ()
+        width = () if parts is None else (len(self.parts[0]) if self.parts else 0,)
+        numbers = [jnp.asarray(value, float) for value in values.values()]
+        self.values = jnp.stack(numbers) if numbers else jnp.zeros((0, *width))
+
+    @property
+    def element_names(self) -> dict[str, tuple[str, ...]]:
+        """The names of the values, in the order in which they lie flat."""
+        if not self.parts:
+            return {"values": self.channels}
+        pairs = zip(self.channels, self.parts, strict=True)
+        return {"values": tuple(f"{name}.{part}" for name, parts in pairs for part in parts)}
+
+    def __getitem__(self, channel: str) -> Float[Array, "*part"]:
+        """The value of one channel.
+
+        Raises:
+            InputError: when it has none.
+        """
+        require_known("value for the channel", [channel], self.channels)
+        return self.values[self.channels.index(channel)]
+
+    def columns(self, outputs: tuple[str, ...]) -> np.ndarray:
+        """Where its channels stand among the outputs."""
+        return np.array([outputs.index(name) for name in self.channels], int)
+
+
+def checked_channels(channels: Sequence[str]) -> tuple[str, ...]:
+    """The channels as a tuple, refused where one does not exist or occurs twice.
+
+    Raises:
+        InputError: naming the channel, and the channels that there are.
+    """
+    require(
+        not isinstance(channels, str), f"`channels` is the string {channels!r}. Give a tuple of names: ({channels!r},)."
+    )
+    require(len(channels) > 0, f"`channels` is empty. Name at least one of {', '.join(CHANNELS)}.")
+    require_known("instrument channel", channels, CHANNELS)
+    require_unique("instrument channel", channels)
+    return tuple(channels)
+
+
+def numbers(what: str, given: Mapping[str, Any] | None, channels: tuple[str, ...]) -> dict[str, Any]:
+    """The values given for one kind of error, in the order of the channels.
+
+    Raises:
+        InputError: for a name that is not among the channels, or a value that is not one number.
+    """
+    given = {name: jnp.asarray(value, float) for name, value in (given or {}).items()}
+    require_known(f"channel (in `{what}`)", given, channels)
+    for name, value in given.items():
+        require(value.ndim == 0, f"`{what}` of {name!r} has shape {value.shape}. Give one number.")
+    return {name: given[name] for name in channels if name in given}
+
+
+def positions(given: Mapping[str, Any] | None, channels: tuple[str, ...]) -> PerChannel:
+    """Positions of all channels that have one, the c.g. where none is given.
+
+    Args:
+        given: (x, y, z) from the c.g. in body axes by channel [m].
+        channels: those that are recorded.
+
+    Raises:
+        InputError: for a channel that has no position, or a position that is not three numbers.
+    """
+    given = {name: jnp.asarray(place, float) for name, place in (given or {}).items()}
+    placed = [name for name in channels if TABLE[name].has_position]
+    require_known("channel with a position", given, placed)
+    for name, place in given.items():
+        require(place.shape == (3,), f"`position` of {name!r} has shape {place.shape}. Give (x, y, z) in m.")
+    return PerChannel({name: given.get(name, (0.0, 0.0, 0.0)) for name in placed}, dict.fromkeys(placed, AXES))
+
+
+def misalignments(given: Mapping[str, Mapping[str, Any]] | None, channels: tuple[str, ...]) -> PerChannel:
+    """Misalignment angles of all channels that have an axis, zero where none are given.
+
+    Args:
+        given: by channel, its angles by name [rad], such as `{"q": {"psi": 0.01}}`.
+        channels: those that are recorded.
+
+    Raises:
+        InputError: for a channel that has no axis, or an angle that does not turn this axis.
+    """
+    given = given or {}
+    turned = {name: TABLE[name].angles for name in channels if TABLE[name].angles}
+    require_known("channel with an axis", given, turned)
+    for name, angles in given.items():
+        require_known(f"misalignment angle of {name!r}", angles, turned[name])
+    values = {
+        name: jnp.stack([jnp.asarray(given.get(name, {}).get(angle, 0.0), float) for angle in angles])
+        for name, angles in turned.items()
+    }
+    return PerChannel(values, turned)

@@ -1,0 +1,176 @@
+"""`Instruments`: what an aircraft's instruments record of its motion (report App. D.2)."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .._foundation.checks import require, require_known
+from .._foundation.types import Array, Bool, Float
+from . import instrument_errors as errors
+from .instrument_channels import CHANNELS, TABLE, PerChannel, checked_channels, misalignments, numbers, positions
+from .instrument_geometry import Signals, shown
+
+
+class Instruments(eqx.Module):
+    r"""Instruments that may stand off the centre of gravity, point askew, and err.
+
+        read:     y = (1 + scale) h(signals; position, misalignment) + bias       at an instant
+        observe:  lag, then delay, then saturation                                of a whole signal
+        measure:  white noise + band-limited noise, then saturation, then quantisation, then dropout
+
+    `read` and `observe` are what a model's `output` and `observe` pass on, differentiable in every number; `measure` is for
+    making records. Without arguments the instruments are perfect and stand at the c.g. What is not given of the errors below
+    `misalignment` does not exist, costs nothing, and has no name; to free one, give it as zero. Every number is an array leaf
+    with a name such as `bias.alpha`, `position.ax.x`, `misalignment.q.psi`, `lag.q`.
+
+    The channels, in the units of `units()`: `alpha` and `beta` are those that vanes show, with the upwash as their scale;
+    `V` is the indicated airspeed; `ax ay az` are specific forces at the accelerometers and `az_pilot` at the pilot's station;
+    `altitude` is geometric.
+
+    The report writes scale, bias and noise of the airspeed on its square (D.2.4). Here they act on the airspeed itself: added
+    to the square, the 5.0 of Table 6.6 would be 0.006 ft/s at 445 ft/s, a hundredth of the scale error or less, while 5.0 ft/s
+    is of its size. A scale error of the square is twice that of the airspeed.
+
+    Args:
+        channels: what is recorded, a selection of `CHANNELS` in the order of the outputs.
+        position: (x, y, z) from the c.g. in body axes, of alpha, beta, ax, ay, az, az_pilot [m].
+        misalignment: angles by which axes point askew, by channel and name, such as `{"q": {"psi": 0.01}}` [rad]: psi and
+            theta of p, pdot, ax; psi and phi of q, qdot, ay; theta and phi of r, rdot, az, az_pilot (D.2.2, D.2.3, D.2.7).
+        scale: relative error of scale by channel.
+        bias: offset by channel [its unit].
+        lag: time constant by channel [s].
+        delay: by how much a channel is late [s].
+        lower, upper: ends of the range by channel [its unit].
+        noise: standard deviation of white noise by channel [its unit].
+        coloured_noise: standard deviation of band-limited noise by channel [its unit].
+        bandwidth: of the band-limited noise, where its power has fallen to one half, for the same channels [rad/s].
+        quantum: least difference recorded by channel [its unit].
+        dropout: probability that a sample is lost, by channel.
+
+    Raises:
+        InputError: for a channel, an angle or a position that does not exist, a value of another shape, or a band-limited
+            noise without its bandwidth.
+    """
+
+    position: PerChannel
+    misalignment: PerChannel
+    scale: PerChannel
+    bias: PerChannel
+    lag: PerChannel
+    delay: PerChannel
+    lower: PerChannel
+    upper: PerChannel
+    noise: PerChannel
+    coloured_noise: PerChannel
+    bandwidth: PerChannel
+    quantum: PerChannel
+    dropout: PerChannel
+    channels: tuple[str, ...] = eqx.field(static=True)
+
+    def __init__(
+        self,
+        channels: Sequence[str] = CHANNELS,
+        *,
+        position: Mapping[str, Any] | None = None,
+        misalignment: Mapping[str, Mapping[str, Any]] | None = None,
+        scale: Mapping[str, Any] | None = None,
+        bias: Mapping[str, Any] | None = None,
+        **others: Mapping[str, Any],
+    ):
+        self.channels = checked_channels(channels)
+        require_known("kind of instrument error", others, OTHERS)
+        everywhere = dict.fromkeys(self.channels, 0.0)
+        self.position = positions(position, self.channels)
+        self.misalignment = misalignments(misalignment, self.channels)
+        self.scale = PerChannel(everywhere | numbers("scale", scale, self.channels))
+        self.bias = PerChannel(everywhere | numbers("bias", bias, self.channels))
+        for kind in OTHERS:
+            setattr(self, kind, PerChannel(numbers(kind, others.get(kind), self.channels)))
+        require(
+            self.coloured_noise.channels == self.bandwidth.channels,
+            f"`coloured_noise` is given for {self.coloured_noise.channels} and `bandwidth` for {self.bandwidth.channels}. "
+            "Give both for the same channels.",
+        )
+
+    @property
+    def signals_needed(self) -> frozenset[str]:
+        """Names of the signals from which the channels are computed; accelerations only where a channel shows them."""
+        return frozenset(name for channel in self.channels for name in TABLE[channel].signals)
+
+    def read(self, signals: Signals) -> Float[Array, " output"]:
+        """What the instruments would show at this instant, were they at once and without noise.
+
+        Args:
+            signals: the motion at this instant by name; those in `signals_needed` are used.
+
+        Returns:
+            One reading per channel [`units()`].
+
+        Raises:
+            InputError: when a signal is missing.
+        """
+        require_known("signal (needed by the instruments)", sorted(self.signals_needed), signals)
+        true = jnp.stack([jnp.asarray(self._shown(channel, signals), float) for channel in self.channels])
+        return (1.0 + self.scale.values) * true + self.bias.values
+
+    def _shown(self, channel: str, signals: Signals) -> Float[Array, ""]:
+        """What one instrument shows before its scale and bias."""
+        position = self.position[channel] if TABLE[channel].has_position else None
+        angles = self.misalignment[channel] if TABLE[channel].angles else None
+        return shown(channel, signals, position, angles)
+
+    def observe(self, t: Float[Array, " time"], y: Float[Array, "time output"]) -> Float[Array, "time output"]:
+        """Lag, delay and saturation of the sampled readings.
+
+        Args:
+            t: time [s].
+            y: readings, one row per time [`units()`].
+        """
+        y = errors.behind(t, y, self.lag, self.channels)
+        y = errors.delayed(t, y, self.delay, self.channels)
+        return errors.saturated(y, self.lower, self.upper, self.channels)
+
+    def measure(
+        self, key: Array, t: Float[Array, " time"], y: Float[Array, "time output"]
+    ) -> tuple[Float[Array, "time output"], Bool[Array, "time output"]]:
+        """What is recorded: the readings with noise, within the range, in steps, with samples lost.
+
+        Args:
+            key: random key; the noise of a channel does not depend on which others are recorded.
+            t: time [s].
+            y: readings after `observe`, one row per time [`units()`].
+
+        Returns:
+            Measured values, zero where a sample is lost, and the mask of those that are not.
+        """
+        for_white, for_coloured, for_dropout = jax.random.split(key, 3)
+        z, samples = y, t.shape[0]
+        if self.noise.channels:
+            z = z.at[:, self.noise.columns(self.channels)].add(errors.white(for_white, samples, self.noise))
+        if self.coloured_noise.channels:
+            wander = errors.band_limited(for_coloured, t, self.coloured_noise, self.bandwidth)
+            z = z.at[:, self.coloured_noise.columns(self.channels)].add(wander)
+        # Nothing beyond the range is recorded, so that a signal at its stop repeats one value, as those of real stops do.
+        z = errors.saturated(z, self.lower, self.upper, self.channels)
+        z = errors.quantised(z, self.quantum, self.channels)
+        mask = errors.kept(for_dropout, samples, self.dropout, self.channels)
+        return jnp.where(mask, z, 0.0), mask
+
+    def units(self) -> dict[str, str]:
+        """Units of the channels, by name."""
+        return {channel: TABLE[channel].unit for channel in self.channels}
+
+    def parameter_units(self) -> dict[str, str]:
+        """Units of the numbers that the instruments hold, by dotted name."""
+        units = dict.fromkeys((f"position.{name}" for name in self.position.element_names["values"]), "m")
+        units |= dict.fromkeys((f"misalignment.{name}" for name in self.misalignment.element_names["values"]), "rad")
+        fixed = {"scale": "", "dropout": "", "lag": "s", "delay": "s", "bandwidth": "rad/s"}
+        for kind in ("scale", "bias", *OTHERS):
+            units |= {f"{kind}.{n}": fixed.get(kind, TABLE[n].unit) for n in getattr(self, kind).channels}
+        return units
+
+
+OTHERS = ("lag", "delay", "lower", "upper", "noise", "coloured_noise", "bandwidth", "quantum", "dropout")

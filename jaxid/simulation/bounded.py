@@ -1,0 +1,134 @@
+"""`BoundedSearch`: Levenberg-Marquardt between bounds and from several starts, as a root finder of optimistix."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jax.scipy.linalg import solve_triangular
+
+from .._foundation.types import Array, Bool, Float, Int
+
+EASE, HARDEN = 0.1, 5.0  # of the damping, after a step that was accepted and after one that was not
+DAMPING = 1e-2  # to begin with, relative to the columns' squares
+LEAST, MOST = 1e-14, 1e12  # damping that is none, and at which a step is none
+EXACT = 1e-12  # scaled residual that rounding alone leaves
+LITTLE = 1e-9  # relative fall of the cost that counts as none, after a step that damping has not shortened
+FLAT = 1e-6  # of the largest column: an unknown on which the equations hardly depend is damped as if by this
+
+
+class State(eqx.Module):
+    """Where the search stands.
+
+    Attributes:
+        trial: where the equations are evaluated next.
+        rows, jacobian, cost: at the last accepted point; the cost is half the sum of squares.
+        damping: relative to the squares of the Jacobian's columns.
+        best, best_cost: of all starts.
+        at, steps: which start, and how many steps from it.
+        done: whether a balance is reached or no start is left.
+    """
+
+    trial: Float[Array, " unknown"]
+    rows: Float[Array, " equation"]
+    jacobian: Float[Array, "equation unknown"]
+    cost: Float[Array, ""]
+    damping: Float[Array, ""]
+    best: Float[Array, " unknown"]
+    best_cost: Float[Array, ""]
+    at: Int[Array, ""]
+    steps: Int[Array, ""]
+    done: Bool[Array, ""]
+
+
+class BoundedSearch(optx.AbstractRootFinder):
+    """Levenberg-Marquardt steps with an active set of bounds, which become Newton's where the equations can be balanced.
+
+        (J'J + damping diag(J'J)) step = -J'r    for the unknowns that no bound holds, then cut off at the bounds
+
+    An unknown is held where it stands on a bound and the cost falls beyond it (J. Nocedal & S. J. Wright, Numerical
+    Optimization, 2006, sections 10.3 and 16.7). Where a start leads to a place that is lowest but no root, or takes more than
+    `patience` steps, the next one is tried; if none leads to a root, the lowest place is returned.
+
+    `optx.root_find` passes it `options` with `starts`, shape (start, unknown), `lower` and `upper`, shape (unknown,).
+
+    Args:
+        rtol, atol: the second is the largest residual that counts as balanced.
+        patience: steps from each start.
+    """
+
+    rtol: float = eqx.field(static=True)
+    atol: float = eqx.field(static=True)
+    patience: int = eqx.field(static=True)
+    norm: Any = eqx.field(static=True, default=optx.max_norm)
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags):
+        infinite = jnp.array(jnp.inf)
+        return State(
+            trial=options["starts"][0],
+            rows=jnp.zeros(f_struct.shape),
+            jacobian=jnp.zeros((*f_struct.shape, *y.shape)),
+            cost=infinite,
+            damping=jnp.array(DAMPING),
+            best=y,
+            best_cost=infinite,
+            at=jnp.array(0),
+            steps=jnp.array(0),
+            done=jnp.array(False),
+        )
+
+    def step(self, fn, y, args, options, state, tags):
+        def both(y):
+            rows, aux = fn(y, args)
+            return rows, (rows, aux)
+
+        jacobian, (rows, aux) = jax.jacfwd(both, has_aux=True)(state.trial)
+        cost = 0.5 * jnp.sum(rows**2)
+        cost = jnp.where(jnp.isfinite(cost) & jnp.all(jnp.isfinite(jacobian)), cost, jnp.inf)
+        accept = (cost < state.cost) | (state.steps == 0)
+        little = accept & (state.damping < 1.0) & (state.cost - cost < LITTLE * state.cost)
+        damping = jnp.where(accept, jnp.maximum(EASE * state.damping, LEAST), HARDEN * state.damping)
+        now = (state.trial, rows, jacobian, cost)
+        before = (y, state.rows, state.jacobian, state.cost)
+        y, rows, jacobian, cost = jax.tree.map(lambda new, old: jnp.where(accept, new, old), now, before)
+
+        error = jnp.max(jnp.abs(rows))
+        balanced = (error < EXACT) | ((error < self.atol) & (little | ~accept))
+        given_up = little | (damping > MOST) | (state.steps + 1 >= self.patience) | ~jnp.isfinite(cost)
+        better = balanced | (cost < state.best_cost)
+        last = state.at + 1 >= options["starts"].shape[0]
+        turn = given_up & ~balanced & ~last
+        at = jnp.where(turn, state.at + 1, state.at)
+        trial = y + _step(y, rows, jacobian, damping, options["lower"], options["upper"])
+        new = State(
+            trial=jnp.where(turn, options["starts"][at], jnp.clip(trial, options["lower"], options["upper"])),
+            rows=rows,
+            jacobian=jacobian,
+            cost=jnp.where(turn, jnp.inf, cost),
+            damping=jnp.where(turn, DAMPING, damping),
+            best=jnp.where(better, y, state.best),
+            best_cost=jnp.where(better, cost, state.best_cost),
+            at=at,
+            steps=jnp.where(turn, 0, state.steps + 1),
+            done=balanced | (given_up & last),
+        )
+        return y, new, aux
+
+    def terminate(self, fn, y, args, options, state, tags):
+        return state.done, optx.RESULTS.successful
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        return state.best, aux, {}
+
+
+def _step(y, rows, jacobian, damping, lower, upper) -> Float[Array, " unknown"]:
+    """The damped Gauss-Newton step of the unknowns that no bound holds; zero for the others."""
+    gradient = jacobian.T @ rows
+    held = ((y <= lower) & (gradient > 0)) | ((y >= upper) & (gradient < 0))
+    columns = jnp.where(held, 0.0, jacobian)
+    squares = jnp.sum(columns**2, axis=0)
+    floor = FLAT * jnp.max(squares) + jnp.finfo(float).tiny
+    weight = jnp.where(held, 1.0, jnp.sqrt(damping * jnp.maximum(squares, floor)))
+    q, r = jnp.linalg.qr(jnp.concatenate([columns, jnp.diag(weight)]))
+    return jnp.where(held, 0.0, solve_triangular(r, -q[: rows.size].T @ rows))

@@ -18,7 +18,7 @@ def place(t):
 
 def attitude(t):
     """phi, pitch, psi [rad]."""
-    return jnp.stack([0.7 * jnp.sin(0.9 * t), 0.25 + 0.3 * jnp.sin(1.1 * t + 1.0), 0.4 * t + 0.2 * jnp.cos(t)])
+    return jnp.stack([0.7 * jnp.sin(0.9 * t), 0.25 + 0.3 * jnp.sin(1.1 * t + 1.0), 0.2 + 0.25 * jnp.cos(t)])
 
 
 def to_earth(t):

@@ -7,12 +7,17 @@ from .datasets import emps as emps
 from .datasets import silverbox as silverbox
 from .io_csv import read_csv as read_csv
 from .io_csv import write_csv as write_csv
+from .io_inputs import InputHistory as InputHistory
+from .io_inputs import read_inputs as read_inputs
 from .io_mat import read_mat as read_mat
+from .io_table import GridData as GridData
+from .io_table import read_table as read_table
 from .labelled import from_xarray as from_xarray
 from .labelled import to_xarray as to_xarray
 from .multisine import multisine as multisine
 from .record import Record as Record
 from .signals import doublet as doublet
+from .signals import full_sine as full_sine
 from .signals import half_sine as half_sine
 from .signals import linear_sweep as linear_sweep
 from .signals import log_sweep as log_sweep

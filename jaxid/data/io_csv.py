@@ -56,19 +56,9 @@ def read_csv(
     """
     path = existing(path)
     wanted = (*inputs, *outputs) if sample_time is not None else (time, *inputs, *outputs)
-    header, *body = _cells(path, delimiter)
-    titles = [_title(cell, wanted) for cell in header[1]]
-    names = [n for n, _ in titles]
-    require_known(f"column in {path.name}", wanted, names)
-    require_unique(f"column in {path.name}:", [n for n in names if n in wanted])
-    found = {n: unit for n, unit in titles if unit}
-    if units_row:
-        require(len(body) > 0, f"{path.name} has no row of units below its header. Leave out `units_row`.")
-        found |= {n: cell.strip() for n, cell in zip(names, body.pop(0)[1], strict=True) if cell.strip()}
-    found |= _sidecar(path)
-    columns = {n: _column(body, names.index(n), n, path) for n in wanted}
+    columns, found, lines = named_columns(path, wanted, units_row=units_row, delimiter=delimiter)
     if sample_time is not None:
-        time, columns[TIME] = TIME, clock(sample_time, len(body), path)
+        time, columns[TIME] = TIME, clock(sample_time, len(lines), path)
     return assemble(columns, time, inputs, outputs, found, units, path.stem if name is None else name, constants)
 
 
@@ -107,6 +97,38 @@ def write_csv(record: Record, path: str | Path) -> Path:
     finally:
         temporary.unlink(missing_ok=True)
     return path
+
+
+def named_columns(
+    path: Path, wanted: Sequence[str], *, units_row: bool, delimiter: str
+) -> tuple[dict[str, np.ndarray], dict[str, str], list[int]]:
+    """The columns of a CSV file that are asked for, as they stand in it.
+
+    Args:
+        path: the file.
+        wanted: names of the columns.
+        units_row: True when the second line holds units.
+        delimiter: what separates the cells.
+
+    Returns:
+        Numbers by name, NaN where a cell is empty; units by name, as far as the header, the row of units or the file beside it
+        has them, the last one first; and the line in the file of each row, counted from 1.
+
+    Raises:
+        InputError: when a column is missing or there twice, or a cell is no number.
+    """
+    header, *body = _cells(path, delimiter)
+    titles = [_title(cell, wanted) for cell in header[1]]
+    names = [n for n, _ in titles]
+    require_known(f"column in {path.name}", wanted, names)
+    require_unique(f"column in {path.name}:", [n for n in names if n in wanted])
+    found = {n: unit for n, unit in titles if unit}
+    if units_row:
+        require(len(body) > 0, f"{path.name} has no row of units below its header. Leave out `units_row`.")
+        found |= {n: cell.strip() for n, cell in zip(names, body.pop(0)[1], strict=True) if cell.strip()}
+    found |= _sidecar(path)
+    columns = {n: _column(body, names.index(n), n, path) for n in wanted}
+    return columns, found, [number for number, _ in body]
 
 
 def _cells(path: Path, delimiter: str) -> list[tuple[int, list[str]]]:

@@ -130,6 +130,24 @@ def half_sine(t: Times, start: Value = 0.0, width: Value = 1.0, amplitude: Value
     return amplitude * jnp.sin(jnp.pi * jnp.clip((t - start) / width, 0.0, 1.0))
 
 
+def full_sine(t: Times, start: Value = 0.0, period: Value = 1.0, amplitude: Value = 1.0) -> Times:
+    """One whole period of a sine, `u = a sin(2 pi (t - start) / period)`, else 0: a smooth doublet, up and then down.
+
+    The report's aileron input is one, of 7 deg and 2.5 s (section 6.2.1, Fig. 6.2a).
+
+    Args:
+        t: times, of any shape [s].
+        start: time at which it leaves zero [s].
+        period: its length [s].
+        amplitude: height `a` [any unit].
+
+    Returns:
+        The signal at each time [the amplitude's unit].
+    """
+    turns = (t - start) / period
+    return jnp.where((turns > 0) & (turns < 1), amplitude * jnp.sin(2 * jnp.pi * turns), 0.0)
+
+
 def linear_sweep(t: Times, duration: Value, low: Value, high: Value, amplitude: Value = 1.0) -> Times:
     """A sine whose frequency rises by the same amount each second, `f(t) = low + (high - low) t / T`.
 

@@ -9,6 +9,7 @@ from scipy.signal import chirp
 from jaxid._foundation.checks import InputError
 from jaxid.data import (
     doublet,
+    full_sine,
     half_sine,
     linear_sweep,
     log_sweep,
@@ -39,6 +40,9 @@ def test_smooth_signals():
     np.testing.assert_allclose(ramp(jnp.array([0.0, 1.0, 2.0, 3.0, 9.0]), 1, 3, 4), [0, 0, 2, 4, 4])
     np.testing.assert_allclose(
         half_sine(jnp.array([0.0, 1.0, 1.5, 2.0, 3.0, 5.0]), 1, 2, 2), [0, 0, 2**0.5, 2, 0, 0], atol=1e-15
+    )
+    np.testing.assert_allclose(
+        full_sine(jnp.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), 1, 4, 2), [0, 0, 2, 0, -2, 0, 0], atol=1e-15
     )
     np.testing.assert_allclose(sine(T, 0.25, 2.0, 0.3), 2 * np.sin(np.pi / 2 * np.asarray(T) + 0.3), rtol=1e-14)
 
@@ -90,6 +94,7 @@ def test_multisine_needs_a_harmonic_for_every_input():
         three_two_one_one,
         ramp,
         half_sine,
+        full_sine,
         lambda t: sine(t, 0.3),
         lambda t: linear_sweep(t, 9.0, 0.1, 1.0),
         lambda t: log_sweep(t, 9.0, 0.1, 1.0),

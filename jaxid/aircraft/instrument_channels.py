@@ -75,8 +75,7 @@ class PerChannel(eqx.Module):
         self.channels = tuple(values)
         self.parts = tuple(parts[name] for name in values) if parts is not None else ()
         width = () if parts is None else (len(self.parts[0]) if self.parts else 0,)
-        numbers = [jnp.asarray(value, float) for value in values.values()]
-        self.values = jnp.stack(numbers) if numbers else jnp.zeros((0, *width))
+        self.values = jnp.asarray([*values.values()], float).reshape(len(values), *width)
 
     @property
     def element_names(self) -> dict[str, tuple[str, ...]]:
@@ -115,17 +114,26 @@ def checked_channels(channels: Sequence[str]) -> tuple[str, ...]:
     return tuple(channels)
 
 
-def numbers(what: str, given: Mapping[str, Any] | None, channels: tuple[str, ...]) -> dict[str, Any]:
+def numbers(
+    channels: tuple[str, ...], kind: str, given: Mapping[str, Any] | None, default: float | None = None
+) -> PerChannel:
     """The values given for one kind of error, in the order of the channels.
+
+    Args:
+        channels: those that are recorded.
+        kind: its name, for the refusal.
+        given: one number by channel.
+        default: for channels that are not given; None leaves them out.
 
     Raises:
         InputError: for a name that is not among the channels, or a value that is not one number.
     """
     given = {name: jnp.asarray(value, float) for name, value in (given or {}).items()}
-    require_known(f"channel (in `{what}`)", given, channels)
+    require_known(f"channel (in `{kind}`)", given, channels)
     for name, value in given.items():
-        require(value.ndim == 0, f"`{what}` of {name!r} has shape {value.shape}. Give one number.")
-    return {name: given[name] for name in channels if name in given}
+        require(value.ndim == 0, f"`{kind}` of {name!r} has shape {value.shape}. Give one number.")
+    named = [name for name in channels if name in given or default is not None]
+    return PerChannel({name: given.get(name, default) for name in named})
 
 
 def positions(given: Mapping[str, Any] | None, channels: tuple[str, ...]) -> PerChannel:

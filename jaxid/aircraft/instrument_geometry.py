@@ -73,14 +73,14 @@ def vane_beta(signals: Signals, position: Vector) -> Float[Array, ""]:
     return jnp.arctan2(v, u)
 
 
-def shown(channel: str, signals: Signals, position: Vector | None, angles: Float[Array, " angle"] | None):
+def shown(channel: str, signals: Signals, position: Vector, angles: Float[Array, " angle"]) -> Float[Array, ""]:
     """What one instrument without scale error and bias shows.
 
     Args:
         channel: its name, one of `CHANNELS`.
         signals: the motion at this instant.
-        position: where it stands, for those to which it matters [m].
-        angles: by how much its axis is misaligned, for those that have one [rad].
+        position: where it stands; used by those to which it matters [m].
+        angles: by how much its axis is misaligned; used by those that have one [rad].
 
     Returns:
         Its reading, a scalar [the channel's unit].
@@ -95,8 +95,8 @@ def shown(channel: str, signals: Signals, position: Vector | None, angles: Float
         return sensitive_axis("xyz"[ANGULAR.index(channel)], angles) @ vector(signals, ANGULAR)
     if channel in (*FORCE, "az_pilot"):
         # All three components at this instrument's own place: the report's D.2.7.3-5 take them at three different ones.
-        motion = (vector(signals, names) for names in (FORCE, RATES, ANGULAR))
-        return sensitive_axis(channel[1], angles) @ specific_force_at(*motion, position)
+        force, omega, omegadot = (vector(signals, names) for names in (FORCE, RATES, ANGULAR))
+        return sensitive_axis(channel[1], angles) @ specific_force_at(force, omega, omegadot, position)
     return signals[channel]
 
 

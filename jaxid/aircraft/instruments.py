@@ -1,6 +1,7 @@
 """`Instruments`: what an aircraft's instruments record of its motion (report App. D.2)."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -22,17 +23,18 @@ class Instruments(eqx.Module):
         measure:  white noise + band-limited noise, then saturation, then quantisation, then dropout
 
     `read` and `observe` are what a model's `output` and `observe` pass on, differentiable in every number; `measure` is for
-    making records. Without arguments the instruments are perfect and stand at the c.g. What is not given of the errors below
-    `misalignment` does not exist, costs nothing, and has no name; to free one, give it as zero. Every number is an array leaf
-    with a name such as `bias.alpha`, `position.ax.x`, `misalignment.q.psi`, `lag.q`.
+    making records. Without arguments the instruments are perfect and stand at the c.g. Places, axes, scales and biases always
+    have a number; a lag, or another of the errors listed after it, exists only where it is given, and else costs nothing and
+    has no name: to free one, give it as zero. Every number is an array leaf with a name such as `bias.alpha`,
+    `position.ax.x`, `misalignment.q.psi`, `lag.q`.
 
     The channels, in the units of `units()`: `alpha` and `beta` are those that vanes show, with the upwash as their scale;
     `V` is the indicated airspeed; `ax ay az` are specific forces at the accelerometers and `az_pilot` at the pilot's station;
     `altitude` is geometric.
 
     The report writes scale, bias and noise of the airspeed on its square (D.2.4). Here they act on the airspeed itself: added
-    to the square, the 5.0 of Table 6.6 would be 0.006 ft/s at 445 ft/s, a hundredth of the scale error or less, while 5.0 ft/s
-    is of its size. A scale error of the square is twice that of the airspeed.
+    to the square, the 5.0 of Table 6.6 would be 0.006 ft/s at 445 ft/s, a thousandth of the scale error, while 5.0 ft/s is of
+    its size. A scale error of the square is twice that of the airspeed.
 
     Args:
         channels: what is recorded, a selection of `CHANNELS` in the order of the outputs.
@@ -78,17 +80,26 @@ class Instruments(eqx.Module):
         misalignment: Mapping[str, Mapping[str, Any]] | None = None,
         scale: Mapping[str, Any] | None = None,
         bias: Mapping[str, Any] | None = None,
-        **others: Mapping[str, Any],
+        lag: Mapping[str, Any] | None = None,
+        delay: Mapping[str, Any] | None = None,
+        lower: Mapping[str, Any] | None = None,
+        upper: Mapping[str, Any] | None = None,
+        noise: Mapping[str, Any] | None = None,
+        coloured_noise: Mapping[str, Any] | None = None,
+        bandwidth: Mapping[str, Any] | None = None,
+        quantum: Mapping[str, Any] | None = None,
+        dropout: Mapping[str, Any] | None = None,
     ):
         self.channels = checked_channels(channels)
-        require_known("kind of instrument error", others, OTHERS)
-        everywhere = dict.fromkeys(self.channels, 0.0)
         self.position = positions(position, self.channels)
         self.misalignment = misalignments(misalignment, self.channels)
-        self.scale = PerChannel(everywhere | numbers("scale", scale, self.channels))
-        self.bias = PerChannel(everywhere | numbers("bias", bias, self.channels))
-        for kind in OTHERS:
-            setattr(self, kind, PerChannel(numbers(kind, others.get(kind), self.channels)))
+        of = partial(numbers, self.channels)
+        self.scale, self.bias = of("scale", scale, 0.0), of("bias", bias, 0.0)
+        self.lag, self.delay = of("lag", lag), of("delay", delay)
+        self.lower, self.upper = of("lower", lower), of("upper", upper)
+        self.noise, self.coloured_noise = of("noise", noise), of("coloured_noise", coloured_noise)
+        self.bandwidth, self.quantum = of("bandwidth", bandwidth), of("quantum", quantum)
+        self.dropout = of("dropout", dropout)
         require(
             self.coloured_noise.channels == self.bandwidth.channels,
             f"`coloured_noise` is given for {self.coloured_noise.channels} and `bandwidth` for {self.bandwidth.channels}. "
@@ -118,8 +129,8 @@ class Instruments(eqx.Module):
 
     def _shown(self, channel: str, signals: Signals) -> Float[Array, ""]:
         """What one instrument shows before its scale and bias."""
-        position = self.position[channel] if TABLE[channel].has_position else None
-        angles = self.misalignment[channel] if TABLE[channel].angles else None
+        position = self.position[channel] if TABLE[channel].has_position else jnp.zeros(3)
+        angles = self.misalignment[channel] if TABLE[channel].angles else jnp.zeros(2)
         return shown(channel, signals, position, angles)
 
     def observe(self, t: Float[Array, " time"], y: Float[Array, "time output"]) -> Float[Array, "time output"]:
@@ -168,9 +179,21 @@ class Instruments(eqx.Module):
         units = dict.fromkeys((f"position.{name}" for name in self.position.element_names["values"]), "m")
         units |= dict.fromkeys((f"misalignment.{name}" for name in self.misalignment.element_names["values"]), "rad")
         fixed = {"scale": "", "dropout": "", "lag": "s", "delay": "s", "bandwidth": "rad/s"}
-        for kind in ("scale", "bias", *OTHERS):
+        for kind in ERRORS:
             units |= {f"{kind}.{n}": fixed.get(kind, TABLE[n].unit) for n in getattr(self, kind).channels}
         return units
 
 
-OTHERS = ("lag", "delay", "lower", "upper", "noise", "coloured_noise", "bandwidth", "quantum", "dropout")
+ERRORS = (
+    "scale",
+    "bias",
+    "lag",
+    "delay",
+    "lower",
+    "upper",
+    "noise",
+    "coloured_noise",
+    "bandwidth",
+    "quantum",
+    "dropout",
+)

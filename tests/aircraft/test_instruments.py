@@ -187,7 +187,6 @@ def test_a_selection_needs_only_its_own_signals(truth):
         (lambda: Instruments(("phi",), misalignment={"phi": {"psi": 0.1}}), "no channel with an axis 'phi'"),
         (lambda: Instruments(("q",), misalignment={"q": {"theta": 0.1}}), "no misalignment angle of 'q' 'theta'"),
         (lambda: Instruments(("q",), coloured_noise={"q": 0.1}), "Give both for the same channels"),
-        (lambda: Instruments(("q",), latency={"q": 0.1}), "no kind of instrument error 'latency'"),
         (lambda: Instruments(("q",)).lag["q"], "no value for the channel 'q'"),
     ],
 )

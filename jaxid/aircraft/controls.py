@@ -1,5 +1,6 @@
 """The control system: trim, autopilot, stability augmentation and pilot, summed and handed to the actuators (D.1.5)."""
 
+import abc
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -16,7 +17,83 @@ SURFACES = ("stabilator", "aileron", "rudder")
 LAG, RATE_DEG = 0.05, 60.0  # s and deg/s, our choice: the report prints no actuators
 
 
-class ControlSystem(eqx.Module):
+class AbstractControls(eqx.Module):
+    """How the surfaces follow what is put in.
+
+    Attributes:
+        states: its own states, names.
+        inputs: what moves it, names.
+        trim: positions of the surfaces in trim [rad].
+    """
+
+    states: eqx.AbstractVar[tuple[str, ...]]
+    inputs: eqx.AbstractClassVar[tuple[str, ...]]
+    trim: eqx.AbstractVar[Float[Array, " surface"]]
+
+    @abc.abstractmethod
+    def positions(self, x: Float[Array, " control_state"], u: Float[Array, " surface"]) -> dict[str, Float[Array, ""]]:
+        """The surfaces [rad] by name, from its states and inputs."""
+
+    @abc.abstractmethod
+    def rates(
+        self,
+        t: Float[Array, ""],
+        x: Float[Array, " control_state"],
+        u: Float[Array, " surface"],
+        signals: Mapping[str, Float[Array, ""]],
+    ) -> Float[Array, " control_state"]:
+        """Rates of its states.
+
+        Args:
+            t: time [s].
+            x: its states.
+            u: its inputs [rad].
+            signals: with `p`, `r`, `qdot`, `rdot`, `ay`, `phi` and `gamma`.
+        """
+
+    @abc.abstractmethod
+    def resting(self) -> Float[Array, " control_state"]:
+        """Its states at rest with the surfaces in trim."""
+
+
+class MeasuredSurfaces(AbstractControls):
+    """Surfaces whose positions were recorded and are given as inputs, as a model for identification takes them.
+
+        position = input + trim
+
+    Args:
+        trim: what the recorded positions are off by, or the whole trim where they are given about it [rad].
+    """
+
+    trim: Float[Array, " surface"]
+
+    states: ClassVar[tuple[str, ...]] = ()
+    inputs: ClassVar[tuple[str, ...]] = SURFACES
+
+    def __init__(self, trim: Mapping[str, Float[Array, ""] | float] | None = None):
+        self.trim = _by_surface(trim)
+
+    @property
+    def element_names(self) -> dict[str, tuple[str, ...]]:
+        return {"trim": tuple(f"trim.{surface}" for surface in SURFACES)}
+
+    def positions(self, x: Float[Array, " control_state"], u: Float[Array, " surface"]) -> dict[str, Float[Array, ""]]:
+        return dict(zip(SURFACES, u + self.trim, strict=True))
+
+    def rates(
+        self,
+        t: Float[Array, ""],
+        x: Float[Array, " control_state"],
+        u: Float[Array, " surface"],
+        signals: Mapping[str, Float[Array, ""]],
+    ) -> Float[Array, " control_state"]:
+        return jnp.zeros(0)
+
+    def resting(self) -> Float[Array, " control_state"]:
+        return jnp.zeros(0)
+
+
+class ControlSystem(AbstractControls):
     """From the pilot's input to the surfaces.
 
         command = trim + autopilot + augmentation + pilot        actuator: command -> position
@@ -49,9 +126,7 @@ class ControlSystem(eqx.Module):
         autopilot: Autopilot | None = None,
     ):
         require(len(actuators) == 3, f"There are {len(actuators)} actuators. Give one each for {', '.join(SURFACES)}.")
-        trim = {} if trim is None else trim
-        require_known("surface", trim, SURFACES)
-        self.trim = jnp.stack([jnp.asarray(trim.get(surface, 0.0), float) for surface in SURFACES])
+        self.trim = _by_surface(trim)
         self.augmentation = Augmentation() if augmentation is None else augmentation
         self.autopilot = Autopilot() if autopilot is None else autopilot
         self.actuators = actuators
@@ -66,38 +141,35 @@ class ControlSystem(eqx.Module):
         of_actuators = zip(SURFACES, self.actuators, strict=True)
         return self.augmentation.states + tuple(name + end for name, one in of_actuators for end in one.suffixes)
 
-    def positions(self, x: Float[Array, " control_state"]) -> dict[str, Float[Array, ""]]:
-        """The surfaces [rad] that the states of the control system hold, by name."""
+    def positions(self, x: Float[Array, " control_state"], u: Float[Array, " surface"]) -> dict[str, Float[Array, ""]]:
         return {surface: self._of_actuator(x, i)[0] for i, surface in enumerate(SURFACES)}
 
     def rates(
         self,
         t: Float[Array, ""],
         x: Float[Array, " control_state"],
-        pilot: Float[Array, " surface"],
+        u: Float[Array, " surface"],
         signals: Mapping[str, Float[Array, ""]],
     ) -> Float[Array, " control_state"]:
-        """Rates of the states of the control system.
-
-        Args:
-            t: time [s].
-            x: its states.
-            pilot: what the pilot adds to stabilator, aileron and rudder [rad].
-            signals: with `p`, `r`, `qdot`, `rdot`, `ay`, `phi` and `gamma`.
-        """
         own = x[: len(self.augmentation.states)]
-        command = self.trim + pilot + self.autopilot.commands(t, signals) + self.augmentation.commands(t, own, signals)
+        command = self.trim + u + self.autopilot.commands(t, signals) + self.augmentation.commands(t, own, signals)
         driven = [one.rates(self._of_actuator(x, i), command[i]) for i, one in enumerate(self.actuators)]
         return jnp.concatenate([self.augmentation.rates(t, own, signals["qdot"], signals["rdot"]), *driven])
 
     def resting(self) -> Float[Array, " control_state"]:
-        """States at rest with the surfaces in trim."""
         at_trim = [one.resting(self.trim[i]) for i, one in enumerate(self.actuators)]
         return jnp.concatenate([jnp.zeros(len(self.augmentation.states)), *at_trim])
 
     def _of_actuator(self, x: Float[Array, " control_state"], i: int) -> Float[Array, " state"]:
         start = len(self.augmentation.states) + sum(len(one.suffixes) for one in self.actuators[:i])
         return x[start : start + len(self.actuators[i].suffixes)]
+
+
+def _by_surface(trim: Mapping[str, Float[Array, ""] | float] | None) -> Float[Array, " surface"]:
+    """Positions in the order of the surfaces, zero where none is given."""
+    trim = {} if trim is None else trim
+    require_known("surface", trim, SURFACES)
+    return jnp.stack([jnp.asarray(trim.get(surface, 0.0), float) for surface in SURFACES])
 
 
 def standard_actuators(limits: Mapping[str, tuple[float, float]]) -> tuple[AbstractActuator, ...]:

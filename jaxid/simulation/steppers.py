@@ -34,8 +34,8 @@ class RK4(AbstractStepper):
 
     Args:
         substeps: steps in each interval between samples.
-        unrolled: whether the four stages are written out, which runs faster and, for a large model, compiles four times as
-            long as a loop over them.
+        unrolled: whether the four stages of all substeps are written out, which runs faster and, for a large model,
+            compiles many times as long as a loop over them.
     """
 
     substeps: int = eqx.field(static=True, default=1)
@@ -48,8 +48,7 @@ class RK4(AbstractStepper):
         step = self._written_out if self.unrolled else self._in_a_loop
 
         def interval(x, now):
-            for substep in range(self.substeps):
-                x = step(model, x, *jax.tree.map(lambda leaf, at=substep: leaf[at], now))
+            x, _ = jax.lax.scan(lambda x, now: (step(model, x, *now), None), x, now, unroll=self.unrolled)
             return x, x
 
         _, later = jax.lax.scan(interval, initial_state, by_interval)

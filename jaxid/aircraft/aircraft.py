@@ -1,0 +1,330 @@
+"""`Aircraft`: the six-degree-of-freedom simulation model (chapter II, Table 2.1, Appendix D)."""
+
+from collections.abc import Mapping, Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .._foundation.checks import require, require_known
+from .._foundation.types import Array, Float
+from ..data.record import Record
+from ..models.base import AbstractModel
+from .aerodynamics import COEFFICIENTS
+from .airframe import Airframe
+from .atmosphere import GRAVITY, AbstractAtmosphere, StandardAtmosphere, true_airspeed
+from .buffet import Buffet
+from .controls import SURFACES, AbstractControls, ControlSystem, standard_actuators
+from .engine import ConstantThrust, Engine
+from .first_samples import first_samples
+from .frames import air_angles, euler, quaternion, quaternion_rate, rotation, velocity
+from .instruments import Instruments
+from .rigid_body import accelerations, specific_force
+from .turbulence import GUSTS
+from .wind import Wind
+
+RIGID = ("u", "v", "w", "p", "q", "r", "e0", "e1", "e2", "e3", "north", "east", "altitude")
+DISTURBANCES = (*GUSTS, "buffet")
+FIRST = ("V", "alpha", "beta", "phi", "pitch", "psi", "p", "q", "r", "altitude")  # what a first state is made of
+
+Signals = dict[str, Float[Array, ""]]
+
+
+class Aircraft(AbstractModel):
+    r"""A rigid aircraft with table look-up aerodynamics, engines, control system, moving air and instruments.
+
+        vdot = F/m - omega x v,    I omegadot = M - omega x (I omega + h),    edot = E(omega) e,    position' = T' v
+        F = qbar S (CX, CY, CZ) + thrust + weight,    M = qbar S (b Cl, cbar Cm, b Cn) + r_ref x F_aero + engines
+
+    The aerodynamics see the velocity and the rotation relative to the air, which wind and gusts move. States are the
+    rigid body's (`u v w p q r e0 e1 e2 e3 north east altitude`), the control system's and the engines'; inputs are the
+    pilot's (`pilot_stabilator`, `pilot_aileron`, `pilot_rudder`, added to the trim), the engines' levers, and those
+    disturbances that are asked for. Outputs are the channels of the instruments. Every number is an array
+    leaf with a dotted name: `airframe.mass_properties.mass`, `controls.augmentation.yaw_gain`, `instruments.bias.q`.
+
+    Args:
+        airframe: mass, size and aerodynamics.
+        engines: one or more; one of constant thrust and none of it by default, for `trims` to set.
+        controls: trim, feedback and actuators, or `MeasuredSurfaces`; no feedback and first-order actuators by default.
+        instruments: faultless ones at the centre of gravity by default.
+        atmosphere: the standard one by default.
+        wind: of steady air over ground; none by default.
+        buffet: random normal force at high angle of attack; none by default.
+        disturbances: which of `gust_u` to `gust_w` [m/s], `gust_p` to `gust_r` [rad/s] and `buffet` are inputs; the others
+            are zero. None by default: nobody records them.
+
+    Raises:
+        InputError: when there is no engine, or no such disturbance.
+
+    Source: report App. D.1 with the corrections of its misprints (z moment, products of inertia).
+    """
+
+    airframe: Airframe
+    engines: tuple[Engine, ...]
+    controls: AbstractControls
+    instruments: Instruments
+    atmosphere: AbstractAtmosphere
+    wind: Wind
+    buffet: Buffet
+    disturbances: tuple[str, ...] = eqx.field(static=True)
+
+    def __init__(
+        self,
+        airframe: Airframe,
+        *,
+        engines: tuple[Engine, ...] | None = None,
+        controls: AbstractControls | None = None,
+        instruments: Instruments | None = None,
+        atmosphere: AbstractAtmosphere | None = None,
+        wind: Wind | None = None,
+        buffet: Buffet | None = None,
+        disturbances: Sequence[str] = (),
+    ):
+        require(engines is None or len(engines) > 0, "An aircraft has at least one engine; give one of no thrust.")
+        self.airframe = airframe
+        self.engines = (Engine(ConstantThrust(0.0)),) if engines is None else engines
+        self.controls = ControlSystem(standard_actuators(airframe.limits)) if controls is None else controls
+        self.instruments = Instruments() if instruments is None else instruments
+        self.atmosphere = StandardAtmosphere() if atmosphere is None else atmosphere
+        self.wind = Wind() if wind is None else wind
+        self.buffet = Buffet() if buffet is None else buffet
+        require_known("disturbance", disturbances, DISTURBANCES)
+        self.disturbances = tuple(disturbances)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return RIGID + self.controls.states + self._of_engines("states")
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return self.controls.inputs + self._of_engines("inputs") + self.disturbances
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return self.instruments.channels
+
+    # The model ------------------------------------------------------------------------------------------------------------
+
+    def rhs(self, t, x, u):
+        rigid, control_states, engine_states = self._split_state(x)
+        pilot, levers, disturbances = self._split_input(u)
+        signals = self._flow(rigid, disturbances) | self.controls.positions(control_states, pilot)
+        signals |= self._propulsion(engine_states, signals)
+        vdot, omegadot = self._accelerations(rigid, engine_states, signals)
+        signals |= self._felt(rigid, vdot, omegadot)
+        moving = self.controls.rates(t, control_states, pilot, signals)
+        pushing = [
+            engine.source.rates(own, lever, signals)
+            for engine, own, lever in zip(self.engines, engine_states, levers, strict=True)
+        ]
+        attitude_rate = quaternion_rate(rigid[6:10], rigid[3:6])
+        over_ground = rotation(rigid[6:10]).T @ rigid[:3] * jnp.array([1.0, 1.0, -1.0])
+        return jnp.concatenate([vdot, omegadot, attitude_rate, over_ground, moving, *pushing])
+
+    def output(self, t, x, u):
+        return self.output_given(t, x, u, self.rhs(t, x, u))
+
+    def output_given(self, t, x, u, dx):
+        rigid, control_states, engine_states = self._split_state(x)
+        pilot, _, disturbances = self._split_input(u)
+        signals = self._flow(rigid, disturbances) | self.controls.positions(control_states, pilot)
+        signals |= self._propulsion(engine_states, signals)
+        return self.instruments.read(signals | self._felt(rigid, dx[:3], dx[3:6]))
+
+    def observe(self, t, y):
+        return self.instruments.observe(t, y)
+
+    def signals(self, t, x, u):
+        """Everything that an instrument, a coefficient or an effect may depend on, by name.
+
+        Returns:
+            Inputs and states, the flow (`alpha`, `beta`, `V`, `mach`, `qbar`, `phat`, `qhat`, `rhat` and the rest),
+            surfaces [rad], `thrust` [N], the six coefficients with all that acts on them, and the accelerations.
+        """
+        rigid, control_states, engine_states = self._split_state(x)
+        signals = dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
+        pilot, _, disturbances = self._split_input(u)
+        signals |= self._flow(rigid, disturbances) | self.controls.positions(control_states, pilot)
+        signals |= self._propulsion(engine_states, signals)
+        signals |= dict(zip(COEFFICIENTS, self._coefficients(signals), strict=True))
+        return signals | self._felt(rigid, *self._accelerations(rigid, engine_states, signals))
+
+    def initial_state(self, record: Record) -> Float[Array, " state"]:
+        """The state from the first valid sample of each channel, with controls and engines at rest in trim.
+
+        A channel that the record lacks is taken from its constant of the same name, else as zero; the speed, which must
+        not be zero, then as that at which the weight is carried by a force coefficient of one.
+
+        Args:
+            record: of this model's outputs.
+        """
+        seen = first_samples(record)
+        at = {name: jnp.asarray(seen.get(name, record.constants.get(name, 0.0)), float) for name in FIRST}
+        air = self.atmosphere.air(at["altitude"])
+        weight = self.airframe.mass_properties.mass * GRAVITY
+        slowest = jnp.sqrt(2.0 * weight / (air.density * self.airframe.S))
+        V = true_airspeed(at["V"], air) if "V" in seen or "V" in record.constants else slowest
+        e = quaternion(at["phi"], at["pitch"], at["psi"])
+        ground = velocity(V, at["alpha"], at["beta"]) + rotation(e) @ self.wind.velocity(at["altitude"])
+        place = jnp.stack([jnp.zeros(()), jnp.zeros(()), at["altitude"]])
+        return self.flight_state(ground, jnp.stack([at["p"], at["q"], at["r"]]), e, place)
+
+    def units(self):
+        names = {"u": "m/s", "v": "m/s", "w": "m/s", "p": "rad/s", "q": "rad/s", "r": "rad/s"}
+        names |= {"north": "m", "east": "m", "altitude": "m"} | {f"pilot_{surface}": "rad" for surface in SURFACES}
+        names |= {gust: "rad/s" if gust[-1] in "pqr" else "m/s" for gust in GUSTS} | {"gust_u": "m/s"}
+        return names | self.instruments.units()
+
+    # Trim and start -------------------------------------------------------------------------------------------------------
+
+    def steady_rates(
+        self,
+        velocity: Float[Array, "3"],
+        omega: Float[Array, "3"],
+        e: Float[Array, "4"],
+        altitude: Float[Array, ""],
+        surfaces: Mapping[str, Float[Array, ""]],
+        setting: Float[Array, ""],
+    ) -> Float[Array, "6"]:
+        """The accelerations with surfaces and engines held, feedback and actuators out of the loop: what a trim balances.
+
+        Args:
+            velocity: over ground, body axes [m/s].
+            omega: angular rate [rad/s].
+            e: attitude, a unit quaternion.
+            altitude: [m].
+            surfaces: stabilator, aileron and rudder [rad].
+            setting: of every engine (a constant thrust's is its push [N]).
+
+        Returns:
+            (udot, vdot, wdot) [m/s^2] and (pdot, qdot, rdot) [rad/s^2].
+        """
+        held = self.trimmed(surfaces, setting)
+        place = jnp.stack([jnp.zeros(()), jnp.zeros(()), jnp.asarray(altitude, float)])
+        return held.rhs(jnp.zeros(()), held.flight_state(velocity, omega, e, place), jnp.zeros(len(self.inputs)))[:6]
+
+    def trimmed(self, surfaces: Mapping[str, Float[Array, ""]], setting: Float[Array, ""]) -> "Aircraft":
+        """The same aircraft with other trim settings.
+
+        Args:
+            surfaces: stabilator, aileron and rudder [rad].
+            setting: of every engine (a constant thrust's is its push [N]).
+        """
+        settings = jnp.stack([jnp.asarray(surfaces[name], float) for name in SURFACES])
+        engines = tuple(
+            eqx.tree_at(lambda one: one.source, engine, engine.source.trimmed(jnp.asarray(setting, float)))
+            for engine in self.engines
+        )
+        return eqx.tree_at(lambda one: (one.controls.trim, one.engines), self, (settings, engines))
+
+    def flight_state(
+        self,
+        velocity: Float[Array, "3"],
+        omega: Float[Array, "3"],
+        e: Float[Array, "4"],
+        place: Float[Array, "3"],
+    ) -> Float[Array, " state"]:
+        """A state in flight with control system and engines at rest in their trim settings.
+
+        Args:
+            velocity: over ground, body axes [m/s].
+            omega: angular rate [rad/s].
+            e: attitude, a unit quaternion.
+            place: north, east and altitude [m].
+        """
+        return self._assemble(jnp.concatenate([velocity, omega, e, place]))
+
+    def disturbed(self, *names: str) -> "Aircraft":
+        """The same aircraft with these disturbances among its inputs."""
+        parts = {
+            name: getattr(self, name) for name in ("engines", "controls", "instruments", "atmosphere", "wind", "buffet")
+        }
+        return Aircraft(self.airframe, **parts, disturbances=names)
+
+    # Parts ----------------------------------------------------------------------------------------------------------------
+
+    def _flow(self, rigid: Float[Array, "13"], disturbances: Signals) -> Signals:
+        """Motion relative to ground and air, and the pressures that it makes."""
+        frame = self.airframe
+        T = rotation(rigid[6:10])
+        altitude = rigid[12]
+        air_velocity = rigid[:3] - T @ self.wind.velocity(altitude) - jnp.stack([disturbances[g] for g in GUSTS[:3]])
+        air_omega = rigid[3:6] - jnp.stack([disturbances[g] for g in GUSTS[3:]])
+        V, alpha, beta = air_angles(air_velocity)
+        air = self.atmosphere.air(altitude)
+        hats = air_omega * jnp.stack([frame.b, frame.cbar, frame.b]) / (2.0 * V)
+        phi, pitch, psi = euler(rigid[6:10])
+        climb = -(T.T @ rigid[:3])[2]
+        return disturbances | {
+            **dict(zip(("u", "v", "w", "p", "q", "r"), rigid[:6], strict=True)),
+            **dict(zip(("u_air", "v_air", "w_air"), air_velocity, strict=True)),
+            **dict(zip(("phat", "qhat", "rhat"), hats, strict=True)),
+            **{"phi": phi, "pitch": pitch, "psi": psi, "altitude": altitude, "V": V, "alpha": alpha, "beta": beta},
+            **{"gamma": jnp.arctan2(climb, jnp.sqrt(jnp.maximum(jnp.dot(rigid[:3], rigid[:3]) - climb**2, 1e-12)))},
+            **{"density": air.density, "pressure": air.pressure, "mach": V / air.sound_speed},
+            "qbar": 0.5 * air.density * V**2,
+        }
+
+    def _propulsion(self, engine_states, signals: Signals) -> Signals:
+        pushes = [engine.thrust(own, signals) for engine, own in zip(self.engines, engine_states, strict=True)]
+        return {"thrust": jnp.sum(jnp.stack(pushes))}
+
+    def _coefficients(self, signals: Signals) -> Float[Array, " coefficient"]:
+        """The six coefficients, buffet included."""
+        return self.airframe.aerodynamics.coefficients(signals).at[2].add(self.buffet.coefficient(signals))
+
+    def _accelerations(self, rigid, engine_states, signals: Signals):
+        """Rates of velocity and angular rate from all that acts on the body."""
+        frame, mass = self.airframe, self.airframe.mass_properties
+        coefficients = self._coefficients(signals)
+        pressure_area = signals["qbar"] * frame.S
+        aerodynamic = pressure_area * coefficients[:3]
+        force = aerodynamic + mass.mass * self._gravity(rigid)
+        moment = pressure_area * jnp.stack([frame.b, frame.cbar, frame.b]) * coefficients[3:]
+        moment = moment + jnp.cross(frame.reference, aerodynamic)
+        momentum = jnp.zeros(3)
+        for engine, own in zip(self.engines, engine_states, strict=True):
+            push = engine.thrust(own, signals) * engine.direction()
+            force, moment = force + push, moment + jnp.cross(engine.position, push)
+            momentum = momentum + engine.momentum * engine.direction()
+        return accelerations(mass.mass, mass.inertia(), rigid[:3], rigid[3:6], force, moment, momentum)
+
+    def _felt(self, rigid, vdot, omegadot) -> Signals:
+        """Specific force at the centre of gravity and angular acceleration, by name."""
+        felt = specific_force(vdot, rigid[:3], rigid[3:6], self._gravity(rigid))
+        return dict(zip(("ax", "ay", "az", "pdot", "qdot", "rdot"), jnp.concatenate([felt, omegadot]), strict=True))
+
+    @staticmethod
+    def _gravity(rigid) -> Float[Array, "3"]:
+        return GRAVITY * rotation(rigid[6:10])[:, 2]
+
+    def _assemble(self, rigid: Float[Array, "13"]) -> Float[Array, " state"]:
+        return jnp.concatenate([rigid, self.controls.resting(), *(engine.source.resting() for engine in self.engines)])
+
+    def _of_engines(self, kind: str) -> tuple[str, ...]:
+        """Names of the engines' own states or inputs, numbered where there are several engines."""
+        several = len(self.engines) > 1
+        return tuple(
+            f"{name}_{i + 1}" if several else name
+            for i, engine in enumerate(self.engines)
+            for name in getattr(engine.source, kind)
+        )
+
+    def _split_state(self, x):
+        """The rigid body's states, the control system's, and a list of each engine's."""
+        first = len(RIGID)
+        last = first + len(self.controls.states)
+        return x[:first], x[first:last], self._by_engine(x[last:], "states")
+
+    def _split_input(self, u):
+        """The pilot's three, a list of each engine's, and the disturbances by name."""
+        first, last = len(SURFACES), len(self.inputs) - len(self.disturbances)
+        disturbances = dict.fromkeys(DISTURBANCES, jnp.zeros(())) | dict(zip(self.disturbances, u[last:], strict=True))
+        return u[:first], self._by_engine(u[first:last], "inputs"), disturbances
+
+    def _by_engine(self, values, kind: str):
+        parts, at = [], 0
+        for engine in self.engines:
+            count = len(getattr(engine.source, kind))
+            parts.append(values[at : at + count])
+            at += count
+        return parts

@@ -22,9 +22,8 @@ def instruments(**errors):
 
 
 @pytest.fixture(scope="module")
-def measured(request):
+def measured():
     """20,000 samples of instruments at rest with every random error, beside the instruments: z, mask."""
-    seed = 1974
     noisy = instruments(
         noise={"q": 0.3},
         coloured_noise={"alpha": 0.02},
@@ -32,7 +31,7 @@ def measured(request):
         dropout={"alpha": 0.05},
         quantum={"q": 0.01},
     )
-    z, mask = eqx.filter_jit(lambda i, key: i.measure(key, LONG, jnp.zeros((SAMPLES, 2))))(noisy, jax.random.key(seed))
+    z, mask = eqx.filter_jit(lambda i, key: i.measure(key, LONG, jnp.zeros((SAMPLES, 2))))(noisy, jax.random.key(1974))
     return np.array(z), np.array(mask)
 
 

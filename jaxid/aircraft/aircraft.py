@@ -20,7 +20,7 @@ from .frames import air_angles, euler, quaternion, quaternion_rate, rotation, ve
 from .instruments import Instruments
 from .rigid_body import accelerations, specific_force
 from .turbulence import GUSTS
-from .wind import Wind
+from .wind import AbstractWind, Wind
 
 RIGID = ("u", "v", "w", "p", "q", "r", "e0", "e1", "e2", "e3", "north", "east", "altitude")
 DISTURBANCES = (*GUSTS, "buffet")
@@ -63,7 +63,7 @@ class Aircraft(AbstractModel):
     controls: AbstractControls
     instruments: Instruments
     atmosphere: AbstractAtmosphere
-    wind: Wind
+    wind: AbstractWind
     buffet: Buffet
     disturbances: tuple[str, ...] = eqx.field(static=True)
 
@@ -75,7 +75,7 @@ class Aircraft(AbstractModel):
         controls: AbstractControls | None = None,
         instruments: Instruments | None = None,
         atmosphere: AbstractAtmosphere | None = None,
-        wind: Wind | None = None,
+        wind: AbstractWind | None = None,
         buffet: Buffet | None = None,
         disturbances: Sequence[str] = (),
     ):
@@ -152,7 +152,8 @@ class Aircraft(AbstractModel):
         """The state from the first valid sample of each channel, with controls and engines at rest in trim.
 
         A channel that the record lacks is taken from its constant of the same name, else as zero; the speed, which must
-        not be zero, then as that at which the weight is carried by a force coefficient of one.
+        not be zero, then as that at which the weight is carried by a force coefficient of one. The sideslip vane shows
+        `atan2(v, u)`, which is turned into `asin(v/V)`; errors of the instruments are left to the estimation.
 
         Args:
             record: of this model's outputs.
@@ -164,15 +165,17 @@ class Aircraft(AbstractModel):
         slowest = jnp.sqrt(2.0 * weight / (air.density * self.airframe.S))
         V = true_airspeed(at["V"], air) if "V" in seen or "V" in record.constants else slowest
         e = quaternion(at["phi"], at["pitch"], at["psi"])
-        ground = velocity(V, at["alpha"], at["beta"]) + rotation(e) @ self.wind.velocity(at["altitude"])
+        beta = jnp.arctan(jnp.cos(at["alpha"]) * jnp.tan(at["beta"]))
+        ground = velocity(V, at["alpha"], beta) + rotation(e) @ self.wind.velocity(at["altitude"])
         place = jnp.stack([jnp.zeros(()), jnp.zeros(()), at["altitude"]])
         return self.flight_state(ground, jnp.stack([at["p"], at["q"], at["r"]]), e, place)
 
     def units(self):
         names = {"u": "m/s", "v": "m/s", "w": "m/s", "p": "rad/s", "q": "rad/s", "r": "rad/s"}
         names |= {"north": "m", "east": "m", "altitude": "m"} | {f"pilot_{surface}": "rad" for surface in SURFACES}
-        names |= {gust: "rad/s" if gust[-1] in "pqr" else "m/s" for gust in GUSTS} | {"gust_u": "m/s"}
-        return names | self.instruments.units()
+        names |= {gust: "rad/s" if gust[-1] in "pqr" else "m/s" for gust in GUSTS}
+        own = {f"instruments.{name}": unit for name, unit in self.instruments.parameter_units().items()}
+        return names | self.instruments.units() | own
 
     # Trim and start -------------------------------------------------------------------------------------------------------
 

@@ -35,7 +35,7 @@ class GridData(NamedTuple):
     origin: np.ndarray | None
 
 
-def read_table(path: str | Path, *, axes: Sequence[str], value: str, delimiter: str = ",") -> GridData:
+def read_table(path: str | Path, *, value: str, axes: Sequence[str] | None = None, delimiter: str = ",") -> GridData:
     """Read one quantity on a rectangular grid from a CSV file with a row for each grid point.
 
     A column is called by the name, or by name and unit as `alpha_deg` or `idle_lbf`; a name alone is taken as SI. Knots come
@@ -43,8 +43,8 @@ def read_table(path: str | Path, *, axes: Sequence[str], value: str, delimiter: 
 
     Args:
         path: the file.
-        axes: names of the axes, the first one first in `values`.
         value: name of the quantity.
+        axes: names of the axes, the first one first in `values`; all columns but those of value and origin when left out.
         delimiter: what separates the cells.
 
     Returns:
@@ -58,6 +58,9 @@ def read_table(path: str | Path, *, axes: Sequence[str], value: str, delimiter: 
     header, *rows = _cells(path, delimiter)
     require(len(rows) > 0, f"{path.name} has a header and no row below it. Give one row for each point of the grid.")
     titles = [cell.strip() for cell in header[1]]
+    if axes is None:
+        others = [title for k, title in enumerate(titles) if title != ORIGIN and k != _find(value, titles, path)[0]]
+        axes = [title.rpartition("_")[0] or title for title in others]
     found = {name: _find(name, titles, path) for name in (*axes, value)}
     lines = [number for number, _ in rows]
     knots, places, units = [], [], []

@@ -1,0 +1,67 @@
+"""What makes one type of aircraft: mass, size, aerodynamics."""
+
+from collections.abc import Mapping, Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .._foundation.types import Array, Float, Numbers
+from .aerodynamics import AbstractAerodynamics
+from .mass import MassProperties
+
+Ranges = tuple[tuple[str, tuple[float, float]], ...]
+
+
+class Airframe(eqx.Module):
+    """An aircraft without its engines, controls and instruments.
+
+    Args:
+        name: for tables and messages.
+        mass_properties: mass and inertia.
+        S: reference area [m^2].
+        b: span [m].
+        cbar: mean chord [m].
+        aerodynamics: the six coefficients.
+        reference: position of the aerodynamic reference point, seen from the centre of gravity, in body axes [m].
+        limits: lowest and highest position of each control surface [rad].
+        trusted: range of signals in which the data of this aircraft are to be trusted [rad]; what is absent has none.
+    """
+
+    mass_properties: MassProperties
+    S: Float[Array, ""]
+    b: Float[Array, ""]
+    cbar: Float[Array, ""]
+    reference: Float[Array, "3"]
+    aerodynamics: AbstractAerodynamics
+    name: str = eqx.field(static=True)
+    limit_pairs: Ranges = eqx.field(static=True)
+    trusted_pairs: Ranges = eqx.field(static=True)
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        mass_properties: MassProperties,
+        S,
+        b,
+        cbar,
+        aerodynamics: AbstractAerodynamics,
+        limits: Mapping[str, tuple[float, float]],
+        reference: Numbers | Sequence[float] = (0.0, 0.0, 0.0),
+        trusted: Mapping[str, tuple[float, float]] | None = None,
+    ):
+        self.name, self.mass_properties, self.aerodynamics = name, mass_properties, aerodynamics
+        self.S, self.b, self.cbar = jnp.asarray(S, float), jnp.asarray(b, float), jnp.asarray(cbar, float)
+        self.reference = jnp.asarray(reference, float)
+        self.limit_pairs = tuple(limits.items())
+        self.trusted_pairs = tuple((trusted or {}).items())
+
+    @property
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Lowest and highest position of each control surface [rad]."""
+        return dict(self.limit_pairs)
+
+    @property
+    def trusted(self) -> dict[str, tuple[float, float]]:
+        """Range of signals in which the data are to be trusted [rad]."""
+        return dict(self.trusted_pairs)

@@ -1,0 +1,41 @@
+"""Mass and inertia of a rigid aircraft."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .._foundation.types import Array, Float
+
+
+class MassProperties(eqx.Module):
+    """Mass, moments and products of inertia about the centre of gravity, in body axes.
+
+    Products are the positive integrals, `Ixz = integral of x z dm`.
+
+    Args:
+        mass: m [kg].
+        Ix, Iy, Iz: moments of inertia [kg m^2].
+        Ixy, Ixz, Iyz: products of inertia [kg m^2].
+    """
+
+    mass: Float[Array, ""]
+    Ix: Float[Array, ""]
+    Iy: Float[Array, ""]
+    Iz: Float[Array, ""]
+    Ixy: Float[Array, ""]
+    Ixz: Float[Array, ""]
+    Iyz: Float[Array, ""]
+
+    def __init__(self, *, mass, Ix, Iy, Iz, Ixy=0.0, Ixz=0.0, Iyz=0.0):
+        self.mass = jnp.asarray(mass, float)
+        self.Ix, self.Iy, self.Iz = jnp.asarray(Ix, float), jnp.asarray(Iy, float), jnp.asarray(Iz, float)
+        self.Ixy, self.Ixz, self.Iyz = jnp.asarray(Ixy, float), jnp.asarray(Ixz, float), jnp.asarray(Iyz, float)
+
+    def inertia(self) -> Float[Array, "3 3"]:
+        """The inertia tensor, `[[Ix, -Ixy, -Ixz], [-Ixy, Iy, -Iyz], [-Ixz, -Iyz, Iz]]` [kg m^2]."""
+        return jnp.stack(
+            [
+                jnp.stack([self.Ix, -self.Ixy, -self.Ixz]),
+                jnp.stack([-self.Ixy, self.Iy, -self.Iyz]),
+                jnp.stack([-self.Ixz, -self.Iyz, self.Iz]),
+            ]
+        )

@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -129,7 +128,7 @@ def linearise_euler(
     )
     x = jnp.asarray(x, float)
     require(x.shape == (len(aircraft.states),), f"x has shape {x.shape}; the model has {len(aircraft.states)} states.")
-    wrapped = _InEulerAngles(aircraft)
+    wrapped = _InEulerAngles(aircraft)  # pyright: ignore[reportCallIssue]  (as in models/library.py)
     return linearise(wrapped, t, wrapped.from_model(x), u)
 
 
@@ -156,7 +155,10 @@ def modes(linearisation: Linearisation) -> Modes:
         InputError: for a batch, a matrix that is not finite, or states of a quaternion.
     """
     A = np.asarray(linearisation.A)
-    require(A.ndim == 2, f"A has shape {A.shape}. Take one case out of the batch, as with jax.tree.map(lambda a: a[0], ...).")
+    require(
+        A.ndim == 2,
+        f"A has shape {A.shape}. Take one case out of the batch, as with jax.tree.map(lambda a: a[0], ...).",
+    )
     require(bool(np.all(np.isfinite(A))), "The linearisation is not finite: the model diverges at this point.")
     require(
         not set(QUATERNION) & set(linearisation.states),
@@ -173,8 +175,9 @@ def modes(linearisation: Linearisation) -> Modes:
     left = np.linalg.inv(right)
     share = np.abs(left.T * right)
     share /= np.sum(share, axis=0)
-    kept = [i for i in np.argsort(-np.abs(values), kind="stable") if values[i].imag >= -REAL * abs(values[i])]
-    found = [(_clean(values[i]), dict(zip(states, map(float, share[:, i]), strict=True))) for i in kept]
+    every = [_clean(complex(value)) for value in values]
+    kept = [int(i) for i in np.argsort(-np.abs(values), kind="stable") if every[i].imag >= 0]
+    found = [(every[i], dict(zip(states, map(float, share[:, i]), strict=True))) for i in kept]
     names = _names(found)
     return Modes(Mode(name, *one) for name, one in zip(names, found, strict=True))
 
@@ -257,7 +260,7 @@ def _fed_back(A: np.ndarray, states: tuple[str, ...]) -> list[str]:
 
 def _clean(value: complex) -> complex:
     """The eigenvalue without an imaginary part that is rounding."""
-    return complex(value) if abs(value.imag) > REAL * abs(value) else complex(value.real, 0.0)
+    return value if abs(value.imag) > REAL * abs(value) else complex(value.real, 0.0)
 
 
 def _or_dash(time: float) -> str:

@@ -86,14 +86,19 @@ class Trim(eqx.Module):
         also = f" ({'; '.join(others)})" if others else ""
         limits = [
             f"{self.names[i]} stands at its {'lower' if self.values[i] < (self.lower[i] + self.upper[i]) / 2 else 'upper'} "
-            f"limit, {float(self.values[i]):.4g} {self.units[i]}".rstrip()
+            f"limit, {self._quantity(i)}"
             for i in np.flatnonzero(np.asarray(self.at_limit))
         ]
         where = " and ".join(limits) or "no unknown stands at a limit, so that there is no balance near the start"
         return f"{first}{also}; {where}. {self.remedy}".rstrip()
 
     def _listed(self, which) -> str:
-        return ", ".join(f"{self.names[i]} = {float(self.values[i]):.4g} {self.units[i]}".rstrip() for i in which)
+        return ", ".join(f"{self.names[i]} = {self._quantity(i)}" for i in which)
+
+    def _quantity(self, i) -> str:
+        """An unknown with its unit, angles also in degrees."""
+        value, unit = float(self.values[i]), self.units[i]
+        return f"{value:.4g} {unit}".rstrip() + (f" ({np.degrees(value):.3g} deg)" if unit == "rad" else "")
 
     def __str__(self) -> str:
         if self.values.ndim > 1:
@@ -102,7 +107,9 @@ class Trim(eqx.Module):
         width = max(8, *(len(name) for name in self.names + self.equations))
         lines = [f"{'unknown':<{width}} {'value':>13}  unit"]
         for name, value, unit, limit in zip(self.names, self.values, self.units, self.at_limit, strict=True):
-            lines.append(f"{name:<{width}} {float(value):>13.6g}  {unit}{' (at its limit)' if bool(limit) else ''}".rstrip())
+            lines.append(
+                f"{name:<{width}} {float(value):>13.6g}  {unit}{' (at its limit)' if bool(limit) else ''}".rstrip()
+            )
         lines.append(f"{'equation':<{width}} {'residual':>13}  unit")
         for name, value, unit in zip(self.equations, self.residuals, self.equation_units, strict=True):
             lines.append(f"{name:<{width}} {float(value):>13.3g}  {unit}".rstrip())
@@ -169,7 +176,10 @@ def balance(
     vectors = {}
     for name, (given, default) in numbers.items():
         vectors[name] = jnp.full(count, default) if given is None else jnp.asarray(given, float)
-        require(vectors[name].shape == (count,), f"`{name}` has shape {vectors[name].shape}, but {count} values belong there.")
+        require(
+            vectors[name].shape == (count,),
+            f"`{name}` has shape {vectors[name].shape}, but {count} values belong there.",
+        )
     _check_limits(names, vectors["lower"], vectors["upper"])
     values, residuals, result, steps = _solve(residual, start, args, vectors, tolerance, max_steps)
     found = Trim(
@@ -223,5 +233,6 @@ def _solve(residual, start, args, vectors, tolerance: float, max_steps: int):
     residuals = residual(values, args)
     error = jnp.max(jnp.abs(residuals / fixed["equation_scale"]))
     result = RESULTS.where(error < tolerance, RESULTS.successful, RESULTS.unbalanced)
-    result = RESULTS.where(jnp.all(jnp.isfinite(residuals)), result, RESULTS.nonfinite)
+    finite = jnp.all(jnp.isfinite(residuals))
+    result = RESULTS.where(finite, result, RESULTS.nonfinite)  # pyright: ignore[reportArgumentType]  (inherited)
     return values, residuals, result, found.stats["num_steps"]

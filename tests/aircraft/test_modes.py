@@ -12,7 +12,7 @@ from jaxid.aircraft.modes import CLASSICAL, linearise_euler, modes
 from jaxid.models import AbstractModel, with_values
 from jaxid.simulation import Linearisation, linearise
 
-# A Navion-like light aircraft, feet and seconds; numbers as remembered from textbooks, used here for their kind only.
+# A light aircraft, feet and seconds; numbers of our choice, of the size of a Navion's.
 LIGHT_LONGITUDINAL = np.array(
     [[-0.045, 0.036, 0.0, -32.2], [-0.369, -2.02, 176.0, 0.0], [0.0019, -0.0396, -2.948, 0.0], [0.0, 0.0, 1.0, 0.0]]
 )
@@ -22,7 +22,12 @@ LIGHT_LATERAL = np.array(
 # The jet transport (Boeing 747) at Mach 0.8 and 40,000 ft of The MathWorks, Control System Toolbox, example "Yaw Damper
 # Design for a 747 Jet Aircraft"; states beta, r, p, phi. It prints the poles -7.28e-3, -5.63e-1 and -3.29e-2 +- 9.47e-1i.
 JET_LATERAL = np.array(
-    [[-0.0558, -0.9968, 0.0802, 0.0415], [0.598, -0.115, -0.0318, 0.0], [-3.05, 0.388, -0.4650, 0.0], [0.0, 0.0805, 1.0, 0.0]]
+    [
+        [-0.0558, -0.9968, 0.0802, 0.0415],
+        [0.598, -0.115, -0.0318, 0.0],
+        [-3.05, 0.388, -0.4650, 0.0],
+        [0.0, 0.0805, 1.0, 0.0],
+    ]
 )
 
 
@@ -48,7 +53,11 @@ def test_a_light_aircraft():
     assert (short.name, long.name) == ("short period", "phugoid")
     assert short.participation["w"] + short.participation["q"] > 0.9
     assert long.participation["u"] + long.participation["pitch"] > 0.9
-    assert [mode.name for mode in modes(of(LIGHT_LATERAL, ("beta", "p", "r", "phi")))] == ["roll", "dutch roll", "spiral"]
+    assert [mode.name for mode in modes(of(LIGHT_LATERAL, ("beta", "p", "r", "phi")))] == [
+        "roll",
+        "dutch roll",
+        "spiral",
+    ]
 
 
 def test_numbers_of_a_mode():
@@ -109,7 +118,9 @@ def test_of_the_longitudinal_aircraft():
     trimmed = with_values(model, ("thrust",), thrust[None])
     found = modes(linearise(trimmed, 0.0, state, elevator[None]))
     assert [mode.name for mode in found] == ["short period", "phugoid"]
-    lanchester = np.sqrt(2.0) * 9.80665 / SPEED  # of a phugoid that keeps its energy; drag and density change it by little
+    lanchester = (
+        np.sqrt(2.0) * 9.80665 / SPEED
+    )  # frequency of a phugoid that keeps its energy; drag changes it by little
     np.testing.assert_allclose(found.named("phugoid").natural_frequency, lanchester, rtol=0.25)
     assert 0.0 < found.named("phugoid").damping < 0.3
     text = str(found)
@@ -170,6 +181,6 @@ def test_bad_questions_are_refused():
         modes(of([[-1.0, 1.0], [0.0, -1.0]], ("w", "q")))
     with pytest.raises(InputError, match="not finite"):
         modes(of([[np.nan]], ("p",)))
-    with pytest.raises(InputError, match="no mode 'dutchroll'. Did you mean 'dutch roll'"):
+    with pytest.raises(InputError, match=r"no mode 'dutchroll'\. Did you mean 'dutch roll'"):
         modes(of(LIGHT_LATERAL, ("beta", "p", "r", "phi"))).named("dutchroll")
     assert set(CLASSICAL) == {"u", "w", "q", "pitch", "v", "p", "r", "phi"}

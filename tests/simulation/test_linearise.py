@@ -25,7 +25,12 @@ def point(aircraft):
 
 def test_a_linear_model_comes_back(seed):
     random = np.random.default_rng(seed)
-    matrices = random.normal(size=(3, 3)), random.normal(size=(3, 2)), random.normal(size=(1, 3)), random.normal(size=(1, 2))
+    matrices = (
+        random.normal(size=(3, 3)),
+        random.normal(size=(3, 2)),
+        random.normal(size=(1, 3)),
+        random.normal(size=(1, 2)),
+    )
     model = LinearModel(*matrices, states=("a", "b", "c"), inputs=("d", "e"), outputs=("f",))
     found = linearise(model, 0.0, random.normal(size=3), random.normal(size=2))
     for name, matrix in zip("ABCD", matrices, strict=True):
@@ -44,7 +49,9 @@ def test_against_differences(aircraft, point):
     ):
         for column in range(vary.size):
             step = 1e-5 * jnp.zeros(vary.size).at[column].set(1.0)
-            np.testing.assert_allclose(matrix[:, column], (function(step) - function(-step)) / 2e-5, atol=1e-6, rtol=1e-7)
+            np.testing.assert_allclose(
+                matrix[:, column], (function(step) - function(-step)) / 2e-5, atol=1e-6, rtol=1e-7
+            )
 
 
 def test_a_subsystem_by_name(point):
@@ -54,7 +61,7 @@ def test_a_subsystem_by_name(point):
     np.testing.assert_array_equal(short.B, [point.B[2], point.B[1]])
     np.testing.assert_array_equal(short.C, [[point.C[4, 2], point.C[4, 1]]])
     np.testing.assert_array_equal(short.D, [point.D[4]])
-    with pytest.raises(InputError, match="no state of the linearisation 'theta'.* u, w, q, pitch"):
+    with pytest.raises(InputError, match=r"no state of the linearisation 'theta'.* u, w, q, pitch"):
         point.reduced(states=("theta",))
 
 

@@ -82,7 +82,9 @@ def test_a_batch_in_which_one_case_fails():
 
 
 def test_failure_says_which_equation_and_which_limit():
-    with pytest.raises(InputError, match=r"circle is out of balance by -7 m\^2.*x stands at its upper limit, 3 m") as raised:
+    with pytest.raises(
+        InputError, match=r"circle is out of balance by -7 m\^2.*x stands at its upper limit, 3 m"
+    ) as raised:
         find(5.0, remedy="Ask for a smaller circle.")
     assert str(raised.value).endswith("Ask for a smaller circle.")
     assert bool(find(5.0, throw=False).result == RESULTS.unbalanced)

@@ -1,0 +1,102 @@
+"""The trim points that Stevens and Lewis print for their F-16, and its modes."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxid.aircraft.aircraft import Aircraft
+from jaxid.aircraft.airframes import f16_low, f16_thrust
+from jaxid.aircraft.engine import ConstantThrust, Engine
+from jaxid.aircraft.modes import CLASSICAL, linearise_euler, modes
+from jaxid.aircraft.trims import level, turn
+
+FOOT = 0.3048
+MOMENTUM = 160.0 * 1.3558179483  # of the engine, slug ft^2/s as kg m^2/s (Stevens & Lewis, App. A)
+
+# Level flight at sea level with the centre of gravity at 0.35 chord: V [ft/s], throttle, alpha [deg], elevator [deg].
+# B. L. Stevens, F. L. Lewis, E. N. Johnson, Aircraft Control and Simulation, 3rd ed., Wiley 2015, Table 3.6-2.
+PRINTED = np.array(
+    [
+        [130, 0.816, 45.6, 20.1],
+        [140, 0.736, 40.3, -1.36],
+        [150, 0.619, 34.6, 0.173],
+        [170, 0.464, 27.2, 0.621],
+        [200, 0.287, 19.7, 0.723],
+        [260, 0.148, 11.6, -0.090],
+        [300, 0.122, 8.49, -0.591],
+        [350, 0.107, 5.87, -0.539],
+        [400, 0.108, 4.16, -0.591],
+        [440, 0.113, 3.19, -0.671],
+        [500, 0.137, 2.14, -0.756],
+        [540, 0.160, 1.63, -0.798],
+        [600, 0.200, 1.04, -0.846],
+        [640, 0.230, 0.742, -0.871],
+        [700, 0.282, 0.382, -0.900],
+        [800, 0.378, -0.045, -0.943],
+    ]
+)
+
+
+MASS = 14.59390294 / 1.57e-3  # kg; the book's own, rounded, 1/m = 1.57e-3 1/slug, 0.03 % below that of the report
+
+
+def f16(xcg=0.35) -> Aircraft:
+    airframe = eqx.tree_at(lambda frame: frame.mass_properties.mass, f16_low(xcg=xcg), jnp.asarray(MASS))
+    return Aircraft(airframe, engines=(Engine(ConstantThrust(0.0), momentum=MOMENTUM),))
+
+
+def throttle(thrust, V):
+    """The lever at which the book's engine gives a thrust at sea level: power from the ratings, lever from the gearing."""
+    idle, military, most = f16_thrust()({"altitude": jnp.zeros(()), "mach": V / 340.294})
+    low = 50.0 * (thrust - idle) / (military - idle)
+    high = 50.0 + 50.0 * (thrust - military) / (most - military)
+    return jnp.where(low < 50.0, low / 64.94, (high + 117.38) / 217.38)
+
+
+@pytest.fixture(scope="module")
+def trimmed():
+    """All speeds at once."""
+    speeds = jnp.asarray(FOOT * PRINTED[:, 0])
+    return eqx.filter_jit(eqx.filter_vmap(lambda model, V: level(model, V, 0.0).trim, in_axes=(None, 0)))(f16(), speeds)
+
+
+def test_the_printed_trim_points(trimmed):
+    """To the accuracy with which the tables are known to reproduce the book: alpha 0.02 deg from 200 ft/s on, throttle 0.002
+    everywhere, elevator 0.003 deg from 170 to 800 ft/s; below, 0.05 deg, which is the last digit of the printed angles."""
+    V = PRINTED[:, 0]
+    assert np.all(trimmed.successful)
+    alpha, elevator = np.degrees(trimmed.value("alpha")), np.degrees(trimmed.value("stabilator"))
+    lever = [throttle(thrust, FOOT * speed) for thrust, speed in zip(trimmed.value("setting"), V, strict=True)]
+    np.testing.assert_allclose(lever, PRINTED[:, 1], atol=0.002)
+    fast, known = V >= 200, V >= 170
+    np.testing.assert_allclose(alpha[fast], PRINTED[fast, 2], atol=0.02)
+    np.testing.assert_allclose(alpha[~fast], PRINTED[~fast, 2], atol=0.05)
+    np.testing.assert_allclose(elevator[known], PRINTED[known, 3], atol=0.003)
+    np.testing.assert_allclose(elevator[~known], PRINTED[~known, 3], atol=0.05)
+    for name in ("phi", "aileron", "rudder"):
+        np.testing.assert_allclose(trimmed.value(name), 0.0, atol=1e-10)
+
+
+def test_the_printed_coordinated_turn():
+    """502 ft/s, 0.3 rad/s, centre of gravity at 0.3 chord: the fourth column of Table 3.6-3, to its last digit."""
+    found = turn(f16(0.30), 502.0 * FOOT, 0.0, turn_rate=0.3)
+    printed = {"alpha": (0.2485, 5e-5), "beta": (4.8e-4, 5e-6), "phi": (1.367, 5e-4), "pitch": (0.05185, 2e-5)}
+    for name, (value, digit) in printed.items():
+        np.testing.assert_allclose(found.trim.value(name), value, atol=digit, err_msg=name)
+    np.testing.assert_allclose(found.state[3:6], [-0.01555, 0.2934, 0.06071], atol=5e-5)
+    angles = [np.degrees(found.trim.value(name)) for name in ("stabilator", "aileron", "rudder")]
+    np.testing.assert_allclose(angles, [-6.256, 0.09891, -0.4218], atol=5e-4)
+    np.testing.assert_allclose(throttle(found.trim.value("setting"), 502.0 * FOOT), 0.8499, atol=1e-4)
+
+
+def test_modes_with_the_centre_of_gravity_forward_and_aft():
+    """At 0.30 chord the five classical modes; at 0.35 without static stability the third oscillatory one (section 3.8)."""
+    linear = eqx.filter_jit(lambda model, state: linearise_euler(model, 0.0, state, jnp.zeros(len(model.inputs))))
+    names = {}
+    for xcg in (0.30, 0.35):
+        found = level(f16(xcg), 502.0 * FOOT, 0.0)
+        whole = linear(found.aircraft, found.state)
+        names[xcg] = [mode.name for mode in modes(whole.reduced(states=CLASSICAL))]
+    assert set(names[0.30]) == {"short period", "phugoid", "dutch roll", "roll", "spiral"}
+    assert {"third oscillatory", "dutch roll", "roll", "spiral"} < set(names[0.35])

@@ -38,3 +38,8 @@ class AbstractAerodynamics(eqx.Module):
     def refuses(self) -> dict[str, tuple[float, float]]:
         """Those of the limits beyond which coefficients are NaN."""
         return {}
+
+    @property
+    def terms(self) -> dict[str, tuple[str, ...]]:
+        """The monomials by coefficient whose factors are parameters of this description, where it has such."""
+        return {}

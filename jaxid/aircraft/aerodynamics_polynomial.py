@@ -49,3 +49,7 @@ class PolynomialAerodynamics(AbstractAerodynamics):
     @property
     def limits(self) -> dict[str, tuple[float, float]]:
         return dict(self.ranges)
+
+    @property
+    def terms(self) -> dict[str, tuple[str, ...]]:
+        return {name: getattr(self, name).terms for name in COEFFICIENTS}

@@ -1,8 +1,10 @@
 """`Aircraft`: the six-degree-of-freedom simulation model (chapter II, Table 2.1, Appendix D)."""
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from .._foundation.checks import require, require_known
@@ -14,16 +16,33 @@ from .airframe import Airframe
 from .atmosphere import GRAVITY, AbstractAtmosphere, StandardAtmosphere, true_airspeed
 from .buffet import Buffet
 from .controls import SURFACES, AbstractControls, ControlSystem, standard_actuators
+from .effects import CoefficientTerm
 from .engine import ConstantThrust, Engine
 from .first_samples import first_samples
 from .frames import air_angles, euler, quaternion, quaternion_rate, rotation, velocity
 from .instruments import Instruments
-from .rigid_body import accelerations, specific_force
+from .rigid_body import accelerations, solve_3x3, specific_force
 from .turbulence import GUSTS
 from .wind import AbstractWind, Wind
 
 RIGID = ("u", "v", "w", "p", "q", "r", "e0", "e1", "e2", "e3", "north", "east", "altitude")
 DISTURBANCES = (*GUSTS, "buffet")
+MOVED = {  # the states whose rates a coefficient moves
+    **{"CX": ("u", "p", "q", "r"), "CY": ("v", "p", "q", "r"), "CZ": ("w", "p", "q", "r")},
+    **dict.fromkeys(("Cl", "Cm", "Cn"), ("p", "q", "r")),
+}
+SYMMETRIC = (
+    *("1", "alpha", "qhat", "stabilator", "alpha^2", "alpha qhat", "alpha stabilator", "beta^2", "alpha^3", "alpha beta^2"),
+    *("phat^2", "rhat^2", "stabilator^2"),
+)
+LATERAL = (
+    *("1", "beta", "phat", "rhat", "aileron", "rudder", "alpha beta", "alpha phat", "alpha rhat", "alpha aileron"),
+    *("alpha rudder", "alpha^2 beta", "beta^3", "beta qhat"),
+)
+LACKING = {  # terms in the spirit of Table 6.1: even in the lateral signals for symmetric coefficients, odd for the others
+    **dict.fromkeys(("CX", "CZ", "Cm"), SYMMETRIC),
+    **dict.fromkeys(("CY", "Cl", "Cn"), LATERAL),
+}
 FIRST = ("V", "alpha", "beta", "phi", "pitch", "psi", "p", "q", "r", "altitude")  # what a first state is made of
 
 Signals = dict[str, Float[Array, ""]]
@@ -39,7 +58,7 @@ class Aircraft(AbstractModel):
     rigid body's (`u v w p q r e0 e1 e2 e3 north east altitude`), the control system's and the engines'; inputs are the
     pilot's (`pilot_stabilator`, `pilot_aileron`, `pilot_rudder`, added to the trim), the engines' levers, and those
     disturbances that are asked for. Outputs are the channels of the instruments. Every number is an array
-    leaf with a dotted name: `airframe.mass_properties.mass`, `controls.augmentation.yaw_gain`, `instruments.bias.q`.
+    leaf with a dotted name: `mass`, `Cm.alpha`, `controls.augmentation.yaw_gain`, `instruments.bias.q`.
 
     Args:
         airframe: mass, size and aerodynamics.
@@ -66,6 +85,8 @@ class Aircraft(AbstractModel):
     wind: AbstractWind
     buffet: Buffet
     disturbances: tuple[str, ...] = eqx.field(static=True)
+
+    transparent: ClassVar[tuple[str, ...]] = ("airframe",)
 
     def __init__(
         self,
@@ -138,7 +159,8 @@ class Aircraft(AbstractModel):
 
         Returns:
             Inputs and states, the flow (`alpha`, `beta`, `V`, `mach`, `qbar`, `phat`, `qhat`, `rhat` and the rest),
-            surfaces [rad], `thrust` [N], the six coefficients with all that acts on them, and the accelerations.
+            surfaces [rad], `thrust` [N], the six coefficients with all that acts on them, the accelerations, and by how much
+            the rate of a state grows with a coefficient, `p_per_Cl` and so on, for those in `MOVED`.
         """
         rigid, control_states, engine_states = self._split_state(x)
         signals = dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
@@ -146,6 +168,7 @@ class Aircraft(AbstractModel):
         signals |= self._flow(rigid, disturbances) | self.controls.positions(control_states, pilot)
         signals |= self._propulsion(engine_states, signals)
         signals |= dict(zip(COEFFICIENTS, self._coefficients(signals), strict=True))
+        signals |= self._effectiveness(signals)
         return signals | self._felt(rigid, *self._accelerations(rigid, engine_states, signals))
 
     def initial_state(self, record: Record) -> Float[Array, " state"]:
@@ -169,6 +192,20 @@ class Aircraft(AbstractModel):
         ground = velocity(V, at["alpha"], beta) + rotation(e) @ self.wind.velocity(at["altitude"])
         place = jnp.stack([jnp.zeros(()), jnp.zeros(()), at["altitude"]])
         return self.flight_state(ground, jnp.stack([at["p"], at["q"], at["r"]]), e, place)
+
+    def effects(self):
+        """Terms that the coefficients may lack beside what the airframe has: `beta^2 in Cm` and so on."""
+        own = self.airframe.aerodynamics.terms
+        return tuple(
+            CoefficientTerm(coefficient=coefficient, product=product, moved=MOVED[coefficient])
+            for coefficient, products in LACKING.items()
+            for product in products
+            if product not in own.get(coefficient, ())
+        )
+
+    def equations_with_terms(self):
+        """No equation takes general terms: what an equation of motion may lack stands in its coefficient."""
+        return ()
 
     def units(self):
         names = {"u": "m/s", "v": "m/s", "w": "m/s", "p": "rad/s", "q": "rad/s", "r": "rad/s"}
@@ -274,6 +311,20 @@ class Aircraft(AbstractModel):
     def _coefficients(self, signals: Signals) -> Float[Array, " coefficient"]:
         """The six coefficients, buffet included."""
         return self.airframe.aerodynamics.coefficients(signals).at[2].add(self.buffet.coefficient(signals))
+
+    def _effectiveness(self, signals: Signals) -> Signals:
+        """By how much each coefficient moves the rates of velocity and angular rate, inertial coupling included."""
+        frame, mass = self.airframe, self.airframe.mass_properties
+        lengths = jnp.stack([frame.b, frame.cbar, frame.b])
+        arms = jnp.cross(frame.reference[None], jnp.eye(3))  # of unit forces, row by row
+        moments = jnp.concatenate([arms, jnp.diag(lengths)])
+        turned = jax.vmap(lambda moment: solve_3x3(mass.inertia(), moment))(moments)
+        grown = signals["qbar"] * frame.S * jnp.concatenate([jnp.eye(6, 3) / mass.mass, turned], axis=1)
+        return {
+            f"{state}_per_{coefficient}": grown[COEFFICIENTS.index(coefficient), RIGID.index(state)]
+            for coefficient, states in MOVED.items()
+            for state in states
+        }
 
     def _accelerations(self, rigid, engine_states, signals: Signals):
         """Rates of velocity and angular rate from all that acts on the body."""

@@ -1,6 +1,7 @@
 """What makes one type of aircraft: mass, size, aerodynamics."""
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -36,6 +37,12 @@ class Airframe(eqx.Module):
     name: str = eqx.field(static=True)
     limit_pairs: Ranges = eqx.field(static=True)
     trusted_pairs: Ranges = eqx.field(static=True)
+
+    transparent: ClassVar[tuple[str, ...]] = ("mass_properties", "aerodynamics")
+
+    @property
+    def element_names(self) -> dict[str, tuple[str, ...]]:
+        return {"reference": ("reference.x", "reference.y", "reference.z")}
 
     def __init__(
         self,

@@ -105,7 +105,7 @@ def true_aircraft() -> Longitudinal:
 
 def planted() -> CoefficientTerm:
     """What the declared model lacks: a nose-down moment that grows with the cube of the angle of attack."""
-    return CoefficientTerm(coefficient="Cm", product="alpha^3", gain=jnp.array(-8.0))
+    return CoefficientTerm(coefficient="Cm", product="alpha^3", moved=("q",), gain=jnp.array(-8.0))
 
 
 def declared(truth: Augmented) -> AbstractModel:

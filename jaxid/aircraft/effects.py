@@ -6,30 +6,25 @@ from .._foundation.types import Array, Float
 from ..models.effects import Effect, zero
 from ..models.polynomial import factors
 
-ACTS_ON = {
-    "CX": ("u", "force_per_coefficient"),
-    "CZ": ("w", "force_per_coefficient"),
-    "Cm": ("q", "moment_per_coefficient"),
-}
-
 
 class CoefficientTerm(Effect):
     """A monomial in one aerodynamic coefficient: `C += gain * product`.
 
-        udot += qbar S/m gain product            in CX
-        wdot += qbar S/m gain product            in CZ
-        qdot += qbar S cbar/Iy gain product      in Cm
+        d(state)/dt += state_per_C gain product        for each state that the coefficient moves
 
-    The model's `signals` give what stands before the gain, as `force_per_coefficient` and `moment_per_coefficient`.
+    The model's `signals` give what stands before the gain, as `w_per_CZ` and so on: `qbar S/m` in a force equation, a row of
+    `qbar S I^-1 diag(b, cbar, b)` in a moment equation.
 
     Args:
-        coefficient: "CX", "CZ" or "Cm".
+        coefficient: "CX" to "Cn".
         product: a product of powers of the model's signals, such as `"alpha^2 qhat"`.
+        moved: the states that the coefficient moves.
         gain: the coefficient of the term [per radian, for each angle or reduced rate in it].
     """
 
     coefficient: str = eqx.field(static=True)
     product: str = eqx.field(static=True)
+    moved: tuple[str, ...] = eqx.field(static=True)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
 
     @property
@@ -50,6 +45,6 @@ class CoefficientTerm(Effect):
         return max(1, sum(power for _, power in factors(self.product)))
 
     @property
-    def term(self):
-        state, scale = ACTS_ON[self.coefficient]
-        return state, scale if self.product == "1" else f"{scale} {self.product}"
+    def terms(self):
+        acting = "" if self.product == "1" else f" {self.product}"
+        return tuple((state, f"{state}_per_{self.coefficient}{acting}") for state in self.moved)

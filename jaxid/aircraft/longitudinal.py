@@ -6,10 +6,10 @@ from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
 from ..models.polynomial import Polynomial, factors
+from .atmosphere import GRAVITY
 from .effects import CoefficientTerm
 
-GRAVITY = 9.80665  # m/s^2, standard acceleration of free fall (CGPM 1901)
-
+MOVED = {"CX": ("u",), "CZ": ("w",), "Cm": ("q",)}  # the states whose rates a coefficient moves
 LACKING = (
     *("1", "alpha", "qhat", "elevator"),
     *("alpha^2", "alpha qhat", "alpha elevator", "qhat^2", "qhat elevator", "elevator^2"),
@@ -61,7 +61,7 @@ class Longitudinal(AbstractModel):
     def rhs(self, t, x, u):
         forward, down, q, pitch = x
         flow = self._flow(x, u)
-        force, moment = flow["force_per_coefficient"], flow["moment_per_coefficient"]
+        force, moment = flow["w_per_CZ"], flow["q_per_Cm"]
         udot = -q * down + force * self.CX(flow) + self.thrust / self.mass - GRAVITY * jnp.sin(pitch)
         wdot = q * forward + force * self.CZ(flow) + GRAVITY * jnp.cos(pitch)
         qdot = moment * self.Cm(flow)
@@ -98,8 +98,8 @@ class Longitudinal(AbstractModel):
 
         Returns:
             Beside states and input: `alpha` [rad], `V` [m/s], `qhat` [rad], `alphadot_hat`, the rate of alpha by the
-            declared equations times `cbar/2V` [rad], `force_per_coefficient`, `qbar S/m` [m/s^2], and
-            `moment_per_coefficient`, `qbar S cbar/Iy` [rad/s^2].
+            declared equations times `cbar/2V` [rad], `u_per_CX` and `w_per_CZ`, `qbar S/m` [m/s^2], and `q_per_Cm`,
+            `qbar S cbar/Iy` [rad/s^2].
         """
         flow = self._flow(x, u)
         udot, wdot = self.rhs(t, x, u)[:2]
@@ -110,7 +110,7 @@ class Longitudinal(AbstractModel):
         """Terms that the coefficients may lack: `alpha^3 in Cm` and so on, those that the model has left out."""
         own = {"CX": self.CX, "CZ": self.CZ, "Cm": self.Cm}
         return tuple(
-            CoefficientTerm(coefficient=coefficient, product=term)
+            CoefficientTerm(coefficient=coefficient, product=term, moved=MOVED[coefficient])
             for coefficient, polynomial in own.items()
             for term in LACKING
             if term not in polynomial.terms
@@ -140,8 +140,8 @@ class Longitudinal(AbstractModel):
             "alpha": jnp.arctan2(down, forward),
             "V": V,
             "qhat": q * self.cbar / (2.0 * V),
-            "force_per_coefficient": acceleration,
-            "moment_per_coefficient": acceleration * self.mass * self.cbar / self.Iy,
+            **{"u_per_CX": acceleration, "w_per_CZ": acceleration},
+            "q_per_Cm": acceleration * self.mass * self.cbar / self.Iy,
         }
 
 

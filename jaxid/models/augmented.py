@@ -61,7 +61,7 @@ class Augmented(AbstractModel):
 
     def _terms(self, signals) -> Float[Array, " own_state"]:
         """What all effects that are single terms add to the model's own equations."""
-        single = [(effect.gain, *effect.term) for effect in self.effects_in if effect.term is not None]
+        single = [(effect.gain, *term) for effect in self.effects_in for term in effect.terms]
         if not single:
             return jnp.zeros(len(self.model.states))
         gains, states, products = zip(*single, strict=True)

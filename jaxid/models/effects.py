@@ -108,12 +108,12 @@ class Effect(eqx.Module):
         return {}
 
     @property
-    def term(self) -> tuple[str, str] | None:
-        """A state and a product of signals, for an effect that is no more than `d(state)/dt += gain * product`.
+    def terms(self) -> tuple[tuple[str, str], ...]:
+        """States and products of signals, for an effect that is no more than `d(state)/dt += gain * product` in each.
 
         Such effects are many; said in this way they are evaluated together, and cost one compilation for all.
         """
-        return None
+        return ()
 
     def extra_rates(self, extra: Signals, u: Signals, signals: Signals) -> Signals:
         """Time derivatives of the effect's own states, from them, the recorded input and the signals."""

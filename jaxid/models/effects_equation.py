@@ -39,8 +39,8 @@ class Term(Effect):
         return max(1, sum(power for _, power in factors(self.product)))
 
     @property
-    def term(self):
-        return self.state, self.product
+    def terms(self):
+        return ((self.state, self.product),)
 
 
 class DryFriction(Effect):
@@ -112,8 +112,8 @@ class QuadraticDrag(Effect):
         return 2
 
     @property
-    def term(self):
-        return self.state, f"|{self.speed}| {self.speed}"
+    def terms(self):
+        return ((self.state, f"|{self.speed}| {self.speed}"),)
 
 
 class StateLimit(Effect):

@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from small_airframe import small_airframe
 
 from jaxid import RK4, Adaptive, simulate
 from jaxid._foundation.checks import InputError
-from jaxid.aircraft.aircraft import RIGID, Aircraft
+from jaxid.aircraft.aircraft import MOVED, RIGID, Aircraft
 from jaxid.aircraft.atmosphere import GRAVITY, StandardAtmosphere
 from jaxid.aircraft.controls import MeasuredSurfaces
 from jaxid.aircraft.engine import ConstantThrust, Engine
@@ -18,8 +19,7 @@ from jaxid.aircraft.instruments import Instruments
 from jaxid.aircraft.wind import Wind
 from jaxid.data.signals import half_sine
 from jaxid.models.names import parameter_names
-from small_airframe import small_airframe
-
+from jaxid.models.polynomial import Polynomial
 
 PRECISE = Adaptive(diffrax.Dopri8(), rtol=1e-13, atol=1e-13)
 SEEN = ("alpha", "beta", "p", "q", "r", "phi", "pitch")
@@ -67,7 +67,7 @@ def test_the_quaternion_stays_unit(spinning):
 
 
 def test_free_fall_is_a_parabola(spinning):
-    body, solution = spinning
+    solution = spinning[1]
     t = np.asarray(solution.t)
     start = np.asarray(rotation(solution.x[0, 6:10])).T @ np.asarray(solution.x[0, :3])
     north, east, altitude = histories(solution, "north", "east", "altitude")
@@ -189,11 +189,36 @@ def test_density_follows_altitude():
     assert float(low["mach"]) < float(high["mach"])
 
 
+def test_signals_tell_what_a_coefficient_moves():
+    frame = eqx.tree_at(lambda one: one.reference, small_airframe(Ixy=900.0, Iyz=-700.0), jnp.array([0.4, 0.1, -0.2]))
+    aircraft = glider(airframe=frame)
+    x, u = in_flight(aircraft, beta=0.05), jnp.array([-0.05, 0.02, 0.01])
+    signals = aircraft.signals(jnp.zeros(()), x, u)
+    for coefficient, moved in MOVED.items():
+        terms = getattr(frame.aerodynamics, coefficient)
+        more = eqx.tree_at(lambda one, k=coefficient: getattr(one.airframe.aerodynamics, k), aircraft, grown(terms))
+        difference = np.asarray(more.rhs(jnp.zeros(()), x, u) - aircraft.rhs(jnp.zeros(()), x, u))
+        for state in ("u", "v", "w", "p", "q", "r"):
+            expected = float(signals[f"{state}_per_{coefficient}"]) if state in moved else 0.0
+            np.testing.assert_allclose(difference[RIGID.index(state)], expected, rtol=1e-9, atol=1e-9)
+
+
+def grown(polynomial):
+    """The polynomial plus one."""
+    return Polynomial(
+        dict(zip(polynomial.terms, map(float, polynomial.coefficients), strict=True)) | {"1": one_more(polynomial)}
+    )
+
+
+def one_more(polynomial):
+    return 1.0 + (float(polynomial.coefficients[polynomial.terms.index("1")]) if "1" in polynomial.terms else 0.0)
+
+
 def test_every_number_has_a_name():
     names = parameter_names(Aircraft(small_airframe()))
     assert {
-        "airframe.mass_properties.mass",
-        "airframe.aerodynamics.Cm.alpha",
+        "mass",
+        "Cm.alpha",
         "controls.augmentation.yaw_gain",
         "instruments.bias.q",
         "engines.0.position.y",

@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxid.aircraft.atmosphere import GRAVITY
 from jaxid.aircraft.default_flight import SPEED, level_trim, true_aircraft
 from jaxid.aircraft.effects import CoefficientTerm
-from jaxid.aircraft.longitudinal import GRAVITY, Longitudinal
+from jaxid.aircraft.longitudinal import MOVED, Longitudinal
 from jaxid.data.build import record
 from jaxid.data.units import to_si
 from jaxid.models import Augmented, Polynomial, Term, parameter_names
@@ -200,7 +201,9 @@ def test_effects_at_zero_gain_change_nothing(trimmed):
 def test_a_term_is_the_same_as_effect_and_in_the_polynomial(trimmed, coefficient):
     model, state, elevator = trimmed
     x, u = state + jnp.array([3.0, 5.0, 0.1, 0.1]), elevator[None] + 0.02
-    effect = CoefficientTerm(coefficient=coefficient, product="alpha^2 qhat", gain=jnp.array(-3.0))
+    effect = CoefficientTerm(
+        coefficient=coefficient, product="alpha^2 qhat", moved=MOVED[coefficient], gain=jnp.array(-3.0)
+    )
     own = getattr(model, coefficient)
     wider = Polynomial(dict(zip(own.terms, map(float, own.coefficients), strict=True)) | {"alpha^2 qhat": -3.0})
     whole = eqx.tree_at(lambda m: getattr(m, coefficient), model, wider)
@@ -220,8 +223,8 @@ def test_rate_of_alpha_is_that_of_the_equations(trimmed):
 @pytest.mark.parametrize(
     "effect",
     [
-        CoefficientTerm(coefficient="CZ", product="alpha^2"),
-        CoefficientTerm(coefficient="CX", product="alpha elevator"),
+        CoefficientTerm(coefficient="CZ", product="alpha^2", moved=("w",)),
+        CoefficientTerm(coefficient="CX", product="alpha elevator", moved=("u",)),
         Term(state="w", product="q^2"),
     ],
     ids=lambda effect: effect.name,

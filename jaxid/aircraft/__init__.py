@@ -1,5 +1,16 @@
 """Aircraft."""
 
+from .aerodynamics import COEFFICIENTS as COEFFICIENTS
+from .aerodynamics import AbstractAerodynamics as AbstractAerodynamics
+from .aerodynamics_polynomial import PolynomialAerodynamics as PolynomialAerodynamics
+from .aerodynamics_tables import TableAerodynamics as TableAerodynamics
+from .aerodynamics_tables import read_coefficients as read_coefficients
+from .airframe import Airframe as Airframe
+from .airframes import f4 as f4
+from .airframes import f4_origins as f4_origins
+from .airframes import f16 as f16
+from .airframes import f16_low as f16_low
+from .airframes import f16_thrust as f16_thrust
 from .buffet import Buffet as Buffet
 from .buffet import buffet_noise as buffet_noise
 from .corrections import corrected_accelerations as corrected_accelerations
@@ -10,6 +21,7 @@ from .gust_scales import GustScales as GustScales
 from .gust_scales import MilitaryIntensity as MilitaryIntensity
 from .instrument_channels import CHANNELS as CHANNELS
 from .instruments import Instruments as Instruments
+from .mass import MassProperties as MassProperties
 from .modes import Mode as Mode
 from .modes import Modes as Modes
 from .modes import linearise_euler as linearise_euler

@@ -21,6 +21,7 @@ FACTORS = {
     **{"p": "phat", "q": "qhat", "r": "rhat"},
     **{"ds": "stabilator", "da": "aileron", "dr": "rudder"},
 }
+ANGLES = ("alpha", "beta", "stabilator", "aileron", "rudder")
 
 
 class TableAerodynamics(AbstractAerodynamics):
@@ -87,17 +88,17 @@ def read_coefficients(folder: Path) -> Mapping[str, GridData]:
         Grids by name.
 
     Raises:
-        InputError: when the folder holds no CSV file, a file cannot be read, or an axis comes without its unit.
+        InputError: when the folder holds no CSV file, a file cannot be read, or an angle comes without its unit.
     """
     files = sorted(folder.glob("*.csv"))
     require(len(files) > 0, f"There is no CSV file in the folder {folder}. Give one for each table, such as Cm.csv.")
     grids = {file.stem: read_table(file, value=file.stem) for file in files}
     for name, grid in grids.items():
         for axis, unit in zip(grid.axes, grid.units, strict=True):
-            if unit != "rad":
+            if axis.removeprefix("abs_") in ANGLES and unit != "rad":
+                found = f"the unit [{unit}]" if unit else "no unit"
                 raise InputError(
-                    f"{name}.csv: the axis {axis!r} has {f'the unit [{unit}]' if unit else 'no unit'}, and tables of coefficients "
-                    f"go by angles. Call its column '{axis}_deg' or '{axis}_rad'."
+                    f"{name}.csv: the axis {axis!r} is an angle and has {found}. Call its column '{axis}_deg' or '{axis}_rad'."
                 )
     return MappingProxyType(grids)
 
@@ -111,9 +112,9 @@ def origins(grids: Mapping[str, GridData]) -> dict[str, str]:
     Returns:
         The words of the column `origin`, for those files that have one.
     """
-    known = {name: grid for name, grid in grids.items() if grid.origin is not None}
     return {
         value: str(origin)
-        for name, grid in known.items()
-        for value, origin in zip(TableSet({name: grid}).element_names["tables"], np.ravel(grid.origin), strict=True)
+        for name, grid in grids.items()
+        if grid.origin is not None
+        for value, origin in zip(TableSet({name: grid}).element_names["tables"], grid.origin.ravel(), strict=True)
     }

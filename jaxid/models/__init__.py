@@ -12,6 +12,7 @@ from .linear import LinearModel
 from .names import parameter_names
 from .noise import DiagonalNoise, FixedNoise, FullNoise
 from .polynomial import Polynomial
+from .table_set import TableSet
 from .tables import Table, outside, require_inside
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "SensorScale",
     "StateLimit",
     "Table",
+    "TableSet",
     "Term",
     "free",
     "general_effects",

@@ -30,10 +30,10 @@ class F16Aerodynamics(AbstractAerodynamics):
              + (CYp + e dCYp_lef) phat + (CYr + e dCYr_lef) rhat
         Cl, Cn as CY, with a static part that depends on the stabilator
 
-    The basic tables hold for the leading-edge flap fully down, 25 deg, those that end in `_lef` for the flap up; the
-    increments d... are differences of tables, and their values are parameters. Angles and coefficients have the signs of this library, the source's own.
-    Not in: speed brake, deep-stall increment of the stabilator, and increments of Cl_beta and Cn_beta whose unit (per degree or
-    per radian) is in doubt; the source's flexibility corrections are one.
+    The basic tables hold for the leading-edge flap fully down, 25 deg, those that end in `_lef` for the flap up; the increments
+    d... are differences of tables, and their values are parameters. The signs of deflections are those of this library, which
+    are the source's own. Not in: speed brake, deep-stall increment of the stabilator, and the increments of Cl_beta and Cn_beta
+    whose unit (per degree or per radian) is in doubt.
 
     The flap is either fixed or follows its steady schedule (TP-1538, without its lag), within 0 to 25 deg:
 

@@ -23,14 +23,12 @@ from .engine import ConstantThrust, Engine
 from .fly import Flight, fly
 from .frames import quaternion, velocity
 from .noise_levels import BASE, HIGH, NoiseLevel, draw, report_instruments
-from .turbulence import white_gusts
+from .turbulence import REPORT_GUST, white_gusts
 
 FOOT = 0.3048  # m, exactly
-ALTITUDE = (
-    35000.0 * FOOT
-)  # m; our choice: where the printed speeds and angles of attack are level flight of this aircraft
+# Our choice: near where the printed speeds and angles of attack are level flight of this aircraft.
+ALTITUDE = 35000.0 * FOOT  # m
 SAMPLE_TIME = 0.1  # s (section 6.2.1: ten samples a second)
-GUST = 21.2 * FOOT  # m/s, standard deviation of the white disturbances (Table 6.6)
 
 Signals = dict[str, Float[Array, " time"]]
 
@@ -114,7 +112,7 @@ CASES: dict[str, Case] = {
         LATERAL,
         LATERAL_SAID,
         7.5,
-        gust=GUST,
+        gust=REPORT_GUST,
         chosen=LATERAL_CHOSEN
         + "; disturbances in v and w (the text's horizontal and vertical), straight between samples",
     ),
@@ -172,7 +170,7 @@ CASES: dict[str, Case] = {
 
 EXAMPLES: dict[str, Case] = {
     **{
-        f"{surface} doublet at {alpha} deg": Case(
+        f"{surface} doublet at {alpha:g} deg": Case(
             "section 3.3.1, Tables 3.3 and 3.4",
             10.0,
             None,
@@ -183,10 +181,10 @@ EXAMPLES: dict[str, Case] = {
             chosen="speed: level flight; start at 0.5 s",
         )
         for surface in ("aileron", "rudder")
-        for alpha in (5, 15, 25)
+        for alpha in (5.0, 15.0, 25.0)
     },
     **{
-        f"stabilator doublet at {alpha} deg": Case(
+        f"stabilator doublet at {alpha:g} deg": Case(
             "section 5.4.1, Table 5.1",
             7.0,
             None,
@@ -196,7 +194,7 @@ EXAMPLES: dict[str, Case] = {
             noise=None,
             chosen="speed: level flight; start at 0.5 s, width 1 s",
         )
-        for alpha, amplitude in ((1, 1.0), (10, 1.0), (20, 5.0))
+        for alpha, amplitude in ((1.0, 1.0), (10.0, 1.0), (20.0, 5.0))
     },
     "stabilator ramp from 10 deg": Case(
         "section 5.4.1",
@@ -251,8 +249,7 @@ def flight(case: str, key: Array) -> Flight:
     require_known("case", [case], known)
     chosen = known[case]
     for_errors, for_noise, for_gusts = jax.random.split(key, 3)
-    t = SAMPLE_TIME * jnp.arange(round(chosen.seconds / SAMPLE_TIME))
-    inputs = {f"pilot_{surface}": signal(t) for surface, signal in chosen.pilot.items()}
+    t, inputs = pilot_inputs(chosen)
     if chosen.gust > 0:
         gusts = white_gusts(for_gusts, t, {"gust_v": chosen.gust, "gust_w": chosen.gust})
         inputs |= {"gust_v": gusts[:, 1], "gust_w": gusts[:, 2]}
@@ -263,7 +260,17 @@ def flight(case: str, key: Array) -> Flight:
     return fly(aircraft, t, inputs, state, key=for_noise, name=case)
 
 
-def start(case: Case) -> tuple[Aircraft, Float[Array, " state"]]:
+def pilot_inputs(case: Case) -> tuple[Float[Array, " time"], Signals]:
+    """Sample times of a case [s], and what its pilot does, by name of an input [rad].
+
+    Args:
+        case: which.
+    """
+    t = SAMPLE_TIME * jnp.arange(round(case.seconds / SAMPLE_TIME), dtype=float)
+    return t, {f"pilot_{surface}": signal(t) for surface, signal in case.pilot.items()}
+
+
+def start(case: Case, altitude: float = ALTITUDE) -> tuple[Aircraft, Float[Array, " state"]]:
     """The aircraft of a case in trim, and its state at the start.
 
     At the printed speed stabilator and thrust balance pitching moment and forward force, as far as level flight asks; where no
@@ -271,6 +278,7 @@ def start(case: Case) -> tuple[Aircraft, Float[Array, " state"]]:
 
     Args:
         case: which.
+        altitude: [m].
     """
     airframe = f4()
     switch = Switch() if case.augmentation_on is None else Switch(on=case.augmentation_on)
@@ -278,16 +286,16 @@ def start(case: Case) -> tuple[Aircraft, Float[Array, " state"]]:
     aircraft = Aircraft(
         airframe, engines=(Engine(ConstantThrust(0.0)),), controls=controls, instruments=report_instruments()
     )
-    found = hold_alpha(aircraft, case.alpha, ALTITUDE, case.V)
+    found = hold_alpha(aircraft, case.alpha, altitude, case.V)
     V = case.V if case.V is not None else found.value("V")
     surfaces = {"stabilator": found.value("stabilator"), "aileron": jnp.zeros(()), "rudder": jnp.zeros(())}
     trimmed = aircraft.trimmed(surfaces, found.value("thrust"))
-    place = jnp.array([0.0, 0.0, ALTITUDE])
+    place = jnp.array([0.0, 0.0, altitude])
     e = quaternion(0.0, case.alpha, 0.0)
     return trimmed, trimmed.flight_state(velocity(V, case.alpha, 0.0), jnp.zeros(3), e, place)
 
 
-def hold_alpha(aircraft: Aircraft, alpha: float, altitude: float, V: float | None = None) -> Trim:
+def hold_alpha(aircraft: Aircraft, alpha: float, altitude: float, V: Array | float | None = None) -> Trim:
     """Stabilator and thrust (and the speed, where none is given) that hold an angle of attack in flight along the horizon.
 
         udot = qdot = 0,    and wdot = 0 where the speed is free,    at pitch = alpha, beta = p = q = r = 0

@@ -91,7 +91,7 @@ def flown(
 def fly(
     aircraft: Aircraft,
     t: Float[Numbers, " time"],
-    inputs: Mapping[str, Float[Numbers, " time"]],
+    inputs: Mapping[str, Float[Numbers, "..."]],
     initial_state: Float[Array, " state"],
     *,
     key: Array,
@@ -106,7 +106,7 @@ def fly(
     Args:
         aircraft: model, with its instruments.
         t: sample times, strictly increasing [s].
-        inputs: signal by name of an input; those left out are zero, disturbances too.
+        inputs: signal by name of an input, each of shape (time,); those left out are zero, disturbances too.
         initial_state: as from `Aircraft.flight_state` or a trim.
         key: of the instruments' noise.
         name: of the records.
@@ -174,18 +174,39 @@ def _inputs(aircraft: Aircraft, t: Array, inputs: Mapping[str, Numbers]) -> Floa
 
 
 def _require_inside(aircraft: Aircraft, solution: Solution, histories: Mapping[str, Array], name: str) -> None:
-    """Refuse a flight that has left tables which refuse to extrapolate, at the first sample at which it has."""
-    refused = aircraft.airframe.aerodynamics.refuses
-    for signal, (low, high) in refused.items():
+    """Refuse a flight that has left tables which refuse to extrapolate, and say by which signal."""
+    left = []
+    for signal, (low, high) in aircraft.airframe.aerodynamics.refuses.items():
         history = np.asarray(histories[signal])
-        outside = np.flatnonzero((history < low) | (history > high))
-        if outside.size:
-            at = outside[0]
-            raise InputError(
-                f"Flight {name!r}: {signal} is {np.degrees(history[at]):.4g} deg at t = {float(solution.t[at]):g} s, and a table "
-                f"of {aircraft.airframe.name} that refuses to extrapolate covers {np.degrees(low):.4g} to "
-                f"{np.degrees(high):.4g} deg. Fly within it, or choose the extrapolation 'hold' or 'linear'."
-            )
+        row, value = _departure(history, low, high)
+        if row < history.size:
+            left.append((row, signal, value, low, high))
+    if left:
+        row, signal, value, low, high = min(left)
+        unit, scale = ("deg", 180.0 / np.pi) if TRUTH_UNITS.get(signal) == "rad" else (TRUTH_UNITS.get(signal, ""), 1.0)
+        raise InputError(
+            f"Flight {name!r}: {signal} is {scale * value:.4g} {unit} at t = {float(solution.t[row]):g} s, and a table of "
+            f"{aircraft.airframe.name} that refuses to extrapolate covers {scale * low:.4g} to {scale * high:.4g} {unit}. "
+            "Fly within it, or choose the extrapolation 'hold' or 'linear'."
+        )
+
+
+def _departure(history: np.ndarray, low: float, high: float) -> tuple[int, float]:
+    """The sample at which a signal is outside its range, and its value; a row beyond the last one when it never is.
+
+    Outside, all is NaN from the first stage of the integration on, so that the sample itself may be lost. Then the
+    signal is taken to have gone on straight from the two before; the NaN is another's doing where that stays inside.
+    """
+    outside = np.flatnonzero((history < low) | (history > high))
+    if outside.size:
+        return int(outside[0]), float(history[outside[0]])
+    lost = np.flatnonzero(np.isnan(history))
+    if lost.size and lost[0] > 1:
+        row = int(lost[0])
+        ahead = float(2.0 * history[row - 1] - history[row - 2])
+        if not low <= ahead <= high:
+            return row, ahead
+    return history.size, np.nan
 
 
 def _warn_outside(aircraft: Aircraft, histories: Mapping[str, Array], name: str) -> None:

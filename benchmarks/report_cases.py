@@ -48,11 +48,12 @@ ROTORS = 2 * 160 * 1.3558179483  # kg m^2/s, twice the one engine of NASA TP-153
 EXPLANATIONS = {
     "lateral 1": "The trim stabilator balances the pitching moment at 9, 15 and 17.5 deg, the middle one unstable (the "
     "pitch-up), and between the upper two the moment is less than 0.0015: the sideslip of the manoeuvre takes "
-    "alpha over the hump, and it settles at 6 to 9 deg. With 0.75 deg more nose-up trim (0.0065 in Cm; the "
+    "alpha over the hump, and it falls to 6 to 9 deg. With 0.75 deg more nose-up trim (0.0065 in Cm; the "
     "report's own two estimates of Cm_0 in Table 6.5 differ by 0.004) it stays up, at the report's mean. Beta "
-    "does not depend on that and agrees. Augmentation from the start is ruled out: it halves beta.",
+    "does not depend on that and agrees. Augmentation from the start is ruled out, for it halves beta, and so "
+    "is a rudder pulse of 1.25 s, which leaves it at 2.7 deg.",
     "lateral 2": "As lateral 1, whose motion it is. The report's two means differ by 0.8 deg for one motion: the vane's "
-    "errors drawn anew, which move a mean by 0.3 deg (base) or 0.4 deg (high).",
+    "errors drawn anew, which move each mean by 0.4 deg at 18 deg.",
     "lateral 3": "As lateral 1. Against case 1 the report's alpha falls by 0.6 deg and its beta rises by 0.4 deg; ours by "
     "1.6 and 0.4 deg, with 0.6 and 0.2 deg from flight to flight. Disturbances in u and v, as Table 6.6 has "
     "it, would move neither so.",

@@ -2,17 +2,15 @@
 
 import math
 from collections.abc import Mapping
-from functools import cache
-from types import MappingProxyType
 from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 
 from ..._foundation.types import Array, Float
-from ...data.io_table import GridData, read_table
+from ...data.io_table import GridData
 from ...models.table_set import TableSet
-from ...models.tables import Extrapolation, Interpolation, Table
+from ...models.tables import Extrapolation, Interpolation
 from ..aerodynamics import AbstractAerodynamics
 from ..aerodynamics_tables import read_coefficients
 from ..airframe import Airframe
@@ -20,7 +18,6 @@ from .f16 import f16_airframe
 from .shared import DATA
 
 AILERON, RUDDER, STABILATOR = (math.radians(angle) for angle in (20.0, 30.0, 25.0))  # deflections of the increments
-RATINGS = ("idle", "mil", "max")
 
 
 class F16LowAerodynamics(AbstractAerodynamics):
@@ -103,24 +100,6 @@ def f16_low(
     grids = read_coefficients(DATA / "f16_low")
     aerodynamics = F16LowAerodynamics(grids, interpolation=interpolation, extrapolation=extrapolation)
     return f16_airframe("f16_low", aerodynamics, xcg)
-
-
-def f16_thrust() -> Table:
-    """Thrust of the F-16's engine at `idle`, `mil` (military) and `max` power [N], over `altitude` [m] and `mach`.
-
-    0 to 50,000 ft and Mach 0 to 1, linear between and beyond, as in Stevens and Lewis, App. A.
-    """
-    grids = _thrust()
-    first = grids[RATINGS[0]]
-    values = np.stack([grids[name].values for name in RATINGS], axis=-1)
-    return Table(values, first.knots, first.axes, units=first.units, quantities=RATINGS, extrapolation="linear")
-
-
-@cache
-def _thrust() -> Mapping[str, GridData]:
-    """The engine's three tables, read once."""
-    file = DATA / "f16_low" / "engine" / "thrust.csv"
-    return MappingProxyType({name: read_table(file, value=name, axes=("altitude", "mach")) for name in RATINGS})
 
 
 def _odd(grid: GridData) -> GridData:

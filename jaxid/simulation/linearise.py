@@ -113,12 +113,18 @@ def linearise(
             array.shape == (len(channels),),
             f"{name} has shape {array.shape}, but the model has {len(channels)} channels there: {', '.join(channels)}.",
         )
+    (A, B), (C, D) = _derivatives(model, t, x, u)
+    return Linearisation(A, B, C, D, model.states, model.inputs, model.outputs)
+
+
+@eqx.filter_jit
+def _derivatives(model: AbstractModel, t: Array, x: Array, u: Array):
+    """Derivatives of the state's rate and of the output by state and input; compiled, for many operations make a model."""
 
     def both(x, u):
         return model.rhs(t, x, u), model.output(t, x, u)
 
-    (A, B), (C, D) = jax.jacfwd(both, argnums=(0, 1))(x, u)
-    return Linearisation(A, B, C, D, model.states, model.inputs, model.outputs)
+    return jax.jacfwd(both, argnums=(0, 1))(x, u)
 
 
 def _table(title: str, matrix: Array, rows: Sequence[str], columns: Sequence[str]) -> list[str]:

@@ -74,9 +74,8 @@ class TableAerodynamics(AbstractAerodynamics):
         return self.tables.refuses
 
 
-@functools.cache
-def read_coefficients(folder: Path) -> Mapping[str, GridData]:
-    """Read all tables of a folder, `Cm.csv` the table `Cm`; each folder once in a process.
+def read_coefficients(folder: str | Path) -> Mapping[str, GridData]:
+    """Read all tables of a folder, `Cm.csv` the table `Cm`; again only where a file has changed.
 
     A file has a column for each axis with its unit, such as `alpha_deg`, one called as the file, and may have one called
     `origin` that says where a value comes from.
@@ -90,8 +89,15 @@ def read_coefficients(folder: Path) -> Mapping[str, GridData]:
     Raises:
         InputError: when the folder holds no CSV file, a file cannot be read, or an angle comes without its unit.
     """
-    files = sorted(folder.glob("*.csv"))
+    files = sorted(Path(folder).glob("*.csv"))
     require(len(files) > 0, f"There is no CSV file in the folder {folder}. Give one for each table, such as Cm.csv.")
+    return _read(tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files))
+
+
+@functools.cache
+def _read(stamped: tuple[tuple[Path, int, int], ...]) -> Mapping[str, GridData]:
+    """The tables of these files, with the time of their last change and their size."""
+    files = [file for file, *_ in stamped]
     grids = {file.stem: read_table(file, value=file.stem) for file in files}
     for name, grid in grids.items():
         for axis, unit in zip(grid.axes, grid.units, strict=True):

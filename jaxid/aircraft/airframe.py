@@ -6,8 +6,10 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
+from .._foundation.checks import require, require_known
 from .._foundation.types import Array, Float, Numbers
 from .aerodynamics import AbstractAerodynamics
+from .controls import SURFACES
 from .mass import MassProperties
 
 Ranges = tuple[tuple[str, tuple[float, float]], ...]
@@ -26,6 +28,9 @@ class Airframe(eqx.Module):
         reference: position of the aerodynamic reference point, seen from the centre of gravity, in body axes [m].
         limits: lowest and highest position of each control surface [rad].
         trusted: range of signals in which the data of this aircraft are to be trusted [rad]; what is absent has none.
+
+    Raises:
+        InputError: when `limits` does not hold each of the three surfaces, or a range is empty.
     """
 
     mass_properties: MassProperties
@@ -57,6 +62,15 @@ class Airframe(eqx.Module):
         reference: Numbers | Sequence[float] = (0.0, 0.0, 0.0),
         trusted: Mapping[str, tuple[float, float]] | None = None,
     ):
+        require_known("control surface (in `limits`)", limits, SURFACES)
+        for surface in SURFACES:
+            require(
+                surface in limits, f"Airframe {name!r} has no limits of the {surface}. Give (lowest, highest) in rad."
+            )
+            low, high = limits[surface]
+            require(
+                low < high, f"Airframe {name!r}: the {surface} goes from {low:g} to {high:g} rad. Put the lower first."
+            )
         self.name, self.mass_properties, self.aerodynamics = name, mass_properties, aerodynamics
         self.S, self.b, self.cbar = jnp.asarray(S, float), jnp.asarray(b, float), jnp.asarray(cbar, float)
         self.reference = jnp.asarray(reference, float)

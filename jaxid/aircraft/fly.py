@@ -117,17 +117,27 @@ def fly(
         The record, the truth beside it, and the aircraft.
 
     Raises:
-        InputError: for a name that is no input, a signal of another length, a flight that leaves tables which refuse to
-            extrapolate, or one that diverges.
+        InputError: for a name that is no input, a signal of another length or with a gap, times that do not increase, a state
+            of another length, a flight that leaves tables which refuse to extrapolate, or one that diverges.
 
     Warns:
         UserWarning: when the flight leaves the range in which its aerodynamic tables are to be trusted.
     """
     require_float64()
     t = jnp.asarray(t, float)
+    backwards = np.flatnonzero(~(np.diff(np.asarray(t)) > 0))
+    require(
+        backwards.size == 0,
+        f"Flight {name!r}: the sample times do not increase after sample {backwards[0] if backwards.size else ''}. Sort them.",
+    )
     given = tuple(one for one in DISTURBANCES if one in inputs)
     aircraft = canonical(aircraft if set(given) <= set(aircraft.disturbances) else aircraft.disturbed(*given))
     u = _inputs(aircraft, t, inputs)
+    require(
+        jnp.shape(initial_state) == (len(aircraft.states),),
+        f"Flight {name!r}: the initial state has shape {jnp.shape(initial_state)}, and the aircraft has {len(aircraft.states)} "
+        "states. Take the state that a trim gives, or make one with `Aircraft.flight_state`.",
+    )
     result, histories = _flown(
         aircraft, t, u, initial_state, key, hold or Linear(), stepper or RK4(SUBSTEPS, unrolled=False)
     )
@@ -169,6 +179,11 @@ def _inputs(aircraft: Aircraft, t: Array, inputs: Mapping[str, Numbers]) -> Floa
         require(
             np.shape(signal) == t.shape,
             f"The input {one!r} has shape {np.shape(signal)} for {t.size} sample times. Give one value for each.",
+        )
+        lost = np.flatnonzero(~np.isfinite(np.asarray(signal, float)))
+        require(
+            lost.size == 0,
+            f"The input {one!r} is not a finite number at sample {lost[0] if lost.size else ''}. Fill the gap.",
         )
     return jnp.stack([jnp.asarray(inputs.get(one, jnp.zeros_like(t)), float) for one in aircraft.inputs], axis=-1)
 

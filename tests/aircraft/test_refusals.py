@@ -1,0 +1,49 @@
+"""What a user may get wrong with an aircraft is refused in words, before anything is computed."""
+
+import jax
+import jax.numpy as jnp
+import pytest
+from small_airframe import small_airframe
+
+from jaxid._foundation.checks import InputError
+from jaxid.aircraft import Aircraft, Airframe, fly
+
+T = 0.1 * jnp.arange(5)
+STILL = jnp.zeros(5)
+
+
+@pytest.mark.parametrize(
+    ("t", "inputs", "states", "words"),
+    [
+        (T[::-1], {}, 18, "do not increase after sample 0"),
+        (T, {}, 10, r"shape \(10,\), and the aircraft has 18 states"),
+        (T, {"pilot_rudder": STILL.at[3].set(jnp.nan)}, 18, "'pilot_rudder' is not a finite number at sample 3"),
+        (T, {"rudder": STILL}, 18, "Did you mean 'pilot_rudder'"),
+    ],
+)
+def test_a_flight(t, inputs, states, words):
+    aircraft = Aircraft(small_airframe())
+    with pytest.raises(InputError, match=words):
+        fly(aircraft, t, inputs, jnp.zeros(states), key=jax.random.key(0))
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ({"stabilator": (-0.3, 0.3), "aileron": (-0.3, 0.3)}, "has no limits of the rudder"),
+        ({"elevator": (-0.3, 0.3)}, "no control surface"),
+        (dict.fromkeys(("stabilator", "aileron", "rudder"), (0.3, -0.3)), "stabilator goes from 0.3 to -0.3 rad"),
+    ],
+)
+def test_stops(limits, words):
+    frame = small_airframe()
+    with pytest.raises(InputError, match=words):
+        Airframe(
+            name="x",
+            mass_properties=frame.mass_properties,
+            S=1.0,
+            b=1.0,
+            cbar=1.0,
+            aerodynamics=frame.aerodynamics,
+            limits=limits,
+        )

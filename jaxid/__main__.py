@@ -59,7 +59,7 @@ def flight(
 ) -> None:
     """Find the effect that a model lacks, add it, and report the error before and after on records that were not used.
 
-    Without a command: an embedded simulated flight of a longitudinal aircraft, with an undeclared effect in it.
+    Without a command: an embedded simulated flight of an F-4-like aircraft, with an undeclared effect in it.
     """
     if context.invoked_subcommand is not None:
         return

@@ -32,7 +32,18 @@ MOVED = {  # the states whose rates a coefficient moves
     **dict.fromkeys(("Cl", "Cm", "Cn"), ("p", "q", "r")),
 }
 SYMMETRIC = (
-    *("1", "alpha", "qhat", "stabilator", "alpha^2", "alpha qhat", "alpha stabilator", "beta^2", "alpha^3", "alpha beta^2"),
+    *(
+        "1",
+        "alpha",
+        "qhat",
+        "stabilator",
+        "alpha^2",
+        "alpha qhat",
+        "alpha stabilator",
+        "beta^2",
+        "alpha^3",
+        "alpha beta^2",
+    ),
     *("phat^2", "rhat^2", "stabilator^2"),
 )
 LATERAL = (

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
+from .atmosphere import GRAVITY
 from .instrument_channels import CHANNELS, TABLE, PerChannel
 from .instruments import Instruments
 
@@ -57,8 +58,9 @@ _VANE_FT = (34.0, 0.5, 0.2)  # mean position of both vanes, the last columns of 
 
 
 def _level(row: int) -> NoiseLevel:
-    """One of the two levels in SI units; the foot and the degree end here."""
+    """One of the two levels in SI units; foot, degree and g end here."""
     si = {name: DEGREE if TABLE[name].unit.startswith("rad") else FOOT for name in _ERRORS_DEG_FT}
+    si |= dict.fromkeys(("ax", "ay", "az", "az_pilot"), GRAVITY)
     errors = {name: rows[row] for name, rows in _ERRORS_DEG_FT.items()}
     offset = {name: bias * si[name] for name, (_, bias) in errors.items()}
     return NoiseLevel(
@@ -82,8 +84,9 @@ The table gives two lines for each instrument, the first for the base level and 
   lines is the angular acceleration (deg/s^2), the second the rate (deg/s), as the printed units of q and r say. So the roll
   rate's 0.75 is its own, where the other rates have 0.3.
 - The unit of V is printed as `f/s^2`, and that of the roll rate as deg/s^2: slips for ft/s and deg/s.
-- The accelerometers' unit is printed as `f/s^2` too, and kept: 0.005 ft/s^2. (Had g been meant, in which App. D.2.7 writes
-  the accelerometers, they would be 32 times larger.)
+- The accelerometers' unit is printed as `f/s^2` too, and read as g, in which App. D.2.7 adds bias and noise to their
+  readings. As ft/s^2 the lateral one would be true to 15 millionths of g, beside gyros of 0.1 deg/s; and Table 6.8 finds
+  0.0145 g of it.
 - Each axis has two misalignment angles (D.2.2, D.2.7), both of the size given.
 - The pilot's accelerometer is not in the table: App. D.2.7.6 gives it the errors of the vertical one.
 - Altitude, controls and thrust are not in the table: without error.

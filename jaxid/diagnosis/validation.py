@@ -1,11 +1,13 @@
 """Prediction of records that were not used: the model as it stands, started at each record's own initial state."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import require
+from .._foundation.checks import require, require_known
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels
@@ -13,7 +15,7 @@ from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Limits, Problem
 from ..estimation.solver import GaussNewton, minimise
 from ..models.base import AbstractModel, canonical
-from ..models.free import INITIAL_STATE, Free, Positions, all_names, start
+from ..models.free import INITIAL_STATE, Free, start
 
 
 class Prediction(eqx.Module):
@@ -48,6 +50,7 @@ def predict(
     likelihood: AbstractLikelihood,
     *,
     window: int | None = None,
+    states: Sequence[str] | None = None,
 ) -> Prediction:
     """Predict records with a fixed model, each from an initial state fitted on a window at its start.
 
@@ -61,42 +64,51 @@ def predict(
         records: one record or a stack.
         likelihood: how predictions are made and, in the window, weighted.
         window: number of samples at the start of each record; None for none.
+        states: those whose initial value is fitted in the window, all by default; the others start where
+            `model.initial_state` sees them, as those must that no instrument shows (a place, a heading).
 
     Returns:
         Predicted outputs and what counts.
 
     Raises:
-        InputError: when channels differ, or a window is shorter than needed to determine the state, or longer than a record.
+        InputError: when channels differ, a state does not exist, or a window is shorter than needed to determine the state, or
+            longer than a record.
     """
     records = as_stack(records)
     check_channels(model, records)
+    states = model.states if states is None else tuple(states)
+    require_known("state", states, model.states)
     if window is not None:
-        check_window(model, records, window)
-    return predict_stack(canonical(model), records.anonymous(), canonical(likelihood), window)
+        check_window(model, records, window, len(states))
+    return predict_stack(canonical(model), records.anonymous(), canonical(likelihood), window, states)
 
 
-def check_window(model: AbstractModel, records: Record, window: int) -> None:
+def check_window(model: AbstractModel, records: Record, window: int, unknown: int) -> None:
     """Refuse a window that cannot determine an initial state, or leaves nothing to score.
 
     Raises:
         InputError: it tells how many samples are needed and how many there are.
     """
     shortest = int(np.min(np.asarray(records.samples)))
-    need = -(-len(model.states) // len(model.outputs))
+    need = -(-unknown // len(model.outputs))
     require(
         need <= window < shortest,
-        f"The window has {window} samples; it needs at least {need} for {len(model.states)} states, and must be shorter "
+        f"The window has {window} samples; it needs at least {need} for {unknown} states, and must be shorter "
         f"than the shortest record, which has {shortest}.",
     )
 
 
 @eqx.filter_jit
 def predict_stack(
-    model: AbstractModel, records: Record, likelihood: AbstractLikelihood, window: int | None
+    model: AbstractModel,
+    records: Record,
+    likelihood: AbstractLikelihood,
+    window: int | None,
+    states: tuple[str, ...],
 ) -> Prediction:
     """The pure inside of `predict`."""
-    names = tuple(f"{INITIAL_STATE}.{state}" for state in model.states)
-    positions = Positions(jnp.zeros(0, int), jnp.arange(len(all_names(model)) - len(names), len(all_names(model))))
+    names = tuple(f"{INITIAL_STATE}.{state}" for state in states)
+    positions = Free((), names).positions(model)
     limits = Limits.of(Free((), names), 1)
 
     def one(record: Record):

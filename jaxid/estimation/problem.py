@@ -138,8 +138,7 @@ class Problem(eqx.Module):
     def _solve_one(self, own, shared, case) -> Solution:
         """One case from its own and the shared parameters."""
         flat, record = case
-        flat = flat.at[self.positions.rows].set(own, mode="drop")
-        model, initial_state = insert(self.model, flat, self.positions.shared, shared)
+        model, initial_state = insert(self.model, flat, self.positions, shared, own)
         return self.likelihood.solve(model, record, initial_state)
 
     def _cases(self):

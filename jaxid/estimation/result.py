@@ -66,7 +66,7 @@ class Estimate(eqx.Module):
         deviation = jnp.where(fit.shared_on_bound, jnp.nan, deviation)
         own_deviation = jnp.sqrt(jnp.diagonal(fit.own_covariance, axis1=-2, axis2=-1))
         return cls(
-            model=insert(model, flat, positions.shared, fit.parameters.shared)[0],
+            model=insert(model, flat, positions, fit.parameters.shared, fit.parameters.rows[0])[0],
             free=free,
             names=free.shared,
             units=tuple(units.get(name, "") for name in free.shared),

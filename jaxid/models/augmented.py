@@ -1,5 +1,6 @@
 """`Augmented`: any model with effects added to it, the only wrapper there is for them."""
 
+import itertools
 from typing import ClassVar
 
 import equinox as eqx
@@ -11,6 +12,7 @@ from .._foundation.types import Array, Float
 from ..data.record import Record
 from .base import AbstractModel
 from .effects import Effect
+from .effects_sensor import alike, read_together
 from .polynomial import monomials
 
 
@@ -86,8 +88,12 @@ class Augmented(AbstractModel):
 
     def observe(self, t, y):
         y = self.model.observe(t, y)
-        for effect in self.effects_in:
-            y = effect.observe(t, y, self.outputs)
+        for kind, group in itertools.groupby(self.effects_in, alike):
+            if kind is not None:  # computed as one, as the order by names brings them together
+                y = read_together(tuple(group), t, y, self.outputs)
+            else:
+                for effect in group:
+                    y = effect.observe(t, y, self.outputs)
         return y
 
     def initial_state(self, record: Record) -> Float[Array, " state"]:

@@ -1,5 +1,7 @@
 """General effects in the instruments: bias, scale, delay, lag, saturation."""
 
+import abc
+import dataclasses
 from typing import Literal
 
 import equinox as eqx
@@ -15,7 +17,54 @@ from .effects import Effect, zero
 PILE = 3  # samples at exactly one extreme value: noise alone does not repeat itself
 
 
-class SensorBias(Effect):
+class SensorEffect(Effect):
+    """What happens in the sensor of one output; a subclass says what becomes of its signal.
+
+    Attributes:
+        channel: name of the output.
+    """
+
+    channel: eqx.AbstractVar[str]
+
+    @abc.abstractmethod
+    def reading(self, t: Float[Array, " time"], signal: Float[Array, " time"]) -> Float[Array, " time"]:
+        """What the sensor makes of its sampled signal."""
+
+    @property
+    def place(self):
+        return f"sensor {self.channel}"
+
+    def observe(self, t, y, outputs):
+        return read_together((self,), t, y, outputs)
+
+
+def read_together(
+    effects: tuple[SensorEffect, ...],
+    t: Float[Array, " time"],
+    y: Float[Array, "time output"],
+    outputs: tuple[str, ...],
+) -> Float[Array, "time output"]:
+    """The outputs under effects that are alike but for their channels, of which no two are the same: computed as one."""
+    columns = np.array([outputs.index(effect.channel) for effect in effects])
+    arrays, rest = zip(*(eqx.partition(effect, eqx.is_inexact_array) for effect in effects), strict=True)
+    stacked = jax.tree.unflatten(
+        jax.tree.structure(arrays[0]), [jnp.stack(leaves) for leaves in zip(*map(jax.tree.leaves, arrays), strict=True)]
+    )
+    read = jax.vmap(lambda own, signal: eqx.combine(own, rest[0]).reading(t, signal), in_axes=(0, 1), out_axes=1)
+    return y.at[:, columns].set(read(stacked, y[:, columns]))
+
+
+def alike(effect: Effect):
+    """Sensor effects with the same key can be read together; None for any other effect."""
+    if not isinstance(effect, SensorEffect):
+        return None
+    static = [
+        field.name for field in dataclasses.fields(effect) if field.metadata.get("static") and field.name != "channel"
+    ]
+    return (type(effect), *(getattr(effect, name) for name in static))
+
+
+class SensorBias(SensorEffect):
     """A constant offset of an output, in its unit: `y -> y + gain`.
 
     Args:
@@ -30,18 +79,14 @@ class SensorBias(Effect):
         return f"bias of {self.channel}"
 
     @property
-    def place(self):
-        return f"sensor {self.channel}"
-
-    @property
     def sentence(self):
         return f"the sensor of {self.channel} has an offset"
 
-    def observe(self, t, y, outputs):
-        return y.at[:, outputs.index(self.channel)].add(self.gain)
+    def reading(self, t, signal):
+        return signal + self.gain
 
 
-class SensorScale(Effect):
+class SensorScale(SensorEffect):
     """An error of scale of an output: `y -> (1 + gain) y`.
 
     Args:
@@ -56,18 +101,14 @@ class SensorScale(Effect):
         return f"scale of {self.channel}"
 
     @property
-    def place(self):
-        return f"sensor {self.channel}"
-
-    @property
     def sentence(self):
         return f"the sensor of {self.channel} has an error of scale"
 
-    def observe(self, t, y, outputs):
-        return y.at[:, outputs.index(self.channel)].multiply(1.0 + self.gain)
+    def reading(self, t, signal):
+        return (1.0 + self.gain) * signal
 
 
-class SensorDelay(Effect):
+class SensorDelay(SensorEffect):
     """An output is recorded late: `y(t) -> y(t - gain)`, with gain in seconds, by cubics through the samples.
 
     Args:
@@ -82,19 +123,14 @@ class SensorDelay(Effect):
         return f"delay of {self.channel}"
 
     @property
-    def place(self):
-        return f"sensor {self.channel}"
-
-    @property
     def sentence(self):
         return f"the sensor of {self.channel} is late"
 
-    def observe(self, t, y, outputs):
-        column = outputs.index(self.channel)
-        return y.at[:, column].set(late(t, y[:, column], self.gain))
+    def reading(self, t, signal):
+        return late(t, signal, self.gain)
 
 
-class SensorLag(Effect):
+class SensorLag(SensorEffect):
     """A first-order lag of an output, exact for straight lines between the samples.
 
         lag dw/dt = y - w,    y -> w,    lag = gain in seconds
@@ -113,19 +149,14 @@ class SensorLag(Effect):
         return f"lag of {self.channel}"
 
     @property
-    def place(self):
-        return f"sensor {self.channel}"
-
-    @property
     def sentence(self):
         return f"the sensor of {self.channel} lags behind"
 
-    def observe(self, t, y, outputs):
-        column = outputs.index(self.channel)
-        return y.at[:, column].set(lagging(t, y[:, column], self.gain))
+    def reading(self, t, signal):
+        return lagging(t, signal, self.gain)
 
 
-class SensorSaturation(Effect):
+class SensorSaturation(SensorEffect):
     """An output stops at a level: what lies beyond it is taken away, all of it at a gain of one.
 
         y -> y - gain max(y - level, 0)     at the upper end, and its mirror image at the lower
@@ -148,10 +179,6 @@ class SensorSaturation(Effect):
         return f"{self.end} saturation of {self.channel}"
 
     @property
-    def place(self):
-        return f"sensor {self.channel}"
-
-    @property
     def sentence(self):
         return f"the sensor of {self.channel} stops at {'an upper' if self.end == 'upper' else 'a lower'} level"
 
@@ -170,11 +197,9 @@ class SensorSaturation(Effect):
     def start(self, signals, measured, step):
         return eqx.tree_at(lambda effect: effect.level, self, jnp.asarray(self._extreme(measured[self.channel])))
 
-    def observe(self, t, y, outputs):
-        column = outputs.index(self.channel)
+    def reading(self, t, signal):
         sign = 1.0 if self.end == "upper" else -1.0
-        beyond = sign * jnp.maximum(sign * (y[:, column] - self.level), 0.0)
-        return y.at[:, column].add(-self.gain * beyond)
+        return signal - self.gain * sign * jnp.maximum(sign * (signal - self.level), 0.0)
 
     def _extreme(self, signal):
         return np.max(signal) if self.end == "upper" else np.min(signal)

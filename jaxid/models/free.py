@@ -12,7 +12,7 @@ from .._foundation.checks import InputError, require, require_known, require_uni
 from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
 from .base import AbstractModel, canonical
-from .names import flatten, parameter_names
+from .names import array_leaves, flatten, parameter_names, with_array_leaves
 
 INITIAL_STATE = "initial_state"
 
@@ -33,11 +33,18 @@ class Positions(eqx.Module):
     """Where free parameters stand in the flat vector of a model followed by its initial state.
 
     Positions are data, not structure: another selection of the same size does not compile again, and a position beyond the
-    vector is a column that is switched off.
+    vector is a column that is switched off. Structure is only in which leaves of the model they may point: all others are
+    constants to a derivative, so that a table of thousands of numbers costs it nothing while none of them is free.
+
+    Attributes:
+        shared: positions of parameters with one value for all records.
+        rows: positions of parameters with one value per record.
+        leaves: numbers of the leaves that hold any of them, the initial state last.
     """
 
     shared: Int[Array, " parameter"]
     rows: Int[Array, " row_parameter"]
+    leaves: tuple[int, ...] = eqx.field(static=True)
 
 
 class Free(eqx.Module):
@@ -65,10 +72,8 @@ class Free(eqx.Module):
         available = all_names(model)
         index = {name: position for position, name in enumerate(available)}
         require_known("parameter", self.shared + self.per_record, available)
-        return Positions(
-            jnp.array([index[name] for name in self.shared], int),
-            jnp.array([index[name] for name in self.per_record], int),
-        )
+        shared, rows = ([index[name] for name in names] for names in (self.shared, self.per_record))
+        return Positions(jnp.array(shared, int), jnp.array(rows, int), leaves_at(model, np.array(shared + rows, int)))
 
     def bounds(self, which: Literal["shared", "per_record"]) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
         """Lower and upper bounds as vectors, infinite where there are none."""
@@ -131,27 +136,44 @@ def start(model: AbstractModel, positions: Positions, records: Record) -> Parame
 
 
 def flat_vectors(model: AbstractModel, records: Record) -> Float[Array, "case flat"]:
-    """For each record the flat vector of everything: the model's parameters with the record's constants put in, and its
-    initial state."""
+    """For each record the flat vector of everything: the model's parameters, and its initial state.
+
+    Constants of the record that are called as a parameter take its place; others are there for `model.initial_state`."""
     vector, unflatten = flatten(model)
     names = parameter_names(model)
-    at = np.array([names.index(name) for name in records.constants], int)
+    known = [name for name in records.constants if name in names]
+    at = np.array([names.index(name) for name in known], int)
 
     def one(record: Record):
-        values = jnp.stack([*record.constants.values()]) if record.constants else jnp.zeros(0)
+        values = jnp.stack([record.constants[name] for name in known]) if known else jnp.zeros(0)
         own = vector.at[at].set(values)
         return jnp.concatenate([own, jnp.asarray(unflatten(own).initial_state(record), float)])
 
     return jax.vmap(one)(records)
 
 
+def leaves_at(model: AbstractModel, positions: Int[np.ndarray, " p"]) -> tuple[int, ...]:
+    """Numbers of the model's array leaves that stand at these positions of its flat vector, the initial state last."""
+    sizes = [leaf.size for leaf in array_leaves(model)] + [len(model.states)]
+    return tuple(int(leaf) for leaf in np.unique(np.repeat(np.arange(len(sizes)), sizes)[positions]))
+
+
 def insert(
-    model: AbstractModel, flat: Float[Array, " flat"], positions: Int[Array, " p"], values: Float[Array, " p"]
+    model: AbstractModel,
+    flat: Float[Array, " flat"],
+    positions: Positions,
+    shared: Float[Array, " p"],
+    rows: Float[Array, " r"],
 ) -> tuple[AbstractModel, Float[Array, " state"]]:
-    """The model and the initial state with the given values at the given positions of a record's flat vector."""
-    size = flat.size - len(model.states)
-    filled = flat.at[positions].set(values, mode="drop")
-    return flatten(model)[1](filled[:size]), filled[size:]
+    """The model and the initial state with the given values at their positions of a record's flat vector."""
+    filled = flat.at[positions.rows].set(rows, mode="drop").at[positions.shared].set(shared, mode="drop")
+    leaves, at = [], 0
+    for number, leaf in enumerate(array_leaves(model)):
+        source = filled if number in positions.leaves else flat
+        leaves.append(source[at : at + leaf.size].reshape(leaf.shape))
+        at += leaf.size
+    initial_state = (filled if len(leaves) in positions.leaves else flat)[at:]
+    return with_array_leaves(model, leaves), initial_state
 
 
 def with_values(model: AbstractModel, names: Sequence[str], values: Float[Array, " p"]) -> AbstractModel:

@@ -14,7 +14,7 @@ from .effects import Effect
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
 from .effects_input import InputBetweenSamples, InputDelay, InputLag
 from .effects_sensor import SensorBias, SensorDelay, SensorLag, SensorSaturation, SensorScale
-from .free import insert
+from .free import Positions, insert, leaves_at
 from .names import flatten
 
 MOST_SIGNALS_FOR_CUBIC_PRODUCTS = 3
@@ -70,15 +70,15 @@ def uncertain_equations(model: AbstractModel, free_positions: np.ndarray) -> tup
         free_positions: positions of the free shared parameters in the model's flat vector.
     """
     flat = jnp.concatenate([flatten(model)[0], jnp.zeros(len(model.states))])
-    positions = jnp.asarray(free_positions, int)
+    positions = Positions(jnp.asarray(free_positions, int), jnp.zeros(0, int), leaves_at(model, free_positions))
     found = np.zeros(len(model.states), bool)
     for key in jax.random.split(jax.random.key(0), 3):
         x, u = jnp.split(jax.random.uniform(key, (len(model.states) + len(model.inputs),)), [len(model.states)])
 
         def rate(values, x=x, u=u):
-            return insert(model, flat, positions, values)[0].rhs(jnp.zeros(()), x, u)
+            return insert(model, flat, positions, values, jnp.zeros(0))[0].rhs(jnp.zeros(()), x, u)
 
-        found |= np.any(np.asarray(jax.jacfwd(rate)(flat[positions])) != 0, axis=1)
+        found |= np.any(np.asarray(jax.jacfwd(rate)(flat[positions.shared])) != 0, axis=1)
     return tuple(state for state, uncertain in zip(model.states, found, strict=True) if uncertain)
 
 

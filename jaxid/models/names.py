@@ -10,6 +10,7 @@ import itertools
 from collections.abc import Iterator
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
@@ -40,6 +41,17 @@ def flatten(model):
     arrays, rest = eqx.partition(model, eqx.is_inexact_array)
     vector, unravel = ravel_pytree(arrays)
     return vector.astype(float), lambda values: eqx.combine(unravel(values), rest)
+
+
+def array_leaves(model) -> list[Array]:
+    """The array leaves of a model, in the order in which they stand in its flat vector."""
+    return jax.tree.leaves(eqx.filter(model, eqx.is_inexact_array))
+
+
+def with_array_leaves(model, leaves: list[Array]):
+    """The model with other array leaves, in the same order."""
+    arrays, rest = eqx.partition(model, eqx.is_inexact_array)
+    return eqx.combine(jax.tree.unflatten(jax.tree.structure(arrays), leaves), rest)
 
 
 def read(model, names: tuple[str, ...]) -> Float[Array, " parameter"]:

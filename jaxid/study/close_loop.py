@@ -27,7 +27,7 @@ from ..sensitivity.spectrum import spectrum
 from .options import LoopOptions
 from .search import Search
 from .study import Round, Side, Study
-from .workbench import Fitted, Workbench, own_parameters
+from .workbench import Fitted, Workbench, own_parameters, starting_states
 
 SOLVER = GaussNewton(tolerance=1e-4, least_fall=1e-3, max_steps=60)  # a decision needs no more
 Records = Record | Sequence[Record]
@@ -91,7 +91,7 @@ def close_loop(
 
     if window is not None:
         for records in (check, *tests.values()):
-            check_window(model, records, window)
+            check_window(model, records, window, len(starting_states(free, model, model)))
 
     bench = Workbench(model, free, library, likelihood, train, solver)
     progress("estimate of the declared model")

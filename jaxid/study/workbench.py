@@ -18,7 +18,7 @@ from ..estimation.solver import GaussNewton
 from ..models.augmented import Augmented
 from ..models.base import AbstractModel, canonical
 from ..models.effects import Effect
-from ..models.free import Free, Parameters, Positions, all_names, start, with_values
+from ..models.free import INITIAL_STATE, Free, Parameters, Positions, all_names, leaves_at, start, with_values
 from ..models.library import started
 from ..models.names import flatten
 from ..models.noise import FixedNoise
@@ -79,6 +79,8 @@ class Workbench:
         self.gains = {name: self.column[f"{name}.gain"] for name in self.effects}
         self.at = np.array([self.position[name] for name in self.columns], int)
         self.rows = jnp.array([self.position[name] for name in free.per_record], int)
+        self.starts = starting_states(free, model, self.model)
+        self.leaves = leaves_at(self.model, np.r_[self.at, np.asarray(self.rows)])
         self.lower, self.upper = self._effect_bounds()
         self.measured: dict[str, np.ndarray] = {}
 
@@ -138,7 +140,7 @@ class Workbench:
         known = eqx.tree_at(
             lambda likelihood: likelihood.noise, self.likelihood, FixedNoise(_regular(fitted.fit.noise))
         )
-        return predict_stack(self.fitted_model(fitted), records.anonymous(), known, window)
+        return predict_stack(self.fitted_model(fitted), records.anonymous(), known, window, self.starts)
 
     def fitted_model(self, fitted: Fitted) -> AbstractModel:
         """The augmented model with the values of a fit."""
@@ -158,7 +160,8 @@ class Workbench:
         padding = width - len(chosen)
         chosen = list(chosen)
         model = self._with(values)
-        positions = Positions(jnp.asarray(np.r_[self.at[chosen], np.full(padding, len(self.names))], int), self.rows)
+        shared = jnp.asarray(np.r_[self.at[chosen], np.full(padding, len(self.names))], int)
+        positions = Positions(shared, self.rows, self.leaves)
         records = self.records if records is None else records
         limits = self._limits(chosen, padding, records.n_cases)
         shared = jnp.asarray(np.r_[values[chosen], np.zeros(padding)])
@@ -221,6 +224,13 @@ def _signals_of(problem: Problem, parameters: Parameters) -> tuple[dict[str, Arr
     signals = jax.vmap(jax.vmap(problem.model.signals))(solutions.t, solutions.x, problem.records.u)
     moving = jnp.diff(problem.records.t, axis=1) > 0
     return signals, jnp.concatenate([jnp.ones((moving.shape[0], 1), bool), moving], axis=1)
+
+
+def starting_states(free: Free, declared: AbstractModel, augmented: AbstractModel) -> tuple[str, ...]:
+    """States whose initial value is fitted where a record is predicted: those that effects brought, and of the declared ones
+    those that are free, or all where none is."""
+    chosen = tuple(state for state in declared.states if f"{INITIAL_STATE}.{state}" in free.per_record)
+    return (chosen or declared.states) + augmented.states[len(declared.states) :]
 
 
 def own_parameters(effect: Effect) -> tuple[str, ...]:

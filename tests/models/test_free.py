@@ -9,7 +9,7 @@ import pytest
 from jaxid._foundation.checks import InputError
 from jaxid.data import record, stack
 from jaxid.models import AbstractModel, LinearModel, Polynomial, free, with_values
-from jaxid.models.free import flat_vectors, insert, inside, start
+from jaxid.models.free import Positions, flat_vectors, insert, inside, leaves_at, start
 from jaxid.models.names import flatten
 
 
@@ -171,19 +171,19 @@ def test_constants_of_a_record_take_the_place_of_parameters():
 def test_insert_puts_values_in_and_drops_columns_that_are_switched_off():
     model = with_values(plane(), (), jnp.zeros(0))
     flat = jnp.arange(9.0)
-    positions = jnp.array([4, 9, 8, 12345])
-    found, state = insert(model, flat, positions, jnp.array([-4.0, 1e6, -8.0, 1e6]))
+    positions = Positions(jnp.array([4, 9, 12345]), jnp.array([8]), leaves_at(model, np.array([4, 8])))
+    found, state = insert(model, flat, positions, jnp.array([-4.0, 1e6, 1e6]), jnp.array([-8.0]))
     np.testing.assert_array_equal(flatten(found)[0], [0.0, 1.0, 2.0, 3.0, -4.0, 5.0, 6.0])
     np.testing.assert_array_equal(state, [7.0, -8.0])
     np.testing.assert_array_equal(found.mass, -4.0)
 
     def all_numbers(values):
-        model_at, state_at = insert(model, flat, positions, values)
+        model_at, state_at = insert(model, flat, positions, values[:3], values[3:])
         return jnp.concatenate([flatten(model_at)[0], state_at])
 
     jacobian = jax.jacfwd(all_numbers)(jnp.zeros(4))
     want = np.zeros((9, 4))
-    want[4, 0] = want[8, 2] = 1.0
+    want[4, 0] = want[8, 3] = 1.0
     np.testing.assert_array_equal(jacobian, want)
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+from collections.abc import Callable
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -21,7 +22,10 @@ jax.config.update("jax_compilation_cache_dir", os.environ.get("JAX_COMPILATION_C
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 from ._foundation.checks import InputError  # noqa: E402
-from .aircraft.default_flight import default_flight, realised_noise  # noqa: E402
+from ._foundation.types import Array  # noqa: E402
+from .aircraft.coupled_flight import coupled_flight  # noqa: E402
+from .aircraft.default_flight import default_flight  # noqa: E402
+from .aircraft.simulated_flight import SimulatedFlight, realised_noise  # noqa: E402
 from .estimation import OutputError  # noqa: E402
 from .measured import emps, silverbox, tanks  # noqa: E402
 from .report import require_new, write_json, write_study  # noqa: E402
@@ -50,23 +54,36 @@ Out = Annotated[
 ]
 
 
+Seed = Annotated[int, typer.Option(help="Of the measurement noise.")]
+
+
 @app.callback(invoke_without_command=True)
 def flight(
     context: typer.Context,
     json: Json = None,
     out: Out = None,
-    seed: Annotated[int, typer.Option(help="Of the measurement noise.")] = 0,
+    seed: Seed = 0,
 ) -> None:
     """Find the effect that a model lacks, add it, and report the error before and after on records that were not used.
 
-    Without a command: an embedded simulated flight of an F-4-like aircraft, with an undeclared effect in it.
+    Without a command: an embedded simulated flight of a longitudinal aircraft, with an undeclared effect in it.
     """
-    if context.invoked_subcommand is not None:
-        return
+    if context.invoked_subcommand is None:
+        _fly(default_flight, seed, json, out)
+
+
+@app.command()
+def coupled(json: Json = None, out: Out = None, seed: Seed = 0) -> None:
+    """The same on a flight in six degrees of freedom: an F-4-like aircraft with tables, in lateral and longitudinal motion."""
+    _fly(coupled_flight, seed, json, out)
+
+
+def _fly(make: Callable[[Array], SimulatedFlight], seed: int, json: Path | None, out: Path | None) -> None:
+    """Close the loop on a simulated flight, whose noise is known."""
     _require_new(json, out)
     with _told() as progress:
         progress("simulated flight")
-        case = default_flight(jax.random.key(seed))
+        case = make(jax.random.key(seed))
         study = close_loop(
             case.model,
             case.free,

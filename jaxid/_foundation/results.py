@@ -23,4 +23,4 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]  (equin
         "The iteration limit was reached before the steps became small against the standard errors. Raise `max_steps`, or "
         "look at the weak directions: an undetermined combination drifts."
     )
-    unbalanced = "The equations cannot be balanced within the limits of the unknowns. Ask for less, widen a limit, or start nearer."
+    unbalanced = "The equations cannot be balanced within the limits of the unknowns. Ask for less, widen a limit, or start near."

@@ -137,12 +137,27 @@ class Aircraft(AbstractModel):
     # The model ------------------------------------------------------------------------------------------------------------
 
     def rhs(self, t, x, u):
+        return self.rhs_and_signals(t, x, u)[0]
+
+    def signals(self, t, x, u):
+        """Everything that an instrument, a coefficient or an effect may depend on, by name.
+
+        Returns:
+            Inputs and states, the flow (`alpha`, `beta`, `V`, `mach`, `qbar`, `phat`, `qhat`, `rhat` and the rest),
+            surfaces [rad], `thrust` [N], the six coefficients with all that acts on them, the accelerations, and by how much
+            the rate of a state grows with a coefficient, `p_per_Cl` and so on, for those in `MOVED`.
+        """
+        return self.rhs_and_signals(t, x, u)[1]
+
+    def rhs_and_signals(self, t, x, u):
         rigid, control_states, engine_states = self._split_state(x)
         pilot, levers, disturbances = self._split_input(u)
-        signals = self._flow(rigid, disturbances) | self.controls.positions(control_states, pilot)
+        signals = dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
+        signals |= self._flow(rigid, disturbances) | self.controls.positions(control_states, pilot)
         signals |= self._propulsion(engine_states, signals)
+        signals |= dict(zip(COEFFICIENTS, self._coefficients(signals), strict=True))
         vdot, omegadot = self._accelerations(rigid, engine_states, signals)
-        signals |= self._felt(rigid, vdot, omegadot)
+        signals |= self._felt(rigid, vdot, omegadot) | self._effectiveness(signals)
         moving = self.controls.rates(t, control_states, pilot, signals)
         pushing = [
             engine.source.rates(own, lever, signals)
@@ -150,7 +165,7 @@ class Aircraft(AbstractModel):
         ]
         attitude_rate = quaternion_rate(rigid[6:10], rigid[3:6])
         over_ground = rotation(rigid[6:10]).T @ rigid[:3] * jnp.array([1.0, 1.0, -1.0])
-        return jnp.concatenate([vdot, omegadot, attitude_rate, over_ground, moving, *pushing])
+        return jnp.concatenate([vdot, omegadot, attitude_rate, over_ground, moving, *pushing]), signals
 
     def output(self, t, x, u):
         return self.output_given(t, x, u, self.rhs(t, x, u))
@@ -164,23 +179,6 @@ class Aircraft(AbstractModel):
 
     def observe(self, t, y):
         return self.instruments.observe(t, y)
-
-    def signals(self, t, x, u):
-        """Everything that an instrument, a coefficient or an effect may depend on, by name.
-
-        Returns:
-            Inputs and states, the flow (`alpha`, `beta`, `V`, `mach`, `qbar`, `phat`, `qhat`, `rhat` and the rest),
-            surfaces [rad], `thrust` [N], the six coefficients with all that acts on them, the accelerations, and by how much
-            the rate of a state grows with a coefficient, `p_per_Cl` and so on, for those in `MOVED`.
-        """
-        rigid, control_states, engine_states = self._split_state(x)
-        signals = dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
-        pilot, _, disturbances = self._split_input(u)
-        signals |= self._flow(rigid, disturbances) | self.controls.positions(control_states, pilot)
-        signals |= self._propulsion(engine_states, signals)
-        signals |= dict(zip(COEFFICIENTS, self._coefficients(signals), strict=True))
-        signals |= self._effectiveness(signals)
-        return signals | self._felt(rigid, *self._accelerations(rigid, engine_states, signals))
 
     def initial_state(self, record: Record) -> Float[Array, " state"]:
         """The state from the first valid sample of each channel, with controls and engines at rest in trim.
@@ -340,7 +338,7 @@ class Aircraft(AbstractModel):
     def _accelerations(self, rigid, engine_states, signals: Signals):
         """Rates of velocity and angular rate from all that acts on the body."""
         frame, mass = self.airframe, self.airframe.mass_properties
-        coefficients = self._coefficients(signals)
+        coefficients = jnp.stack([signals[name] for name in COEFFICIENTS])
         pressure_area = signals["qbar"] * frame.S
         aerodynamic = pressure_area * coefficients[:3]
         force = aerodynamic + mass.mass * self._gravity(rigid)

@@ -1,10 +1,8 @@
 """A simulated flight with something in it that the declared model lacks: the embedded case of the main job.
 
-The aircraft is the F-4-like one with its tables. Manoeuvres, the errors of the tables and the planted effect are our choice.
+The aircraft is our choice: mass, inertia and size are rounded from the F-4C of Heffley & Jewell, Aircraft Handling
+Qualities Data, NASA CR-2144, 1972; the coefficients are of an F-4's magnitude and not measured.
 """
-
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,178 +12,137 @@ import numpy as np
 from .._foundation.types import Array, Float
 from ..data.build import record
 from ..data.multisine import multisine
-from ..data.record import Record
 from ..data.signals import doublet, linear_sweep, pulses, ramp, three_two_one_one
+from ..models.augmented import Augmented
 from ..models.base import AbstractModel
-from ..models.free import Free, free
+from ..models.free import free, with_values
+from ..models.names import parameter_names, read
+from ..models.polynomial import Polynomial
 from ..simulation.simulate import simulate
-from ..simulation.steppers import RK4
-from .aerodynamics_corrected import CorrectedAerodynamics
-from .aerodynamics_polynomial import PolynomialAerodynamics
-from .aircraft import Aircraft
-from .airframes.f4 import f4
-from .controls import SURFACES, ControlSystem, MeasuredSurfaces, standard_actuators
-from .instruments import Instruments
-from .noise_levels import BASE, report_instruments
-from .trims import level
+from ..simulation.steppers import Adaptive
+from .effects import CoefficientTerm
+from .longitudinal import Longitudinal
+from .simulated_flight import SimulatedFlight
 
-SPEED, ALTITUDE = 167.64, 10668.0  # m/s and m: 550 ft/s at 35,000 ft, as in the report's longitudinal cases
+SPEED = 185.0  # m/s, at about 9 km
 SAMPLE_TIME, SAMPLES = 0.04, 501  # s
-CHANNELS = ("alpha", "beta", "V", "p", "q", "r", "phi", "pitch", "ax", "ay", "az")
-TRAIN = ("longitudinal", "lateral", "all surfaces")
-CHECK = ("3-2-1-1 and doublets", "pulls with sideslip")
-TEST = ("slow doublets", "sweeps")
-PLANTED = {"Cm": {"beta^2": -0.8}}  # a nose-down moment in sideslip, to either side
-TABLES_ARE_OFF_BY = {
-    "CX": {"1": 0.004},
-    "CY": {"beta": -0.06},
-    "CZ": {"1": -0.02, "alpha": 0.2, "stabilator": -0.04},
-    "Cl": {"beta": 0.012, "phat": -0.04, "aileron": -0.004},
-    "Cm": {"1": 0.004, "alpha": -0.03, "qhat": -0.8, "stabilator": -0.06},
-    "Cn": {"beta": 0.015, "rhat": -0.05, "rudder": -0.006},
-}
-STARTS = ("u", "v", "w", "p", "q", "r", "e1", "e2")  # of the initial state; heading and place are seen by no instrument
+NOISE_DEG = {"alpha": 0.05, "q": 0.1, "pitch": 0.05}  # standard deviations, deg and deg/s
+NOISE_SI = {"ax": 0.03, "az": 0.08, "V": 0.3}  # standard deviations, m/s^2 and m/s
+TRAIN = ("doublets", "3-2-1-1", "multisine")
+CHECK = ("3-2-1-1, larger", "pulls")
+TEST = ("doublets, slow", "sweep")
+STARTS_OFF = 0.15  # by how much the declared coefficients are wrong, with alternating sign
 
 
-class DefaultFlight(NamedTuple):
-    """What `default_flight` makes.
+def default_flight(key: Array) -> SimulatedFlight:
+    """Simulate seven manoeuvres of 20 s at 25 Hz around level flight, with a cubic pitching moment undeclared.
 
-    Attributes:
-        model: the declared model: tables, corrections that are still zero, recorded surfaces as inputs.
-        free: the corrections, the offsets of the instruments, and an initial state for each record.
-        train, check, test: records to fit, to decide and to report.
-        truth: the model that made the records, with the planted effect, in the same form as the declared one.
-        clean: the records without noise, by name.
-    """
+        z_i = y(t_i; truth) + e_i,    e_i ~ N(0, diag(noise^2)),    Cm = Cm0 + ... - 8 alpha^3 in the truth only
 
-    model: AbstractModel
-    free: Free
-    train: tuple[Record, ...]
-    check: tuple[Record, ...]
-    test: tuple[Record, ...]
-    truth: Aircraft
-    clean: dict[str, Float[Array, "time output"]]
-
-
-def default_flight(key: Array) -> DefaultFlight:
-    r"""Simulate seven manoeuvres of 20 s at 25 Hz with an F-4-like aircraft, with a moment in sideslip undeclared.
-
-        C = C_tables + corrections,    Cm = ... - 0.8 beta^2 in the truth only,    z_i = y(t_i) + bias + e_i
-
-    The records are made with four times the steps of the estimation and with actuators between pilot and surfaces, from level
-    trim at 550 ft/s and 35,000 ft. White noise and offsets of the instruments have the report's base level (Table 6.6); the
-    offsets are drawn once, for all manoeuvres are of one flight. Scales, places and axes of the instruments are taken as
-    calibrated.
+    The records are made by an adaptive Runge-Kutta method of order five, from level trim at 185 m/s, the elevator in
+    straight lines between its samples.
 
     Args:
-        key: of the offsets and the noise.
+        key: of the measurement noise.
 
     Returns:
-        Declared model, free parameters, records, truth and what it shows without noise.
+        Declared model, free parameters, records, truth and noise.
 
     Raises:
         InputError: when JAX is not in 64 bit.
     """
-    for_bias, for_noise = jax.random.split(key)
-    t, surfaces, clean, truth = _fly(_drawn(for_bias))
-    names = (*TRAIN, *CHECK, *TEST)
-    noise = jnp.array([BASE.noise[name] for name in CHANNELS])
-    z = np.asarray(clean) + np.asarray(noise) * np.asarray(jax.random.normal(for_noise, clean.shape))
-    units = {name: unit for name, unit in truth.units().items() if name in CHANNELS} | dict.fromkeys(SURFACES, "rad")
+    truth, t, u, y = _fly()
+    noise = jnp.array([jnp.radians(NOISE_DEG[c]) if c in NOISE_DEG else NOISE_SI[c] for c in truth.outputs])
+    z = np.asarray(y) + np.asarray(noise) * np.asarray(jax.random.normal(key, y.shape))
+    units = {name: unit for name, unit in truth.units().items() if name in truth.inputs + truth.outputs}
     flown = {
-        name: record(
-            t, surfaces[i], z[i], inputs=SURFACES, outputs=CHANNELS, units=units, constants=_place(), name=name
-        )
-        for i, name in enumerate(names)
+        name: record(t, u[i], z[i], inputs=truth.inputs, outputs=truth.outputs, units=units, name=name)
+        for i, name in enumerate((*TRAIN, *CHECK, *TEST))
     }
     model = declared(truth)
-    offsets = tuple(f"instruments.bias.{name}" for name in CHANNELS)
-    terms = tuple(f"{coefficient}.{term}" for coefficient, terms in TABLES_ARE_OFF_BY.items() for term in terms)
-    chosen = free(model, *terms, *offsets, per_record=tuple(f"initial_state.{state}" for state in STARTS))
-    train, check, test = (tuple(flown[name] for name in group) for group in (TRAIN, CHECK, TEST))
-    return DefaultFlight(model, chosen, train, check, test, truth, dict(zip(names, clean, strict=True)))
+    chosen = free(model, "CX", "CZ", "Cm", per_record=("initial_state",))
+    train, check, test = (tuple(flown[name] for name in names) for names in (TRAIN, CHECK, TEST))
+    return SimulatedFlight(model, chosen, train, check, test, truth, noise, dict(zip(flown, y, strict=True)))
 
 
-def declared(truth: Aircraft) -> Aircraft:
-    """The aircraft as its tables have it: corrections and offsets are there and zero, the planted effect is not there."""
-    zero = {coefficient: dict.fromkeys(terms, 0.0) for coefficient, terms in TABLES_ARE_OFF_BY.items()}
-    return _recorded(_airframe(zero), report_instruments(CHANNELS), truth)
+def true_aircraft() -> Longitudinal:
+    """The aircraft of the default flight, its thrust not trimmed and its cubic moment left out."""
+    return Longitudinal(
+        CX=Polynomial({"1": -0.02, "alpha^2": -0.6}),
+        CZ=Polynomial({"1": -0.15, "alpha": -3.2, "qhat": -5.0, "elevator": -0.45}),
+        Cm=Polynomial({"1": 0.01, "alpha": -0.35, "qhat": -6.5, "elevator": -0.55}),
+        mass=17700.0,
+        Iy=165000.0,
+        S=49.2,
+        cbar=4.88,
+        thrust=26000.0,
+        density=0.46,
+    )
 
 
-def _airframe(corrections):
-    """The F-4-like airframe with corrected tables."""
-    frame = f4(interpolation="cubic")
-    corrected = CorrectedAerodynamics(frame.aerodynamics, PolynomialAerodynamics(corrections))
-    return eqx.tree_at(lambda one: one.aerodynamics, frame, corrected)
+def planted() -> CoefficientTerm:
+    """What the declared model lacks: a nose-down moment that grows with the cube of the angle of attack."""
+    return CoefficientTerm(coefficient="Cm", product="alpha^3", moved=("q",), gain=jnp.array(-8.0))
 
 
-def _recorded(airframe, instruments: Instruments, like: Aircraft) -> Aircraft:
-    """The model for identification: surfaces are inputs, engines those of the aircraft that flew."""
-    return Aircraft(airframe, engines=like.engines, controls=MeasuredSurfaces(), instruments=instruments)
+def declared(truth: Augmented) -> AbstractModel:
+    """The aircraft without the planted effect, its coefficients wrong by 15 %, in turn too large and too small."""
+    coefficients = [name for name in parameter_names(truth.model) if name.partition(".")[0] in ("CX", "CZ", "Cm")]
+    off = 1.0 + STARTS_OFF * jnp.where(jnp.arange(len(coefficients)) % 2 == 0, 1.0, -1.0)
+    return with_values(truth.model, coefficients, off * read(truth.model, tuple(coefficients)))
 
 
-def _drawn(key: Array) -> Instruments:
-    """Instruments with the offsets of one flight."""
-    sigma = jnp.array([BASE.bias[name] for name in CHANNELS])
-    bias = sigma * jax.random.normal(key, sigma.shape)
-    return eqx.tree_at(lambda one: one.bias.values, report_instruments(CHANNELS), bias)
+def level_trim(
+    model: AbstractModel, V: Float[Array, ""] | float, iterations: int = 20
+) -> tuple[Float[Array, " state"], Float[Array, ""], Float[Array, ""]]:
+    """Angle of attack, elevator and thrust for level flight, by Newton's method.
 
-
-def _place() -> dict[str, float]:
-    return {"altitude": ALTITUDE}
-
-
-def realised_noise(flight: DefaultFlight, records: Sequence[Record], skip: int = 0) -> Float[Array, " output"]:
-    """RMS of the noise that stands in some records of a flight: the error that the truth itself would have on them.
-
-        rms_j = sqrt( 1/N sum_i (z_ij - y_ij(truth))^2 )
-
-    It scatters about the stated level by `1/sqrt(2 N)`, and a prediction is to be held against it.
+        udot = wdot = qdot = 0    at    u = V cos(alpha), w = V sin(alpha), q = 0, pitch = alpha
 
     Args:
-        flight: from `default_flight`.
-        records: some of its records.
-        skip: samples at the start of each record that do not count.
+        model: has the states u, w, q and pitch first, the input elevator and a parameter `thrust`, which is the start.
+        V: speed [m/s].
+        iterations: Newton steps.
 
     Returns:
-        One value for each output [its unit].
+        The trimmed state, the elevator [rad] and the thrust [N].
     """
-    errors = jnp.concatenate([(one.z - flight.clean[one.names[0]])[skip:] for one in records])
-    return jnp.sqrt(jnp.mean(errors**2, axis=0))
+
+    def state(alpha):
+        extra = jnp.zeros(len(model.states) - 4)
+        return jnp.concatenate([jnp.stack([V * jnp.cos(alpha), V * jnp.sin(alpha), jnp.zeros(()), alpha]), extra])
+
+    def rates(unknown):
+        alpha, elevator, thrust = unknown
+        trimmed = with_values(model, ("thrust",), thrust[None])
+        return trimmed.rhs(jnp.zeros(()), state(alpha), elevator[None])[:3]
+
+    def newton(_, unknown):
+        return unknown - jnp.linalg.solve(jax.jacfwd(rates)(unknown), rates(unknown))
+
+    start = jnp.concatenate([jnp.array([0.1, 0.0]), read(model, ("thrust",))])
+    alpha, elevator, thrust = jax.lax.fori_loop(0, iterations, newton, start)
+    return state(alpha), elevator, thrust
 
 
-def manoeuvres(t: Float[Array, " time"]) -> dict[str, Float[Array, "time surface"]]:
-    """The pilot's stabilator, aileron and rudder about their trim in each manoeuvre [rad], smoothed over two samples.
+def manoeuvres(t: Float[Array, " time"]) -> dict[str, Float[Array, " time"]]:
+    """The elevator about its trim in each manoeuvre, smooth enough for straight lines between samples [rad].
 
     Args:
         t: sample times [s].
     """
-    gentle = ramp(t, 0.0, 1.0)
-    random_like = multisine(t, 20.0, 0.1, 1.2, amplitude=1.0, count=3)
-    still = jnp.zeros_like(t)
-    both_ways = doublet(t, 1.0, 1.5, 2.0) - doublet(t, 9.0, 1.2, 2.0)
+    there_and_back = doublet(t, 1.0, 1.5, 3.0) - doublet(t, 9.0, 1.2, 3.0)
+    random_like = ramp(t, 0.0, 1.0) * multisine(t, 20.0, 0.1, 1.6, amplitude=1.5)[:, 0]
     commanded = {
-        "longitudinal": (both_ways, still, doublet(t, 13.0, 1.5, 2.0)),
-        "lateral": (still, doublet(t, 8.0, 1.2, 3.0), doublet(t, 1.0, 1.5, 5.0) - doublet(t, 14.0, 1.0, 4.0)),
-        "all surfaces": tuple(gentle * random_like[:, i] * size for i, size in enumerate((1.2, 1.5, 3.0))),
-        "3-2-1-1 and doublets": (
-            three_two_one_one(t, 1.0, 0.6, -1.5),
-            doublet(t, 11.0, 1.0, 3.0),
-            doublet(t, 7.0, 1.5, 5.0),
-        ),
-        "pulls with sideslip": (
-            pulses(t, (1.0, 3.0, 9.0, 12.0), (-1.5, 0.0, -2.0)),
-            still,
-            pulses(t, (2.0, 5.0, 8.0), (4.0, -4.0)),
-        ),
-        "slow doublets": (doublet(t, 1.0, 2.0, -1.5), doublet(t, 13.0, 1.0, -3.0), doublet(t, 6.0, 2.0, -4.5)),
-        "sweeps": (
-            gentle * linear_sweep(t, 20.0, 0.1, 1.0, 1.2),
-            still,
-            gentle * linear_sweep(t, 20.0, 0.1, 0.8, 3.5),
-        ),
+        "doublets": there_and_back,
+        "3-2-1-1": three_two_one_one(t, 1.0, 0.6, -2.5),
+        "multisine": random_like,
+        "3-2-1-1, larger": three_two_one_one(t, 1.0, 0.7, 3.0),
+        "pulls": pulses(t, (1.0, 3.0, 9.0, 12.0), (-2.0, 0.0, -3.0)),
+        "doublets, slow": doublet(t, 1.0, 2.0, -2.5) + doublet(t, 11.0, 1.0, 3.0),
+        "sweep": ramp(t, 0.0, 1.0) * linear_sweep(t, 20.0, 0.1, 1.2, 2.0),
     }
-    return {name: jnp.radians(jnp.stack([_smooth(one) for one in of], axis=1)) for name, of in commanded.items()}
+    return {name: jnp.radians(_smooth(signal)) for name, signal in commanded.items()}
 
 
 def _smooth(signal: Float[Array, " time"]) -> Float[Array, " time"]:
@@ -194,21 +151,14 @@ def _smooth(signal: Float[Array, " time"]) -> Float[Array, " time"]:
     return jnp.convolve(signal, weight / jnp.sum(weight), mode="same")
 
 
-def _fly(instruments: Instruments):
-    """Sample times, surfaces and outputs free of noise of all manoeuvres, and the truth as a model for identification."""
-    frame = _airframe({name: terms | PLANTED.get(name, {}) for name, terms in TABLES_ARE_OFF_BY.items()})
-    aircraft = Aircraft(frame, controls=ControlSystem(standard_actuators(frame.limits)), instruments=instruments)
-    trimmed = level(aircraft, SPEED, ALTITUDE)
-    t = SAMPLE_TIME * jnp.arange(SAMPLES)
-    pilot = jnp.stack(list(jax.jit(manoeuvres)(t).values()))
-    surfaces, clean = _flown(trimmed.aircraft, t, pilot, trimmed.state)
-    return t, surfaces, clean, _recorded(frame, instruments, trimmed.aircraft)
-
-
 @eqx.filter_jit
-def _flown(aircraft: Aircraft, t, pilot, state):
-    """Surfaces and outputs of each manoeuvre."""
-    at = jnp.array([aircraft.states.index(surface) for surface in SURFACES])
-    stepper = RK4(4, unrolled=False)
-    flights = jax.vmap(lambda u: simulate(aircraft, t, u, state, stepper=stepper))(pilot)
-    return flights.x[..., at], flights.y
+def _fly():
+    """The trimmed truth, the sample times, and the inputs and outputs of all manoeuvres, free of noise."""
+    aircraft = true_aircraft()
+    trimmed, elevator, thrust = level_trim(Augmented(aircraft, (planted(),)), SPEED)
+    truth = Augmented(eqx.tree_at(lambda model: model.thrust, aircraft, thrust), (planted(),))
+    t = SAMPLE_TIME * jnp.arange(SAMPLES)
+    moves = manoeuvres(t)
+    u = elevator + jnp.stack([moves[name] for name in (*TRAIN, *CHECK, *TEST)])[..., None]
+    y = jax.vmap(lambda u: simulate(truth, t, u, trimmed, stepper=Adaptive()).y)(u)
+    return truth, t, u, y

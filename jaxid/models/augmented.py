@@ -50,8 +50,9 @@ class Augmented(AbstractModel):
 
     def rhs(self, t, x, u):
         own, extra, acting = self._take_apart(x, u)
-        signals = self.model.signals(t, own, acting) | extra
-        rates = self.model.rhs(t, own, acting) + self._terms(signals)
+        rates, signals = self.model.rhs_and_signals(t, own, acting)
+        signals = signals | extra
+        rates = rates + self._terms(signals)
         dx = dict(zip(self.model.states, rates, strict=True))
         recorded = dict(zip(self.inputs, u, strict=True))
         for effect in self.effects_in:

@@ -54,6 +54,12 @@ class AbstractModel(eqx.Module):
         """The scalars that an effect may depend on, by name: states and inputs, and what a domain adds to them."""
         return dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
 
+    def rhs_and_signals(
+        self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
+    ) -> tuple[Float[Array, " state"], dict[str, Float[Array, ""]]]:
+        """The rate of the state and the signals, for a model that computes them together."""
+        return self.rhs(t, x, u), self.signals(t, x, u)
+
     def output_given(
         self,
         t: Float[Array, ""],

@@ -1,5 +1,6 @@
 """`simulate`: the model's answer to an input."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -66,8 +67,14 @@ def run(
     """One case without the border's checks: what the estimation differentiates."""
     path = model.input_path(hold.path(t, u))
     x = stepper.states(model, t, path, initial_state)
-    y = model.observe(t, jax.vmap(model.output)(t, x, u))
+    y = _observed(model, t, x, u)
     return Solution(t, x, y, jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y)))
+
+
+@eqx.filter_jit
+def _observed(model, t, x, u) -> Float[Array, "time output"]:
+    """What the instruments show of a trajectory; a function of its own, to be traced once."""
+    return model.observe(t, jax.vmap(model.output)(t, x, u))
 
 
 def explain_divergence(solution: Solution, model: AbstractModel, where: str) -> InputError:

@@ -13,6 +13,14 @@ from ..models.base import AbstractModel
 from .inputs import AbstractPath, substeps_of
 
 
+@eqx.filter_jit
+def rate(
+    model: AbstractModel, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
+) -> Float[Array, " state"]:
+    """The right-hand side as a function of its own: traced once, however often and in whatever program it is called."""
+    return model.rhs(t, x, u)
+
+
 class AbstractStepper(eqx.Module):
     """A way to carry the state from sample to sample."""
 
@@ -59,10 +67,10 @@ class RK4(AbstractStepper):
 
     @staticmethod
     def _written_out(model, x, t, h, u):
-        k1 = model.rhs(t, x, u[0])
-        k2 = model.rhs(t + h / 2, x + h / 2 * k1, u[1])
-        k3 = model.rhs(t + h / 2, x + h / 2 * k2, u[1])
-        k4 = model.rhs(t + h, x + h * k3, u[2])
+        k1 = rate(model, t, x, u[0])
+        k2 = rate(model, t + h / 2, x + h / 2 * k1, u[1])
+        k3 = rate(model, t + h / 2, x + h / 2 * k2, u[1])
+        k4 = rate(model, t + h, x + h * k3, u[2])
         return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
     @staticmethod
@@ -70,7 +78,7 @@ class RK4(AbstractStepper):
         def stage(carry, now):
             k, total = carry
             reach, weight, u = now
-            k = model.rhs(t + reach * h, x + reach * h * k, u)
+            k = rate(model, t + reach * h, x + reach * h * k, u)
             return (k, total + weight * k), None
 
         nodes = (jnp.array([0.0, 0.5, 0.5, 1.0]), jnp.array([1.0, 2.0, 2.0, 1.0]), u[jnp.array([0, 1, 1, 2])])

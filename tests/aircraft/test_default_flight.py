@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxid.aircraft.default_flight import CHECK, TEST, TRAIN, default_flight, realised_noise
+from jaxid.aircraft.default_flight import CHECK, TEST, TRAIN, default_flight
+from jaxid.aircraft.simulated_flight import realised_noise
 from jaxid.models import Augmented
 from jaxid.models.names import read
 from jaxid.simulation import RK4, simulate

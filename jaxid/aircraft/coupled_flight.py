@@ -1,0 +1,171 @@
+"""A simulated flight in six degrees of freedom, with something in it that the declared model lacks.
+
+The aircraft is the F-4-like one with its tables. Manoeuvres, the errors of the tables and the planted effect are our choice.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.types import Array, Float
+from ..data.build import record
+from ..data.multisine import multisine
+from ..data.signals import doublet, linear_sweep, pulses, ramp, three_two_one_one
+from ..models.free import free
+from ..simulation.simulate import simulate
+from ..simulation.steppers import RK4
+from .aerodynamics_corrected import CorrectedAerodynamics
+from .aerodynamics_polynomial import PolynomialAerodynamics
+from .aircraft import Aircraft
+from .airframes.f4 import f4
+from .controls import SURFACES, ControlSystem, MeasuredSurfaces, standard_actuators
+from .instruments import Instruments
+from .noise_levels import BASE, report_instruments
+from .simulated_flight import SimulatedFlight
+from .trims import level
+
+SPEED, ALTITUDE = 167.64, 10668.0  # m/s and m: 550 ft/s at 35,000 ft, as in the report's longitudinal cases
+SAMPLE_TIME, SAMPLES = 0.04, 501  # s
+CHANNELS = ("alpha", "beta", "V", "p", "q", "r", "phi", "pitch", "ax", "ay", "az")
+TRAIN = ("longitudinal", "lateral", "all surfaces")
+CHECK = ("3-2-1-1 and doublets", "pulls with sideslip")
+TEST = ("slow doublets", "sweeps")
+PLANTED = {"Cm": {"beta^2": -0.8}}  # a nose-down moment in sideslip, to either side
+TABLES_ARE_OFF_BY = {
+    "CX": {"1": 0.004},
+    "CY": {"beta": -0.06},
+    "CZ": {"1": -0.02, "alpha": 0.2, "stabilator": -0.04},
+    "Cl": {"beta": 0.012, "phat": -0.04, "aileron": -0.004},
+    "Cm": {"1": 0.004, "alpha": -0.03, "qhat": -0.8, "stabilator": -0.06},
+    "Cn": {"beta": 0.015, "rhat": -0.05, "rudder": -0.006},
+}
+STARTS = ("u", "v", "w", "p", "q", "r", "e1", "e2")  # of the initial state; heading and place are seen by no instrument
+
+
+def coupled_flight(key: Array) -> SimulatedFlight:
+    r"""Simulate seven manoeuvres of 20 s at 25 Hz with an F-4-like aircraft, with a moment in sideslip undeclared.
+
+        C = C_tables + corrections,    Cm = ... - 0.8 beta^2 in the truth only,    z_i = y(t_i) + bias + e_i
+
+    The records are made with four times the steps of the estimation and with actuators between pilot and surfaces, from level
+    trim at 550 ft/s and 35,000 ft. White noise and offsets of the instruments have the report's base level (Table 6.6); the
+    offsets are drawn once, for all manoeuvres are of one flight. Scales, places and axes of the instruments are taken as
+    calibrated.
+
+    Args:
+        key: of the offsets and the noise.
+
+    Returns:
+        Declared model, free parameters, records, truth and what it shows without noise.
+
+    Raises:
+        InputError: when JAX is not in 64 bit.
+    """
+    for_bias, for_noise = jax.random.split(key)
+    t, surfaces, clean, truth = _fly(_drawn(for_bias))
+    names = (*TRAIN, *CHECK, *TEST)
+    noise = jnp.array([BASE.noise[name] for name in CHANNELS])
+    z = np.asarray(clean) + np.asarray(noise) * np.asarray(jax.random.normal(for_noise, clean.shape))
+    units = {name: unit for name, unit in truth.units().items() if name in CHANNELS} | dict.fromkeys(SURFACES, "rad")
+    flown = {
+        name: record(
+            t, surfaces[i], z[i], inputs=SURFACES, outputs=CHANNELS, units=units, constants=_place(), name=name
+        )
+        for i, name in enumerate(names)
+    }
+    model = declared(truth)
+    offsets = tuple(f"instruments.bias.{name}" for name in CHANNELS)
+    terms = tuple(f"{coefficient}.{term}" for coefficient, terms in TABLES_ARE_OFF_BY.items() for term in terms)
+    chosen = free(model, *terms, *offsets, per_record=tuple(f"initial_state.{state}" for state in STARTS))
+    train, check, test = (tuple(flown[name] for name in group) for group in (TRAIN, CHECK, TEST))
+    return SimulatedFlight(model, chosen, train, check, test, truth, noise, dict(zip(names, clean, strict=True)))
+
+
+def declared(truth: Aircraft) -> Aircraft:
+    """The aircraft as its tables have it: corrections and offsets are there and zero, the planted effect is not there."""
+    zero = {coefficient: dict.fromkeys(terms, 0.0) for coefficient, terms in TABLES_ARE_OFF_BY.items()}
+    return _recorded(_airframe(zero), report_instruments(CHANNELS), truth)
+
+
+def _airframe(corrections):
+    """The F-4-like airframe with corrected tables."""
+    frame = f4(interpolation="cubic")
+    corrected = CorrectedAerodynamics(frame.aerodynamics, PolynomialAerodynamics(corrections))
+    return eqx.tree_at(lambda one: one.aerodynamics, frame, corrected)
+
+
+def _recorded(airframe, instruments: Instruments, like: Aircraft) -> Aircraft:
+    """The model for identification: surfaces are inputs, engines those of the aircraft that flew."""
+    return Aircraft(airframe, engines=like.engines, controls=MeasuredSurfaces(), instruments=instruments)
+
+
+def _drawn(key: Array) -> Instruments:
+    """Instruments with the offsets of one flight."""
+    sigma = jnp.array([BASE.bias[name] for name in CHANNELS])
+    bias = sigma * jax.random.normal(key, sigma.shape)
+    return eqx.tree_at(lambda one: one.bias.values, report_instruments(CHANNELS), bias)
+
+
+def _place() -> dict[str, float]:
+    return {"altitude": ALTITUDE}
+
+
+def manoeuvres(t: Float[Array, " time"]) -> dict[str, Float[Array, "time surface"]]:
+    """The pilot's stabilator, aileron and rudder about their trim in each manoeuvre [rad], smoothed over two samples.
+
+    Args:
+        t: sample times [s].
+    """
+    gentle = ramp(t, 0.0, 1.0)
+    random_like = multisine(t, 20.0, 0.1, 1.2, amplitude=1.0, count=3)
+    still = jnp.zeros_like(t)
+    both_ways = doublet(t, 1.0, 1.5, 2.0) - doublet(t, 9.0, 1.2, 2.0)
+    commanded = {
+        "longitudinal": (both_ways, still, doublet(t, 13.0, 1.5, 2.0)),
+        "lateral": (still, doublet(t, 8.0, 1.2, 3.0), doublet(t, 1.0, 1.5, 5.0) - doublet(t, 14.0, 1.0, 4.0)),
+        "all surfaces": tuple(gentle * random_like[:, i] * size for i, size in enumerate((1.2, 1.5, 3.0))),
+        "3-2-1-1 and doublets": (
+            three_two_one_one(t, 1.0, 0.6, -1.5),
+            doublet(t, 11.0, 1.0, 3.0),
+            doublet(t, 7.0, 1.5, 5.0),
+        ),
+        "pulls with sideslip": (
+            pulses(t, (1.0, 3.0, 9.0, 12.0), (-1.5, 0.0, -2.0)),
+            still,
+            pulses(t, (2.0, 5.0, 8.0), (4.0, -4.0)),
+        ),
+        "slow doublets": (doublet(t, 1.0, 2.0, -1.5), doublet(t, 13.0, 1.0, -3.0), doublet(t, 6.0, 2.0, -4.5)),
+        "sweeps": (
+            gentle * linear_sweep(t, 20.0, 0.1, 1.0, 1.2),
+            still,
+            gentle * linear_sweep(t, 20.0, 0.1, 0.8, 3.5),
+        ),
+    }
+    return {name: jnp.radians(jnp.stack([_smooth(one) for one in of], axis=1)) for name, of in commanded.items()}
+
+
+def _smooth(signal: Float[Array, " time"]) -> Float[Array, " time"]:
+    """The signal under a Gaussian window with a standard deviation of two samples."""
+    weight = jnp.exp(-0.5 * (jnp.arange(-6, 7) / 2.0) ** 2)
+    return jnp.convolve(signal, weight / jnp.sum(weight), mode="same")
+
+
+def _fly(instruments: Instruments):
+    """Sample times, surfaces and outputs free of noise of all manoeuvres, and the truth as a model for identification."""
+    frame = _airframe({name: terms | PLANTED.get(name, {}) for name, terms in TABLES_ARE_OFF_BY.items()})
+    aircraft = Aircraft(frame, controls=ControlSystem(standard_actuators(frame.limits)), instruments=instruments)
+    trimmed = level(aircraft, SPEED, ALTITUDE)
+    t = SAMPLE_TIME * jnp.arange(SAMPLES)
+    pilot = jnp.stack(list(jax.jit(manoeuvres)(t).values()))
+    surfaces, clean = _flown(trimmed.aircraft, t, pilot, trimmed.state)
+    return t, surfaces, clean, _recorded(frame, instruments, trimmed.aircraft)
+
+
+@eqx.filter_jit
+def _flown(aircraft: Aircraft, t, pilot, state):
+    """Surfaces and outputs of each manoeuvre."""
+    at = jnp.array([aircraft.states.index(surface) for surface in SURFACES])
+    stepper = RK4(4, unrolled=False)
+    flights = jax.vmap(lambda u: simulate(aircraft, t, u, state, stepper=stepper))(pilot)
+    return flights.x[..., at], flights.y

@@ -12,7 +12,7 @@ from .._foundation.types import Array, Float
 from ..data.record import Record
 from .base import AbstractModel
 from .effects import Effect
-from .effects_sensor import alike, read_together
+from .effects_sensor import SensorEffect, alike, read_together
 from .polynomial import monomials
 
 
@@ -89,9 +89,11 @@ class Augmented(AbstractModel):
 
     def observe(self, t, y):
         y = self.model.observe(t, y)
-        for kind, group in itertools.groupby(self.effects_in, alike):
+        for kind, members in itertools.groupby(self.effects_in, alike):
+            group = tuple(members)
+            sensors = tuple(effect for effect in group if isinstance(effect, SensorEffect))
             if kind is not None:  # computed as one, as the order by names brings them together
-                y = read_together(tuple(group), t, y, self.outputs)
+                y = read_together(sensors, t, y, self.outputs)
             else:
                 for effect in group:
                     y = effect.observe(t, y, self.outputs)

@@ -32,7 +32,8 @@ class Table(eqx.Module):
     Only the knots around the point are touched: two in each dimension, or four, which give the slopes of the whole axis,
     at its ends too, for there the four are shifted inwards so that their own end is the end of the axis. At a knot of a
     linear table the derivative is the one to the right. With two axes or more a monotone table has kinks where the slope
-    along a later axis changes sign from knot to knot of an earlier one.
+    along a later axis changes sign from knot to knot of an earlier one. And where a value equals its neighbour, a monotone
+    table has no derivative in that value, for the slope there stays zero to one side: free such values of a `cubic` one.
 
     Args:
         values: numbers on the grid, shape (*knots), or (*knots, quantity) where `quantities` are named.

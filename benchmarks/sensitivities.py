@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks import longitudinal_by_hand as by_hand
 from jaxid.aircraft.default_flight import NOISE_DEG, NOISE_SI, SPEED, level_trim, manoeuvres, true_aircraft
 from jaxid.aircraft.longitudinal import Longitudinal
-from jaxid.models.free import Positions, all_names, insert
+from jaxid.models.free import Positions, all_names, insert, leaves_at
 from jaxid.models.names import flatten, read
 from jaxid.sensitivity import value_and_jacobian
 from jaxid.simulation import RK4, Adaptive, Linear
@@ -86,12 +86,13 @@ def ways(problem: Problem) -> dict[str, Way]:
 def _autodiff(problem: Problem, stepper) -> Way:
     """What the library does: free parameters and initial state pushed forward through `run`."""
     names = all_names(problem.model)
-    positions = Positions(jnp.array([names.index(name) for name in by_hand.NAMES]), jnp.zeros(0, int)).shared
+    at = np.array([names.index(name) for name in by_hand.NAMES])
+    positions = Positions(jnp.array(at), jnp.zeros(0, int), leaves_at(problem.model, at))
     flat = jnp.concatenate([flatten(problem.model)[0], jnp.zeros(len(problem.model.states))])
     t, u = jnp.asarray(problem.t), jnp.asarray(problem.u)[:, None]
 
     def predict(theta):
-        model, initial_state = insert(problem.model, flat, positions, theta)
+        model, initial_state = insert(problem.model, flat, positions, theta, jnp.zeros(0))
         return run(model, t, u, initial_state, Linear(), stepper).y
 
     return lambda theta: value_and_jacobian(predict, theta)

@@ -37,6 +37,13 @@ def pytest_configure(config):
     config.addinivalue_line("filterwarnings", CACHE_RACE)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def forget_compiled_programs():
+    """Programs that one module compiled are not kept for the next: a worker would grow by several gigabytes."""
+    yield
+    jax.clear_caches()
+
+
 @pytest.fixture
 def seed() -> int:
     """The seed of a test's random numbers; JAXID_TEST_SEED gives another one. A failing test shows it."""

@@ -30,18 +30,6 @@ def test_the_main_job_names_the_planted_effect_and_reaches_the_noise(tmp_path):
     assert "http://" not in page.replace("http://www.w3.org", "")
 
 
-def test_the_coupled_flight_names_its_planted_effect_and_reaches_the_noise(tmp_path):
-    done = run(["coupled", "--json", "out.json"], tmp_path, timeout=900)
-    assert done.returncode == 0, done.stderr
-    figures = json.loads((tmp_path / "out.json").read_text())
-    assert figures["effects"] == ["beta^2 in Cm"]
-    assert figures["outcome"] == "explained"
-    for channel, noise in figures["noise"].items():
-        # As for the main job; the bank angle, whose noise is the largest against its motion, comes nearest: 1.026.
-        assert figures["after"][channel] <= 1.03 * noise, channel
-    assert figures["before"]["q"] > 1.5 * figures["after"]["q"]
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

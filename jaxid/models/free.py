@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require, require_known, require_unique
-from .._foundation.types import Array, Bool, Float, Int
+from .._foundation.types import Array, Float, Int
 from ..data.record import Record
 from .base import AbstractModel, canonical
 from .names import array_leaves, flatten, parameter_names, with_array_leaves
@@ -200,7 +200,7 @@ def _checked_bounds(model: AbstractModel, bounds: Mapping, names: tuple[str, ...
     """Bounds as two dictionaries, refused where they are empty or exclude the model's own value."""
     require_known("free parameter (in `bounds`)", bounds, names)
     model = canonical(model)
-    current = dict(zip(parameter_names(model), flatten(model)[0], strict=True))
+    current = dict(zip(parameter_names(model), np.asarray(flatten(model)[0]), strict=True))
     lower: dict[str, Array] = {}
     upper: dict[str, Array] = {}
     for name, (low, high) in bounds.items():
@@ -213,8 +213,3 @@ def _checked_bounds(model: AbstractModel, bounds: Mapping, names: tuple[str, ...
             )
         lower[name], upper[name] = jnp.asarray(low, float), jnp.asarray(high, float)
     return lower, upper
-
-
-def inside(values: Float[Array, " p"], lower: Float[Array, " p"], upper: Float[Array, " p"]) -> Bool[Array, " p"]:
-    """Which values lie strictly between their bounds."""
-    return (values > lower) & (values < upper)

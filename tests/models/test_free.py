@@ -9,7 +9,7 @@ import pytest
 from jaxid._foundation.checks import InputError
 from jaxid.data import record, stack
 from jaxid.models import AbstractModel, LinearModel, Polynomial, free, with_values
-from jaxid.models.free import Positions, flat_vectors, insert, inside, leaves_at, start
+from jaxid.models.free import Positions, flat_vectors, insert, leaves_at, start
 from jaxid.models.names import flatten
 
 
@@ -125,8 +125,6 @@ def test_bounds_stand_in_the_order_of_the_names():
     np.testing.assert_array_equal(chosen.bounds("shared"), [[-np.inf, 1.0], [np.inf, np.inf]])
     np.testing.assert_array_equal(chosen.bounds("per_record"), [[-np.inf, -3.0], [np.inf, 4.0]])
     free(plane(), "mass", bounds={"mass": (2.0, 5.0)})  # a start on the bound is inside
-    edges = inside(jnp.array([1.0, 1.5, 2.0]), jnp.ones(3), 2.0 * jnp.ones(3))
-    np.testing.assert_array_equal(edges, [False, True, False])
 
 
 def test_numbers_given_for_options_become_arrays():

@@ -8,9 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known, require_unique
+from .._foundation.concrete import require_value
 from .._foundation.types import Array, Float
 
 AXES = ("x", "y", "z")
+NOT_NEGATIVE = ("lag", "noise", "coloured_noise", "bandwidth", "quantum", "dropout")
 
 
 class Channel(NamedTuple):
@@ -126,12 +128,17 @@ def numbers(
         default: for channels that are not given; None leaves them out.
 
     Raises:
-        InputError: for a name that is not among the channels, or a value that is not one number.
+        InputError: for a name that is not among the channels, a value that is not one number, or one that must not be negative
+            and is.
     """
     given = {name: jnp.asarray(value, float) for name, value in (given or {}).items()}
     require_known(f"channel (in `{kind}`)", given, channels)
     for name, value in given.items():
         require(value.ndim == 0, f"`{kind}` of {name!r} has shape {value.shape}. Give one number.")
+        if kind in NOT_NEGATIVE:
+            most = 1.0 if kind == "dropout" else np.inf
+            told = f"`{kind}` of {name!r} is {{}}. Give a number from 0 {'to 1' if most == 1.0 else 'upwards'}."
+            require_value(value, lambda number, most=most: (number >= 0) & (number <= most), told)
     named = [name for name in channels if name in given or default is not None]
     return PerChannel({name: given.get(name, default) for name in named})
 

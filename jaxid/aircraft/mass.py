@@ -2,7 +2,9 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
+from .._foundation.concrete import require_value
 from .._foundation.types import Array, Float
 
 
@@ -15,6 +17,9 @@ class MassProperties(eqx.Module):
         mass: m [kg].
         Ix, Iy, Iz: moments of inertia [kg m^2].
         Ixy, Ixz, Iyz: products of inertia [kg m^2].
+
+    Raises:
+        InputError: when mass is not positive, or a moment of inertia exceeds the sum of the two others, as no body's does.
     """
 
     mass: Float[Array, ""]
@@ -29,6 +34,14 @@ class MassProperties(eqx.Module):
         self.mass = jnp.asarray(mass, float)
         self.Ix, self.Iy, self.Iz = jnp.asarray(Ix, float), jnp.asarray(Iy, float), jnp.asarray(Iz, float)
         self.Ixy, self.Ixz, self.Iyz = jnp.asarray(Ixy, float), jnp.asarray(Ixz, float), jnp.asarray(Iyz, float)
+        require_value(self.mass, lambda mass: mass > 0, "The mass is {} kg. Give a positive one.")
+        moments = jnp.stack([self.Ix, self.Iy, self.Iz])
+        require_value(
+            moments,
+            lambda moment: (moment > 0) & (2.0 * moment <= np.sum(moment)),
+            "The moments of inertia are {} kg m^2: in a body each is positive and at most the sum of the two others. "
+            "Check their order and their unit.",
+        )
 
     def inertia(self) -> Float[Array, "3 3"]:
         """The inertia tensor, `[[Ix, -Ixy, -Ixz], [-Ixy, Iy, -Iyz], [-Ixz, -Iyz, Iz]]` [kg m^2]."""

@@ -6,7 +6,8 @@ import pytest
 from small_airframe import small_airframe
 
 from jaxid._foundation.checks import InputError
-from jaxid.aircraft import Aircraft, Airframe, fly
+from jaxid.aircraft import Aircraft, Airframe, Instruments, fly
+from jaxid.aircraft.mass import MassProperties
 
 T = 0.1 * jnp.arange(5)
 STILL = jnp.zeros(5)
@@ -47,3 +48,17 @@ def test_stops(limits, words):
             aerodynamics=frame.aerodynamics,
             limits=limits,
         )
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: MassProperties(mass=-1.0, Ix=1.0, Iy=1.0, Iz=1.0), r"mass is -1.*positive"),
+        (lambda: MassProperties(mass=1.0, Ix=1.0, Iy=1.0, Iz=3.0), r"sum of the two others"),
+        (lambda: Instruments(("q",), noise={"q": -0.1}), r"`noise` of 'q' is -0.1.*from 0 upwards"),
+        (lambda: Instruments(("q",), dropout={"q": 1.5}), r"`dropout` of 'q' is 1.5.*from 0 to 1"),
+    ],
+)
+def test_numbers_that_no_aircraft_has_are_refused(make, said):
+    with pytest.raises(InputError, match=said):
+        make()

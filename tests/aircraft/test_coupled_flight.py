@@ -71,7 +71,7 @@ def test_the_truth_with_recorded_surfaces_shows_what_was_flown(flight):
 
 def test_the_loop_names_the_planted_effect_and_nothing_else(flight):
     """With the candidates of the pitching moment and of the instruments' scale: the whole library, on the command line as
-    `python -m jaxid coupled`, finds the same and compiles for two to three minutes."""
+    `python -m jaxid coupled`, finds the same and takes about three minutes."""
     effects = [effect for effect in flight.model.effects() if effect.name.endswith("in Cm")]
     effects += [SensorScale(channel=name) for name in CHANNELS]
     records = {"train": flight.train, "check": flight.check, "test": flight.test}

@@ -7,10 +7,10 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
+from .imperial import FOOT
 
 NEVER = 1e9  # s
 FADE = 0.1  # s, our choice: a switch closes within one sample of the report's records, and gains stay continuous
-FOOT = 0.3048  # m, exactly (international foot, 1959)
 
 
 class Switch(eqx.Module):

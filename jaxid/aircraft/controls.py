@@ -30,6 +30,10 @@ class AbstractControls(eqx.Module):
     inputs: eqx.AbstractClassVar[tuple[str, ...]]
     trim: eqx.AbstractVar[Float[Array, " surface"]]
 
+    @property
+    def element_names(self) -> dict[str, tuple[str, ...]]:
+        return {"trim": tuple(f"trim.{surface}" for surface in SURFACES)}
+
     @abc.abstractmethod
     def positions(self, x: Float[Array, " control_state"], u: Float[Array, " surface"]) -> dict[str, Float[Array, ""]]:
         """The surfaces [rad] by name, from its states and inputs."""
@@ -72,10 +76,6 @@ class MeasuredSurfaces(AbstractControls):
 
     def __init__(self, trim: Mapping[str, Float[Array, ""] | float] | None = None):
         self.trim = _by_surface(trim)
-
-    @property
-    def element_names(self) -> dict[str, tuple[str, ...]]:
-        return {"trim": tuple(f"trim.{surface}" for surface in SURFACES)}
 
     def positions(self, x: Float[Array, " control_state"], u: Float[Array, " surface"]) -> dict[str, Float[Array, ""]]:
         return dict(zip(SURFACES, u + self.trim, strict=True))
@@ -130,10 +130,6 @@ class ControlSystem(AbstractControls):
         self.augmentation = Augmentation() if augmentation is None else augmentation
         self.autopilot = Autopilot() if autopilot is None else autopilot
         self.actuators = actuators
-
-    @property
-    def element_names(self) -> dict[str, tuple[str, ...]]:
-        return {"trim": tuple(f"trim.{surface}" for surface in SURFACES)}
 
     @property
     def states(self) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from .airframes.f4 import f4
 from .controls import SURFACES, ControlSystem, MeasuredSurfaces, standard_actuators
 from .instruments import Instruments
 from .noise_levels import BASE, report_instruments
-from .simulated_flight import SimulatedFlight
+from .simulated_flight import SimulatedFlight, smoothed
 from .trims import level
 
 SPEED, ALTITUDE = 167.64, 10668.0  # m/s and m: 550 ft/s at 35,000 ft, as in the report's longitudinal cases
@@ -142,13 +142,7 @@ def manoeuvres(t: Float[Array, " time"]) -> dict[str, Float[Array, "time surface
             gentle * linear_sweep(t, 20.0, 0.1, 0.8, 3.5),
         ),
     }
-    return {name: jnp.radians(jnp.stack([_smooth(one) for one in of], axis=1)) for name, of in commanded.items()}
-
-
-def _smooth(signal: Float[Array, " time"]) -> Float[Array, " time"]:
-    """The signal under a Gaussian window with a standard deviation of two samples."""
-    weight = jnp.exp(-0.5 * (jnp.arange(-6, 7) / 2.0) ** 2)
-    return jnp.convolve(signal, weight / jnp.sum(weight), mode="same")
+    return {name: jnp.radians(jnp.stack([smoothed(one) for one in of], axis=1)) for name, of in commanded.items()}
 
 
 def _fly(instruments: Instruments):

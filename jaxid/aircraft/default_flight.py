@@ -22,7 +22,7 @@ from ..simulation.simulate import simulate
 from ..simulation.steppers import Adaptive
 from .effects import CoefficientTerm
 from .longitudinal import Longitudinal
-from .simulated_flight import SimulatedFlight
+from .simulated_flight import SimulatedFlight, smoothed
 
 SPEED = 185.0  # m/s, at about 9 km
 SAMPLE_TIME, SAMPLES = 0.04, 501  # s
@@ -142,13 +142,7 @@ def manoeuvres(t: Float[Array, " time"]) -> dict[str, Float[Array, " time"]]:
         "doublets, slow": doublet(t, 1.0, 2.0, -2.5) + doublet(t, 11.0, 1.0, 3.0),
         "sweep": ramp(t, 0.0, 1.0) * linear_sweep(t, 20.0, 0.1, 1.2, 2.0),
     }
-    return {name: jnp.radians(_smooth(signal)) for name, signal in commanded.items()}
-
-
-def _smooth(signal: Float[Array, " time"]) -> Float[Array, " time"]:
-    """The signal under a Gaussian window with a standard deviation of two samples."""
-    weight = jnp.exp(-0.5 * (jnp.arange(-6, 7) / 2.0) ** 2)
-    return jnp.convolve(signal, weight / jnp.sum(weight), mode="same")
+    return {name: jnp.radians(smoothed(signal)) for name, signal in commanded.items()}
 
 
 @eqx.filter_jit

@@ -22,10 +22,10 @@ from .controls import ControlSystem, standard_actuators
 from .engine import ConstantThrust, Engine
 from .fly import Flight, fly
 from .frames import quaternion, velocity
+from .imperial import DEGREE, FOOT
 from .noise_levels import BASE, HIGH, NoiseLevel, draw, report_instruments
 from .turbulence import REPORT_GUST, white_gusts
 
-FOOT = 0.3048  # m, exactly
 # Our choice: near where the printed speeds and angles of attack are level flight of this aircraft.
 ALTITUDE = 35000.0 * FOOT  # m
 SAMPLE_TIME = 0.1  # s (section 6.2.1: ten samples a second)
@@ -63,7 +63,7 @@ class Case(NamedTuple):
 
 def _deg(value: float) -> float:
     """Degrees as radians, in plain numbers."""
-    return value * 3.141592653589793 / 180.0
+    return value * DEGREE
 
 
 def _rudder_pulse(t: Array) -> Array:
@@ -346,7 +346,7 @@ def settings() -> str:
         speed = "level flight" if case.V is None else f"{case.V / FOOT:.0f}"
         noise = "none" if case.noise is None else "base" if case.noise is BASE else "high"
         on = "never" if case.augmentation_on is None else f"{case.augmentation_on:g}"
-        degrees = case.alpha * 180.0 / 3.141592653589793
+        degrees = case.alpha / DEGREE
         cells = (name, case.source, f"{case.seconds:g}", speed, f"{degrees:g}", case.said, on, noise)
         lines.append("| " + " | ".join((*cells, f"{case.gust / FOOT:g}", case.chosen)) + " |")
     return (

@@ -12,8 +12,8 @@ import numpy as np
 from .._foundation.checks import require_known
 from .._foundation.concrete import require_value
 from .._foundation.types import Array, Float
+from .imperial import FOOT
 
-FOOT = 0.3048  # m, international foot (1959)
 KNOT = 1852.0 / 3600.0  # m/s, international knot
 
 Severity = Literal["light", "moderate", "severe"]

@@ -1,6 +1,5 @@
 """Levels of instrument error, and a flight's own errors drawn from them (report Table 6.6)."""
 
-import math
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
@@ -9,11 +8,9 @@ import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
 from .atmosphere import GRAVITY
+from .imperial import DEGREE, FOOT
 from .instrument_channels import CHANNELS, TABLE, PerChannel
 from .instruments import Instruments
-
-DEGREE = math.pi / 180.0  # rad
-FOOT = 0.3048  # m, exact (international foot, 1959)
 
 
 class NoiseLevel(eqx.Module):

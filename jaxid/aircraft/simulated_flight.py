@@ -50,3 +50,16 @@ def realised_noise(flight: SimulatedFlight, records: Sequence[Record], skip: int
     """
     errors = jnp.concatenate([(one.z - flight.clean[one.names[0]])[skip:] for one in records])
     return jnp.sqrt(jnp.mean(errors**2, axis=0))
+
+
+def smoothed(signal: Float[Array, " time"]) -> Float[Array, " time"]:
+    """A commanded signal without its corners: under a Gaussian window with a standard deviation of two samples.
+
+    Args:
+        signal: uniformly sampled [any unit].
+
+    Returns:
+        As many samples, in the same unit; beyond its ends the signal counts as zero.
+    """
+    weight = jnp.exp(-0.5 * (jnp.arange(-6, 7) / 2.0) ** 2)
+    return jnp.convolve(signal, weight / jnp.sum(weight), mode="same")

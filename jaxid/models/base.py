@@ -9,8 +9,10 @@ import numpy as np
 from equinox import AbstractVar
 from jax.core import Tracer
 
+from .._foundation.checks import InputError, require, require_known
 from .._foundation.types import Array, Float
 from ..data.record import Record
+from .pseudo import PseudoMeasurements
 
 
 class AbstractModel(eqx.Module):
@@ -97,9 +99,92 @@ class AbstractModel(eqx.Module):
         """
         return None
 
+    def prepared(self, record: Record) -> Record:
+        """The record with the channels that this model has, from one that may hold more.
+
+        An input may be any of the record's channels (a measured state may stand in for its equation); an output must be one of its
+        outputs. What is not measured at all is refused, nothing is filled in.
+
+        Args:
+            record: a single record.
+
+        Returns:
+            A record with this model's inputs and outputs, in their order.
+
+        Raises:
+            InputError: when a channel is missing, or an input has samples that are not valid.
+        """
+        return selected(record, self.inputs, self.outputs)
+
+    def pseudo_measurements(self, record: Record) -> PseudoMeasurements:
+        """The model's equations, solved for what a regression explains.
+
+        Args:
+            record: a single record, with all that was measured.
+
+        Raises:
+            InputError: by default: the model states none.
+        """
+        raise InputError(
+            f"{type(self).__name__} has no pseudo-measurements, and a regression has nothing to explain. "
+            "Write its method `pseudo_measurements(record)`."
+        )
+
+    def without(self, responses: tuple[str, ...]) -> "AbstractModel":
+        """The same model without the equations of these responses; their states are inputs of it, measured.
+
+        Args:
+            responses: of the model's pseudo-measurements.
+
+        Raises:
+            InputError: by default, unless there are none: the model says of no equation how it is left out.
+        """
+        if responses:
+            raise InputError(
+                f"{type(self).__name__} cannot leave out the equations of {', '.join(responses)}. "
+                "Keep them, or write its method `without(responses)`."
+            )
+        return self
+
     def units(self) -> dict[str, str]:
         """Units by name, of states, inputs, outputs and parameters; a name that is absent has no stated unit."""
         return {}
+
+
+def selected(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Record:
+    """A record with these channels, from one that may hold more; an input may be a measured output without gaps.
+
+    Args:
+        record: a single record.
+        inputs, outputs: names of its channels.
+
+    Raises:
+        InputError: when a channel is missing, or an input has samples that are not valid.
+    """
+    require_known("channel (needed as input)", inputs, (*record.inputs, *record.outputs))
+    require_known("channel (needed as output)", outputs, record.outputs)
+    for name in inputs:
+        gaps = 0 if name in record.inputs else int(jnp.sum(~record.mask[..., record.outputs.index(name)]))
+        require(
+            gaps == 0,
+            f"Record {record.names[0]!r}: {name!r} stands in as an input and {gaps} of its samples are missing. "
+            "Fill the gaps before, or keep the equation of this state.",
+        )
+    columns = [record.outputs.index(name) for name in outputs]
+    units = dict(zip((*record.inputs, *record.outputs), (*record.input_units, *record.output_units), strict=True))
+    u = [record.channel(name) for name in inputs]
+    return Record(
+        t=record.t,
+        u=jnp.stack(u, axis=-1) if u else jnp.zeros((*record.t.shape, 0)),
+        z=record.z[..., columns],
+        mask=record.mask[..., columns],
+        constants=record.constants,
+        inputs=inputs,
+        outputs=outputs,
+        input_units=tuple(units[name] for name in inputs),
+        output_units=tuple(units[name] for name in outputs),
+        names=record.names,
+    )
 
 
 def canonical(tree):

@@ -102,8 +102,8 @@ class AbstractModel(eqx.Module):
     def prepared(self, record: Record) -> Record:
         """The record with the channels that this model has, from one that may hold more.
 
-        An input may be any of the record's channels (a measured state may stand in for its equation); an output must be one of its
-        outputs. What is not measured at all is refused, nothing is filled in.
+        An input may be any of the record's channels (a measured state may stand in for its equation); an output must be one
+        of its outputs. What is not measured at all is refused, nothing is filled in.
 
         Args:
             record: a single record.

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 
 from .._foundation.checks import require, require_known
@@ -12,48 +11,23 @@ from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
 from .aerodynamics import COEFFICIENTS
-from .airframe import Airframe
+from .airframe import Airframe, aerodynamic_loads
 from .atmosphere import GRAVITY, AbstractAtmosphere, StandardAtmosphere, true_airspeed
 from .buffet import Buffet
 from .controls import SURFACES, AbstractControls, ControlSystem, standard_actuators
-from .effects import CoefficientTerm
-from .engine import ConstantThrust, Engine
+from .effectiveness import MOVED, effectiveness
+from .effects import lacking_terms
+from .engine import ConstantThrust, Engine, loads
 from .first_samples import first_samples
-from .frames import air_angles, euler, quaternion, quaternion_rate, rotation, velocity
+from .flow import flow
+from .frames import euler, quaternion, quaternion_rate, rotation, velocity
 from .instruments import Instruments
-from .rigid_body import accelerations, solve_3x3, specific_force
+from .rigid_body import accelerations, specific_force
 from .turbulence import GUSTS
 from .wind import AbstractWind, Wind
 
 RIGID = ("u", "v", "w", "p", "q", "r", "e0", "e1", "e2", "e3", "north", "east", "altitude")
 DISTURBANCES = (*GUSTS, "buffet")
-MOVED = {  # the states whose rates a coefficient moves
-    **{"CX": ("u", "p", "q", "r"), "CY": ("v", "p", "q", "r"), "CZ": ("w", "p", "q", "r")},
-    **dict.fromkeys(("Cl", "Cm", "Cn"), ("p", "q", "r")),
-}
-SYMMETRIC = (
-    *(
-        "1",
-        "alpha",
-        "qhat",
-        "stabilator",
-        "alpha^2",
-        "alpha qhat",
-        "alpha stabilator",
-        "beta^2",
-        "alpha^3",
-        "alpha beta^2",
-    ),
-    *("phat^2", "rhat^2", "stabilator^2"),
-)
-LATERAL = (
-    *("1", "beta", "phat", "rhat", "aileron", "rudder", "alpha beta", "alpha phat", "alpha rhat", "alpha aileron"),
-    *("alpha rudder", "alpha^2 beta", "beta^3", "beta qhat"),
-)
-LACKING = {  # terms in the spirit of Table 6.1: even in the lateral signals for symmetric coefficients, odd for the others
-    **dict.fromkeys(("CX", "CZ", "Cm"), SYMMETRIC),
-    **dict.fromkeys(("CY", "Cl", "Cn"), LATERAL),
-}
 FIRST = ("V", "alpha", "beta", "phi", "pitch", "psi", "p", "q", "r", "altitude")  # what a first state is made of
 
 Signals = dict[str, Float[Array, ""]]
@@ -204,13 +178,7 @@ class Aircraft(AbstractModel):
 
     def effects(self):
         """Terms that the coefficients may lack beside what the airframe has: `beta^2 in Cm` and so on."""
-        own = self.airframe.aerodynamics.terms
-        return tuple(
-            CoefficientTerm(coefficient=coefficient, product=product, moved=MOVED[coefficient])
-            for coefficient, products in LACKING.items()
-            for product in products
-            if product not in own.get(coefficient, ())
-        )
+        return lacking_terms(self.airframe.aerodynamics.terms, MOVED)
 
     def equations_with_terms(self):
         """No equation takes general terms: what an equation of motion may lack stands in its coefficient."""
@@ -293,24 +261,17 @@ class Aircraft(AbstractModel):
 
     def _flow(self, rigid: Float[Array, "13"], disturbances: Signals) -> Signals:
         """Motion relative to ground and air, and the pressures that it makes."""
-        frame = self.airframe
         T = rotation(rigid[6:10])
         altitude = rigid[12]
         air_velocity = rigid[:3] - T @ self.wind.velocity(altitude) - jnp.stack([disturbances[g] for g in GUSTS[:3]])
         air_omega = rigid[3:6] - jnp.stack([disturbances[g] for g in GUSTS[3:]])
-        V, alpha, beta = air_angles(air_velocity)
-        air = self.atmosphere.air(altitude)
-        hats = air_omega * jnp.stack([frame.b, frame.cbar, frame.b]) / (2.0 * V)
         phi, pitch, psi = euler(rigid[6:10])
         climb = -(T.T @ rigid[:3])[2]
         return disturbances | {
             **dict(zip(("u", "v", "w", "p", "q", "r"), rigid[:6], strict=True)),
-            **dict(zip(("u_air", "v_air", "w_air"), air_velocity, strict=True)),
-            **dict(zip(("phat", "qhat", "rhat"), hats, strict=True)),
-            **{"phi": phi, "pitch": pitch, "psi": psi, "altitude": altitude, "V": V, "alpha": alpha, "beta": beta},
+            **flow(self.airframe, self.atmosphere.air(altitude), air_velocity, air_omega),
+            **{"phi": phi, "pitch": pitch, "psi": psi, "altitude": altitude},
             **{"gamma": jnp.arctan2(climb, jnp.sqrt(jnp.maximum(jnp.dot(rigid[:3], rigid[:3]) - climb**2, 1e-12)))},
-            **{"density": air.density, "pressure": air.pressure, "mach": V / air.sound_speed},
-            "qbar": 0.5 * air.density * V**2,
         }
 
     def _propulsion(self, engine_states, signals: Signals) -> Signals:
@@ -323,12 +284,7 @@ class Aircraft(AbstractModel):
 
     def _effectiveness(self, signals: Signals) -> Signals:
         """By how much each coefficient moves the rates of velocity and angular rate, inertial coupling included."""
-        frame, mass = self.airframe, self.airframe.mass_properties
-        lengths = jnp.stack([frame.b, frame.cbar, frame.b])
-        arms = jnp.cross(frame.reference[None], jnp.eye(3))  # of unit forces, row by row
-        moments = jnp.concatenate([arms, jnp.diag(lengths)])
-        turned = jax.vmap(lambda moment: solve_3x3(mass.inertia(), moment))(moments)
-        grown = signals["qbar"] * frame.S * jnp.concatenate([jnp.eye(6, 3) / mass.mass, turned], axis=1)
+        grown = effectiveness(self.airframe, signals["qbar"], self.airframe.mass_properties.inertia())
         return {
             f"{state}_per_{coefficient}": grown[COEFFICIENTS.index(coefficient), RIGID.index(state)]
             for coefficient, states in MOVED.items()
@@ -339,16 +295,10 @@ class Aircraft(AbstractModel):
         """Rates of velocity and angular rate from all that acts on the body."""
         frame, mass = self.airframe, self.airframe.mass_properties
         coefficients = jnp.stack([signals[name] for name in COEFFICIENTS])
-        pressure_area = signals["qbar"] * frame.S
-        aerodynamic = pressure_area * coefficients[:3]
-        force = aerodynamic + mass.mass * self._gravity(rigid)
-        moment = pressure_area * jnp.stack([frame.b, frame.cbar, frame.b]) * coefficients[3:]
-        moment = moment + jnp.cross(frame.reference, aerodynamic)
-        momentum = jnp.zeros(3)
-        for engine, own in zip(self.engines, engine_states, strict=True):
-            push = engine.thrust(own, signals) * engine.direction()
-            force, moment = force + push, moment + jnp.cross(engine.position, push)
-            momentum = momentum + engine.momentum * engine.direction()
+        force, moment = aerodynamic_loads(frame, signals["qbar"], coefficients)
+        pushes = [engine.thrust(own, signals) for engine, own in zip(self.engines, engine_states, strict=True)]
+        push, turning, momentum = loads(self.engines, pushes)
+        force, moment = force + push + mass.mass * self._gravity(rigid), moment + turning
         return accelerations(mass.mass, mass.inertia(), rigid[:3], rigid[3:6], force, moment, momentum)
 
     def _felt(self, rigid, vdot, omegadot) -> Signals:

@@ -86,3 +86,27 @@ class Airframe(eqx.Module):
     def trusted(self) -> dict[str, tuple[float, float]]:
         """Range of signals in which the data are to be trusted [rad]."""
         return dict(self.trusted_pairs)
+
+    @property
+    def lengths(self) -> Float[Array, "3"]:
+        """What makes moments and rates dimensionless about x, y and z: b, cbar, b [m]."""
+        return jnp.stack([self.b, self.cbar, self.b])
+
+
+def aerodynamic_loads(
+    airframe: Airframe, qbar: Float[Array, ""], coefficients: Float[Array, " coefficient"]
+) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+    """The force of the air, and its moment about the centre of gravity.
+
+        F = qbar S (CX, CY, CZ),    M = qbar S (b Cl, cbar Cm, b Cn) + reference x F
+
+    Args:
+        airframe: its size and reference point.
+        qbar: dynamic pressure [Pa].
+        coefficients: CX, CY, CZ, Cl, Cm, Cn.
+
+    Returns:
+        Force [N] and moment [N m] in body axes.
+    """
+    force = qbar * airframe.S * coefficients[:3]
+    return force, qbar * airframe.S * airframe.lengths * coefficients[3:] + jnp.cross(airframe.reference, force)

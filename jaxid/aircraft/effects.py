@@ -1,10 +1,36 @@
 """Effects of aircraft: what an aerodynamic coefficient may lack."""
 
+from collections.abc import Mapping
+
 import equinox as eqx
 
 from .._foundation.types import Array, Float
 from ..models.effects import Effect, zero
 from ..models.polynomial import factors
+
+SYMMETRIC = (
+    *(
+        "1",
+        "alpha",
+        "qhat",
+        "stabilator",
+        "alpha^2",
+        "alpha qhat",
+        "alpha stabilator",
+        "beta^2",
+        "alpha^3",
+        "alpha beta^2",
+    ),
+    *("phat^2", "rhat^2", "stabilator^2"),
+)
+LATERAL = (
+    *("1", "beta", "phat", "rhat", "aileron", "rudder", "alpha beta", "alpha phat", "alpha rhat", "alpha aileron"),
+    *("alpha rudder", "alpha^2 beta", "beta^3", "beta qhat"),
+)
+LACKING = {  # terms in the spirit of Table 6.1: even in the lateral signals for symmetric coefficients, odd for the others
+    **dict.fromkeys(("CX", "CZ", "Cm"), SYMMETRIC),
+    **dict.fromkeys(("CY", "Cl", "Cn"), LATERAL),
+}
 
 
 class CoefficientTerm(Effect):
@@ -48,3 +74,20 @@ class CoefficientTerm(Effect):
     def terms(self):
         acting = "" if self.product == "1" else f" {self.product}"
         return tuple((state, f"{state}_per_{self.coefficient}{acting}") for state in self.moved)
+
+
+def lacking_terms(
+    own: Mapping[str, tuple[str, ...]], moved: Mapping[str, tuple[str, ...]]
+) -> tuple[CoefficientTerm, ...]:
+    """Terms that the coefficients may lack beside those they have: `beta^2 in Cm` and so on.
+
+    Args:
+        own: the terms that each coefficient has.
+        moved: the states that each coefficient moves; one that is not named gets no candidates.
+    """
+    return tuple(
+        CoefficientTerm(coefficient=coefficient, product=product, moved=moved[coefficient])
+        for coefficient, products in LACKING.items()
+        for product in products
+        if coefficient in moved and product not in own.get(coefficient, ())
+    )

@@ -118,3 +118,25 @@ class Engine(eqx.Module):
     def thrust(self, x: Float[Array, " state"], signals: Signals) -> Float[Array, ""]:
         """The push of the engine [N]."""
         return self.share * self.source.thrust(x, signals)
+
+
+def loads(
+    engines: Sequence[Engine], pushes: Sequence[Float[Array, ""]]
+) -> tuple[Float[Array, "3"], Float[Array, "3"], Float[Array, "3"]]:
+    """Force, moment about the centre of gravity and angular momentum of all engines.
+
+        F = sum T d,    M = sum r x T d,    h = sum H d
+
+    Args:
+        engines: in their places.
+        pushes: T, one for each engine [N].
+
+    Returns:
+        Force [N], moment [N m], momentum [kg m^2/s], body axes.
+    """
+    force, moment, momentum = jnp.zeros(3), jnp.zeros(3), jnp.zeros(3)
+    for engine, push in zip(engines, pushes, strict=True):
+        along = push * engine.direction()
+        force, moment = force + along, moment + jnp.cross(engine.position, along)
+        momentum = momentum + engine.momentum * engine.direction()
+    return force, moment, momentum

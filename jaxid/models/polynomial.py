@@ -1,34 +1,47 @@
-"""Polynomials in named signals: the form in which the report writes every coefficient (Eq. 3.9)."""
+"""Polynomials in named signals: the form in which the report writes every coefficient (Eq. 3.9), with |x| and splines."""
 
-from collections.abc import Mapping
-from typing import ClassVar
+import re
+from collections.abc import Iterable, Mapping
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import require_known
+from .._foundation.checks import InputError, require_known
 from .._foundation.types import Array, Float
+
+# A factor: `alpha`, `|alpha|` or `(alpha-0.26)+`, and a whole power.
+NAME, NUMBER = r"[^\s^|()+-]+", r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
+FACTOR = re.compile(
+    rf"(?P<base>\|(?P<size>{NAME})\||\((?P<cut>{NAME})(?P<knot>[+-](?:{NUMBER}))\)\+|(?P<plain>[^\s^|()]+))"
+    r"(?:\^(?P<power>[1-9]\d*))?"
+)
 
 
 class Polynomial(eqx.Module):
-    r"""A sum of monomials in named signals, `p = sum_k c_k prod_s s^n_ks` (Eq. 3.9).
+    r"""A sum of monomials in named signals, `p = sum_k c_k prod_s (s - centre_s)^n_ks` (Eq. 3.9).
 
-    Terms are written as they are read: `"1"`, `"alpha"`, `"alpha^2"`, `"alpha q"`. A coefficient's dotted name ends in its
-    term: `Cm.alpha^2`.
+    Terms are written as they are read: `"1"`, `"alpha"`, `"alpha^2"`, `"alpha q"`; `"|beta| beta"` with a signal's size;
+    `"(alpha-0.26)+^2"`, zero below the knot and the square of the distance above it, which makes a spline. A coefficient's
+    dotted name ends in its term: `Cm.alpha^2`; a centre is called `Cm.centre.alpha`.
 
     Args:
         coefficients: value by term.
+        centre: by signal, what is taken from it before anything else, so also before its size and before the distance from
+            a knot [the signal's unit]; the other signals stay as they are.
     """
 
     coefficients: Float[Array, " term"]
+    centre: dict[str, Float[Array, ""]]
     terms: tuple[str, ...] = eqx.field(static=True)
 
     transparent: ClassVar[tuple[str, ...]] = ("coefficients",)
 
-    def __init__(self, coefficients: Mapping[str, float]):
+    def __init__(self, coefficients: Mapping[str, float], centre: Mapping[str, float | Float[Array, ""]] | None = None):
         self.terms = tuple(coefficients)
         self.coefficients = jnp.array([coefficients[term] for term in self.terms], float)
+        self.centre = {signal: jnp.asarray(value, float) for signal, value in (centre or {}).items()}
 
     @property
     def element_names(self) -> dict[str, tuple[str, ...]]:
@@ -40,29 +53,34 @@ class Polynomial(eqx.Module):
         Raises:
             InputError: when a term names a signal that is not there.
         """
-        return jnp.dot(self.coefficients, monomials(self.terms, signals))
+        return jnp.dot(self.coefficients, monomials(self.terms, signals, self.centre))
 
 
-def monomials(terms: tuple[str, ...], signals: Mapping[str, Float[Array, ""]]) -> Float[Array, " term"]:
+def monomials(
+    terms: tuple[str, ...],
+    signals: Mapping[str, Float[Array, ""]],
+    centre: Mapping[str, Float[Array, ""]] | None = None,
+) -> Float[Array, " term"]:
     """The values of terms such as `"alpha^2 q"`, all at once: few operations however many terms there are.
 
     Integer powers are products, so that they have a derivative at zero.
 
     Args:
-        terms: products of powers of signals, `"1"` for a constant.
+        terms: products of powers of signals, of their sizes and of distances above a knot; `"1"` for a constant.
         signals: scalars by name.
+        centre: by signal, what is taken from it first; nothing by default.
 
     Raises:
-        InputError: when a term names a signal that is not there.
+        InputError: when a term cannot be read, or names a signal that is not there.
     """
-    products = [[name for name, power in factors(term) for _ in range(power)] for term in terms]
-    used = sorted({name for product in products for name in product})
-    require_known("signal", used, signals)
-    ladder = jnp.stack([jnp.ones(()), *(signals[name] for name in used)])
+    products = [[base for base, power in factors(term) for _ in range(power)] for term in terms]
+    used = sorted({base for product in products for base in product})
+    require_known("signal", signals_in(terms), signals)
+    ladder = jnp.stack([jnp.ones(()), *(_value(_parse(base), signals, centre or {}) for base in used)])
     degree = max(map(len, products), default=0)
     rungs = np.zeros((degree, len(terms)), int)
     for column, product in enumerate(products):
-        rungs[: len(product), column] = [1 + used.index(name) for name in product]
+        rungs[: len(product), column] = [1 + used.index(base) for base in product]
     value = jnp.ones(len(terms))
     for rung in rungs:
         value = value * ladder[rung]
@@ -70,8 +88,53 @@ def monomials(terms: tuple[str, ...], signals: Mapping[str, Float[Array, ""]]) -
 
 
 def factors(term: str) -> tuple[tuple[str, int], ...]:
-    """The factors of a term: `"alpha^2 q"` gives `(("alpha", 2), ("q", 1))`, and `"1"` gives none."""
+    """The factors of a term: `"alpha^2 |q|"` gives `(("alpha", 2), ("|q|", 1))`, and `"1"` gives none.
+
+    Raises:
+        InputError: when the term cannot be read.
+    """
     if term == "1":
         return ()
-    parts = (factor.partition("^") for factor in term.split())
-    return tuple((name, int(power) if power else 1) for name, _, power in parts)
+    parsed = [_parse(factor) for factor in term.split()]
+    if not parsed:
+        raise InputError(f"The term {term!r} has no factor. Write '1' for a constant.")
+    return tuple((factor.base, factor.power) for factor in parsed)
+
+
+def signals_in(terms: Iterable[str]) -> tuple[str, ...]:
+    """Names of the signals in terms, sorted: those of `"|beta| beta"` and `"(alpha-0.26)+"` are alpha and beta."""
+    return tuple(sorted({_parse(base).signal for term in terms for base, _ in factors(term)}))
+
+
+class _Factor(NamedTuple):
+    """One factor of a term: `base` is its text without the power; a knot makes it the distance above, `size` its size."""
+
+    base: str
+    signal: str
+    size: bool
+    knot: float | None
+    power: int
+
+
+def _parse(factor: str) -> _Factor:
+    found = FACTOR.fullmatch(factor)
+    if not found:
+        raise InputError(
+            f"The factor {factor!r} cannot be read. Write a signal as alpha, its size as |alpha|, its distance above a knot as "
+            "(alpha-0.26)+ or (alpha+0.1)+, each with a whole power as alpha^2, and put blanks between factors only."
+        )
+    signal = found["size"] or found["cut"] or found["plain"]
+    knot = None if found["knot"] is None else -float(found["knot"])
+    return _Factor(found["base"], signal, found["size"] is not None, knot, int(found["power"] or 1))
+
+
+def _value(factor: _Factor, signals: Mapping, centre: Mapping) -> Float[Array, ""]:
+    """A factor's value, without its power."""
+    value = signals[factor.signal]
+    if factor.signal in centre:
+        value = value - centre[factor.signal]
+    if factor.size:
+        return jnp.abs(value)
+    if factor.knot is None:
+        return value
+    return jnp.where(value > factor.knot, value - factor.knot, 0.0)  # its derivative at the knot is that from below

@@ -1,0 +1,81 @@
+"""Polynomials: what each term means, about a centre or not, its derivative, its names, and what cannot be read."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxid._foundation.checks import InputError
+from jaxid.models.names import parameter_names
+from jaxid.models.polynomial import Polynomial, factors, monomials, signals_in
+
+ALPHA, BETA = 0.37, -0.11
+TERMS = {  # by term, its value with nothing taken from the signals
+    "1": 1.0,
+    "alpha": ALPHA,
+    "alpha^3 beta": ALPHA**3 * BETA,
+    "|beta|": 0.11,
+    "|beta| beta": -(0.11**2),
+    "|beta|^3": 0.11**3,
+    "(alpha-0.26)+": 0.11,
+    "(alpha-0.26)+^2 beta": 0.11**2 * BETA,
+    "(alpha-0.4)+^2": 0.0,
+    "(beta+0.2)+": 0.09,
+    "(beta-.5e-1)+": 0.0,
+}
+
+
+def signals():
+    return {"alpha": jnp.array(ALPHA), "beta": jnp.array(BETA)}
+
+
+def test_every_kind_of_term_has_the_value_that_it_says():
+    np.testing.assert_allclose(monomials(tuple(TERMS), signals()), list(TERMS.values()), rtol=1e-14, atol=1e-16)
+
+
+def test_a_centre_is_taken_from_the_signal_before_size_and_knot():
+    poly = Polynomial({term: 1.0 for term in TERMS}, centre={"alpha": 0.1})
+    moved = {"alpha": jnp.array(ALPHA - 0.1), "beta": jnp.array(BETA)}
+    np.testing.assert_allclose(poly(signals()), jnp.sum(monomials(tuple(TERMS), moved)), rtol=1e-14)
+    about_beta = monomials(("|beta|", "(beta-0.2)+"), signals(), {"beta": jnp.array(-0.5)})
+    np.testing.assert_allclose(about_beta, [0.39, 0.19], rtol=1e-13)
+
+
+def test_without_a_centre_there_are_the_coefficients_alone():
+    plain = Polynomial({"alpha": 2.0, "1": 1.0})
+    assert len(jax.tree.leaves(plain)) == 1
+    assert parameter_names(plain) == ("alpha", "1")
+    assert parameter_names(Polynomial({"alpha": 2.0}, centre={"beta": 1.0, "alpha": 0.0})) == (
+        "alpha",
+        "centre.alpha",
+        "centre.beta",
+    )
+
+
+def test_derivatives_are_finite_everywhere_and_right_beside_the_kinks():
+    def value(alpha):
+        return monomials(("alpha^2", "|alpha|", "(alpha-0.2)+", "(alpha-0.2)+^2"), {"alpha": alpha})
+
+    slope = jax.jit(jax.jacfwd(value))
+    np.testing.assert_allclose(slope(0.5), [1.0, 1.0, 1.0, 0.6], rtol=1e-14)
+    np.testing.assert_allclose(slope(-0.5), [-1.0, -1.0, 0.0, 0.0], rtol=1e-14)
+    assert np.isfinite(slope(0.0)).all()
+    np.testing.assert_array_equal(slope(0.2)[2:], 0.0)
+
+
+def test_factors_and_signals_are_told():
+    assert factors("alpha^2 |q|") == (("alpha", 2), ("|q|", 1))
+    assert factors("(alpha-0.26)+^2 beta") == (("(alpha-0.26)+", 2), ("beta", 1))
+    assert factors("1") == ()
+    assert signals_in(("1", "|beta| q^2", "(alpha+1e-1)+")) == ("alpha", "beta", "q")
+
+
+@pytest.mark.parametrize("term", ["", "alpha^", "alpha^x", "alpha^1.5", "alpha^-1", "alpha^0", "|alpha", "(alpha-1)"])
+def test_what_cannot_be_read_is_refused(term):
+    with pytest.raises(InputError, match=r"cannot be read|no factor"):
+        factors(term)
+
+
+def test_an_absent_signal_is_named():
+    with pytest.raises(InputError, match=r"no signal 'bet'.*beta"):
+        Polynomial({"|bet|": 1.0})(signals())

@@ -66,15 +66,15 @@ def run(
 ) -> Solution:
     """One case without the border's checks: what the estimation differentiates."""
     path = model.input_path(hold.path(t, u))
-    x = stepper.states(model, t, path, initial_state)
-    y = _observed(model, t, x, u)
+    x, dx = stepper.states(model, t, path, initial_state)
+    y = _observed(model, t, x, u, dx)
     return Solution(t, x, y, jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y)))
 
 
 @eqx.filter_jit
-def _observed(model, t, x, u) -> Float[Array, "time output"]:
+def _observed(model, t, x, u, dx) -> Float[Array, "time output"]:
     """What the instruments show of a trajectory; a function of its own, to be traced once."""
-    return model.observe(t, jax.vmap(model.output)(t, x, u))
+    return model.observe(t, jax.vmap(model.output_given)(t, x, u, dx))
 
 
 def explain_divergence(solution: Solution, model: AbstractModel, where: str) -> InputError:

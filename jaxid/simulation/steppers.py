@@ -27,8 +27,8 @@ class AbstractStepper(eqx.Module):
     @abc.abstractmethod
     def states(
         self, model: AbstractModel, t: Float[Array, " time"], path: AbstractPath, initial_state: Float[Array, " state"]
-    ) -> Float[Array, "time state"]:
-        """States at the sample times; not finite where the simulation fails."""
+    ) -> tuple[Float[Array, "time state"], Float[Array, "time state"]]:
+        """States at the sample times and their rates there; not finite where the simulation fails."""
 
     def compact(self) -> "AbstractStepper":
         """The same method in the form that compiles fastest, for models with many effects."""
@@ -50,28 +50,30 @@ class RK4(AbstractStepper):
     unrolled: bool = eqx.field(static=True, default=True)
 
     def states(self, model, t, path, initial_state):
+        # One more step, of no length: the first stage of every step is the rate at a sample, which then costs nothing.
+        t = jnp.append(t, t[-1])
         begin, length = substeps_of(t, self.substeps)
         stages = (begin, length, path.stages(t, self.substeps))
         by_interval = jax.tree.map(lambda leaf: leaf.reshape(t.size - 1, self.substeps, *leaf.shape[1:]), stages)
         step = self._written_out if self.unrolled else self._in_a_loop
 
         def interval(x, now):
-            x, _ = jax.lax.scan(lambda x, now: (step(model, x, *now), None), x, now, unroll=self.unrolled)
-            return x, x
+            later, rates = jax.lax.scan(lambda x, now: step(model, x, *now), x, now, unroll=self.unrolled)
+            return later, (x, rates[0])
 
-        _, later = jax.lax.scan(interval, initial_state, by_interval)
-        return jnp.concatenate([initial_state[None], later])
+        return jax.lax.scan(interval, initial_state, by_interval)[1]
 
     def compact(self):
         return RK4(self.substeps, unrolled=False)
 
     @staticmethod
     def _written_out(model, x, t, h, u):
+        """The state after a step, and its rate before it."""
         k1 = rate(model, t, x, u[0])
         k2 = rate(model, t + h / 2, x + h / 2 * k1, u[1])
         k3 = rate(model, t + h / 2, x + h / 2 * k2, u[1])
         k4 = rate(model, t + h, x + h * k3, u[2])
-        return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), k1
 
     @staticmethod
     def _in_a_loop(model, x, t, h, u):
@@ -79,11 +81,11 @@ class RK4(AbstractStepper):
             k, total = carry
             reach, weight, u = now
             k = rate(model, t + reach * h, x + reach * h * k, u)
-            return (k, total + weight * k), None
+            return (k, total + weight * k), k
 
         nodes = (jnp.array([0.0, 0.5, 0.5, 1.0]), jnp.array([1.0, 2.0, 2.0, 1.0]), u[jnp.array([0, 1, 1, 2])])
-        (_, total), _ = jax.lax.scan(stage, (jnp.zeros_like(x), jnp.zeros_like(x)), nodes)
-        return x + h / 6 * total
+        (_, total), rates = jax.lax.scan(stage, (jnp.zeros_like(x), jnp.zeros_like(x)), nodes)
+        return x + h / 6 * total, rates[0]
 
 
 class Adaptive(AbstractStepper):
@@ -120,4 +122,5 @@ class Adaptive(AbstractStepper):
             throw=False,
         )
         good = solution.result == diffrax.RESULTS.successful
-        return jnp.where(good, jnp.asarray(solution.ys), jnp.nan)
+        x = jnp.where(good, jnp.asarray(solution.ys), jnp.nan)
+        return x, jax.vmap(lambda time, x: rate(model, time, x, path(time)))(t, x)

@@ -1,0 +1,45 @@
+"""Which terms the data support: regression, criteria, and the selection of subsets of candidates."""
+
+from .errors_in_variables import instrumental_variables, total_least_squares
+from .exchange import best_subsets
+from .least_squares import least_squares, regress, with_coloured_errors
+from .options import REPORT, SubsetOptions
+from .orthogonal import OrthogonalFunctions, orthogonal_functions
+from .problem import Problem, prepare
+from .regression import Regression, strong
+from .regressors import columns
+from .resampling import Stability, stability
+from .rules import AbstractRule, CrossValidation, FirstMaximumF, LastStep, MaximumF, Minimum, choose
+from .selection import Selection, Step
+from .stepwise import stepwise, stepwise_each
+
+__all__ = [
+    "REPORT",
+    "AbstractRule",
+    "CrossValidation",
+    "FirstMaximumF",
+    "LastStep",
+    "MaximumF",
+    "Minimum",
+    "OrthogonalFunctions",
+    "Problem",
+    "Regression",
+    "Selection",
+    "Stability",
+    "Step",
+    "SubsetOptions",
+    "best_subsets",
+    "choose",
+    "columns",
+    "instrumental_variables",
+    "least_squares",
+    "orthogonal_functions",
+    "prepare",
+    "regress",
+    "stability",
+    "stepwise",
+    "stepwise_each",
+    "strong",
+    "total_least_squares",
+    "with_coloured_errors",
+]

@@ -1,0 +1,87 @@
+"""How a subset is built up: levels of F, tolerance, terms that must or must not be in."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from .._foundation.checks import require, require_known, require_unique
+from .criteria import critical_F
+
+DEFAULT_F = 4.0  # near the 95 % level for many samples; the usual choice of the field (Efroymson, 1960)
+
+
+@dataclass(frozen=True)
+class SubsetOptions:
+    """Rules of stepwise regression (Appendix B.2.3, Table 6.2).
+
+    Give a level of F as a number or as a probability, not both. As a probability its number grows as degrees of freedom are
+    used up. A removal level above the entry level would let one term enter and leave for ever, and is refused.
+
+    Args:
+        F_in, F_out: least F at which a term enters, and stays.
+        level_in, level_out: the same as probabilities of exceeding it by chance; `level_out` is `level_in` by default.
+        tolerance: least share of a column that the terms inside leave unexplained, for it to enter (section B.3).
+        R2_stop: nothing more enters when the multiple correlation R2 has reached this; 1 never stops.
+        direction: `"forward"` only adds terms, `"backward"` only removes them, `"both"` checks for removal before each entry.
+        force_in: terms that enter first, in this order, and stay.
+        force_out: terms that never enter.
+        max_terms: most terms in a model; no limit by default.
+        PSE_bound: largest variance of the noise for PSE [response^2]; mean square of the response about its mean by default.
+
+    Raises:
+        InputError: when an option is out of its range or two contradict each other.
+    """
+
+    F_in: float | None = None
+    F_out: float | None = None
+    level_in: float | None = None
+    level_out: float | None = None
+    tolerance: float = 0.01
+    R2_stop: float = 1.0
+    direction: Literal["both", "forward", "backward"] = "both"
+    force_in: tuple[str, ...] = ()
+    force_out: tuple[str, ...] = ()
+    max_terms: int | None = None
+    PSE_bound: float | None = None
+
+    def __post_init__(self):
+        numbers = self.F_in is not None or self.F_out is not None
+        levels = self.level_in is not None or self.level_out is not None
+        require(not (numbers and levels), "Levels of F are given as numbers and as probabilities. Give one kind.")
+        require(self.level_out is None or self.level_in is not None, "level_out is given without level_in. Give both.")
+        require(
+            0 < self.tolerance < 1, f"The tolerance is {self.tolerance}; it lies between 0 and 1, the report's is 0.01."
+        )
+        require(0 < self.R2_stop <= 1, f"R2_stop is {self.R2_stop}; it lies above 0 and is at most 1.")
+        require(
+            self.direction in ("both", "forward", "backward"),
+            f"The direction is {self.direction!r}. Choose 'both', 'forward' or 'backward'.",
+        )
+        require_unique("term in force_in and force_out", (*self.force_in, *self.force_out))
+        most, forced = self.max_terms, len(self.force_in)
+        require(most is None or most >= max(forced, 1), f"max_terms is {most}, and {forced} terms are forced in.")
+        require(self.PSE_bound is None or self.PSE_bound > 0, f"PSE_bound is {self.PSE_bound}; a variance is positive.")
+        enter, leave = self.F_to_enter(100), self.F_to_stay(100)
+        require(
+            0 <= leave <= enter,
+            f"A term enters at F = {enter:g} and stays at {leave:g}. The level to stay must not be negative or the higher one.",
+        )
+
+    def F_to_enter(self, dof: int) -> float:
+        """Least F of a term that enters, `dof` degrees of freedom with it in."""
+        if self.level_in is not None:
+            return critical_F(self.level_in, dof)
+        return DEFAULT_F if self.F_in is None else self.F_in
+
+    def F_to_stay(self, dof: int) -> float:
+        """Least F of a term that stays, `dof` degrees of freedom with it in."""
+        if self.level_in is not None:
+            return critical_F(self.level_in if self.level_out is None else self.level_out, dof)
+        return self.F_to_enter(dof) if self.F_out is None else self.F_out
+
+    def check(self, names: tuple[str, ...]) -> None:
+        """Refuse names that are not among the candidates."""
+        require_known("candidate to force in", self.force_in, names)
+        require_known("candidate to force out", self.force_out, names)
+
+
+REPORT = SubsetOptions(F_in=3.0, F_out=3.0, tolerance=0.01, R2_stop=0.999)  # Table 6.2

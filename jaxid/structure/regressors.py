@@ -1,0 +1,45 @@
+"""Columns of a regression from named terms: a term means the same here as in a model's polynomial."""
+
+from collections.abc import Mapping, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.checks import require, require_float64, require_unique
+from .._foundation.types import Float, Numbers
+from ..models.polynomial import monomials, signals_in
+
+
+def columns(
+    terms: Sequence[str],
+    signals: Mapping[str, Float[Numbers, " time"]],
+    centre: Mapping[str, float | Float[Numbers, ""]] | None = None,
+) -> Float[np.ndarray, "time term"]:
+    """The value of each term at each sample, `X_ik = prod_s (s_i - centre_s)^n_ks`, or with sizes and knots.
+
+    Args:
+        terms: such as `"alpha^2 q"`, `"|beta| beta"`, `"(alpha-0.26)+^2"`.
+        signals: time histories by name.
+        centre: by signal, what is taken from it first; nothing by default.
+
+    Returns:
+        One column for each term, in their order.
+
+    Raises:
+        InputError: when a term is given twice, cannot be read, or names a signal that is not there, and when JAX does not run
+            in 64 bit.
+    """
+    require_float64()
+    terms = tuple(terms)
+    require_unique("term", terms)
+    needed = signals_in(terms)
+    used = {name: jnp.asarray(signals[name], float) for name in needed if name in signals}
+    about = {name: jnp.asarray(value, float) for name, value in (centre or {}).items()}
+    if not used:  # constants alone, or a name that `monomials` refuses
+        require(bool(signals), "There are no signals, so there are no samples. Give at least one.")
+        count = len(next(iter(signals.values())))
+        return np.tile(np.asarray(monomials(terms, {}, about)), (count, 1))
+    lengths = {name: len(value) for name, value in used.items()}
+    require(len(set(lengths.values())) == 1, f"The signals have different numbers of samples: {lengths}.")
+    return np.asarray(jax.vmap(lambda at: monomials(terms, at, about))(used))

@@ -40,6 +40,7 @@ from .gust_scales import GustScales as GustScales
 from .gust_scales import MilitaryIntensity as MilitaryIntensity
 from .instrument_channels import CHANNELS as CHANNELS
 from .instruments import Instruments as Instruments
+from .kinematics import Kinematics as Kinematics
 from .mass import MassProperties as MassProperties
 from .modes import Mode as Mode
 from .modes import Modes as Modes

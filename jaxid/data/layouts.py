@@ -55,7 +55,7 @@ SIDPAC: Columns = {
 # HFB-320 of DLR, `hfb320_1_10.asc`, 10 Hz. Source: R. V. Jategaonkar, Flight Vehicle System Identification: A Time Domain
 # Methodology, 2nd ed., AIAA 2015, the list of channels that comes with its flight data. That list calls column 11 AZCG and 12
 # AYCG, and describes them the other way round; the book's programs take 11 as az (test case 4) and 12 as ay. Positive elevator is
-# nose down: the book's Cm_de is negative.
+# nose down, as the book's Cm_de is negative; which way aileron and rudder count is not told.
 HFB320: Columns = {
     "t": (1, "s"),
     "stabilator": (2, "rad"),

@@ -1,6 +1,7 @@
 """`close_loop`: from the residual to the effect that the model lacks, and to the error before and after."""
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -95,7 +96,10 @@ def close_loop(
 
     bench = Workbench(model, free, library, likelihood, train, solver)
     progress("estimate of the declared model")
-    declared = bench.set_shapes(_started(bench))
+    with ThreadPoolExecutor(1) as beside:
+        beside.submit(bench.rehearse, check, window)
+        declared = _started(bench)
+    declared = bench.set_shapes(declared)
     search = Search(bench, check, tests, window, options, progress)
     found, rounds = search.run(declared)
     if whole is not None:

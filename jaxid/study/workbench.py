@@ -18,7 +18,17 @@ from ..estimation.solver import GaussNewton
 from ..models.augmented import Augmented
 from ..models.base import AbstractModel, canonical
 from ..models.effects import Effect
-from ..models.free import INITIAL_STATE, Free, Parameters, Positions, all_names, leaves_at, start, with_values
+from ..models.free import (
+    INITIAL_STATE,
+    Free,
+    Parameters,
+    Positions,
+    all_names,
+    flat_vectors,
+    leaves_at,
+    start,
+    with_values,
+)
 from ..models.library import started
 from ..models.names import flatten
 from ..models.noise import FixedNoise
@@ -129,23 +139,32 @@ class Workbench:
 
     def score(self, fitted: Fitted) -> Scores:
         """Score all columns that are not in a fit."""
-        everything = range(len(self.columns))
-        problem, shared = self._problem(everything, len(self.columns), fitted.values, None)
-        is_free = np.zeros(len(self.columns), bool)
-        is_free[list(fitted.columns)] = True
-        return score_test(problem, Parameters(shared, fitted.fit.parameters.rows), jnp.asarray(is_free))
+        return self._score(fitted.values, fitted.fit.parameters.rows, fitted.columns)
 
     def predict(self, fitted: Fitted, records: Record, window: int | None) -> Prediction:
         """Predict records that were not used."""
-        known = eqx.tree_at(
-            lambda likelihood: likelihood.noise, self.likelihood, FixedNoise(_regular(fitted.fit.noise))
-        )
-        return predict_stack(self.fitted_model(fitted), records.anonymous(), known, window, self.starts)
+        return self._predict(fitted.values, fitted.fit.noise, records, window)
 
-    def fitted_model(self, fitted: Fitted) -> AbstractModel:
-        """The augmented model with the values of a fit."""
-        vector, unflatten = flatten(self.model)
-        return unflatten(vector.at[self.at].set(fitted.values))
+    def rehearse(self, records: Record, window: int | None) -> None:
+        """Score and predict once at the starting values and throw the answers away: what is compiled thereby is kept.
+
+        XLA compiles outside of Python's lock, so that this costs little time beside the first fit.
+        """
+        values = np.asarray(flatten(self.model)[0])[self.at]
+        self._predict(values, jnp.eye(len(self.records.outputs)), records, window)
+        rows = flat_vectors(self.model, self.records)[:, self.rows]
+        self._score(values, rows, tuple(range(len(self.free.shared))))
+
+    def _score(self, values, rows, columns) -> Scores:
+        everything = range(len(self.columns))
+        problem, shared = self._problem(everything, len(self.columns), values, None)
+        is_free = np.zeros(len(self.columns), bool)
+        is_free[list(columns)] = True
+        return score_test(problem, Parameters(shared, rows), jnp.asarray(is_free))
+
+    def _predict(self, values, noise, records, window) -> Prediction:
+        known = eqx.tree_at(lambda likelihood: likelihood.noise, self.likelihood, FixedNoise(_regular(noise)))
+        return predict_stack(self._with(values), records.anonymous(), known, window, self.starts)
 
     def standard_errors(self, fitted: Fitted) -> dict[str, tuple[float, float]]:
         """Value and colour-corrected standard error of every free parameter, by name."""

@@ -24,7 +24,7 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 from ._foundation.checks import InputError  # noqa: E402
 from ._foundation.types import Array  # noqa: E402
 from .aircraft.coupled_flight import coupled_flight  # noqa: E402
-from .aircraft.default_flight import default_flight  # noqa: E402
+from .aircraft.longitudinal_flight import longitudinal_flight  # noqa: E402
 from .aircraft.simulated_flight import SimulatedFlight, realised_noise  # noqa: E402
 from .estimation import OutputError  # noqa: E402
 from .measured import emps, silverbox, tanks  # noqa: E402
@@ -66,16 +66,17 @@ def flight(
 ) -> None:
     """Find the effect that a model lacks, add it, and report the error before and after on records that were not used.
 
-    Without a command: an embedded simulated flight of a longitudinal aircraft, with an undeclared effect in it.
+    Without a command: an embedded simulated flight of an F-4-like aircraft in six degrees of freedom, with look-up tables,
+    noise and an undeclared effect in it.
     """
     if context.invoked_subcommand is None:
-        _fly(default_flight, seed, json, out)
+        _fly(coupled_flight, seed, json, out)
 
 
 @app.command()
-def coupled(json: Json = None, out: Out = None, seed: Seed = 0) -> None:
-    """The same on a flight in six degrees of freedom: an F-4-like aircraft with tables, in lateral and longitudinal motion."""
-    _fly(coupled_flight, seed, json, out)
+def longitudinal(json: Json = None, out: Out = None, seed: Seed = 0) -> None:
+    """The same on a small aircraft in its plane of symmetry, in a third of the time."""
+    _fly(longitudinal_flight, seed, json, out)
 
 
 def _fly(make: Callable[[Array], SimulatedFlight], seed: int, json: Path | None, out: Path | None) -> None:

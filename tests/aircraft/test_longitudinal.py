@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from jaxid.aircraft.atmosphere import GRAVITY
-from jaxid.aircraft.default_flight import SPEED, level_trim, true_aircraft
 from jaxid.aircraft.effects import CoefficientTerm
 from jaxid.aircraft.longitudinal import MOVED, Longitudinal
+from jaxid.aircraft.longitudinal_flight import SPEED, level_trim, true_aircraft
 from jaxid.data.build import record
 from jaxid.data.units import to_si
 from jaxid.models import Augmented, Polynomial, Term, parameter_names

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jaxid._foundation.checks import InputError
-from jaxid.aircraft.default_flight import SPEED, level_trim, true_aircraft
 from jaxid.aircraft.frames import euler, quaternion, quaternion_rate
+from jaxid.aircraft.longitudinal_flight import SPEED, level_trim, true_aircraft
 from jaxid.aircraft.modes import CLASSICAL, linearise_euler, modes
 from jaxid.models import AbstractModel, with_values
 from jaxid.simulation import Linearisation, linearise

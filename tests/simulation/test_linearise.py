@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxid._foundation.checks import InputError
-from jaxid.aircraft.default_flight import true_aircraft
+from jaxid.aircraft.longitudinal_flight import true_aircraft
 from jaxid.models import LinearModel
 from jaxid.simulation import linearise
 

@@ -7,7 +7,7 @@ import pytest
 
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.results import RESULTS
-from jaxid.aircraft.default_flight import SPEED, level_trim, true_aircraft
+from jaxid.aircraft.longitudinal_flight import SPEED, level_trim, true_aircraft
 from jaxid.models.free import with_values
 from jaxid.simulation import balance
 

@@ -1,4 +1,4 @@
-"""A simulated flight with something in it that the declared model lacks: the embedded case of the main job.
+"""A simulated flight with something in it that the declared model lacks, in the plane of symmetry.
 
 The aircraft is our choice: mass, inertia and size are rounded from the F-4C of Heffley & Jewell, Aircraft Handling
 Qualities Data, NASA CR-2144, 1972; the coefficients are of an F-4's magnitude and not measured.
@@ -34,7 +34,7 @@ TEST = ("doublets, slow", "sweep")
 STARTS_OFF = 0.15  # by how much the declared coefficients are wrong, with alternating sign
 
 
-def default_flight(key: Array) -> SimulatedFlight:
+def longitudinal_flight(key: Array) -> SimulatedFlight:
     """Simulate seven manoeuvres of 20 s at 25 Hz around level flight, with a cubic pitching moment undeclared.
 
         z_i = y(t_i; truth) + e_i,    e_i ~ N(0, diag(noise^2)),    Cm = Cm0 + ... - 8 alpha^3 in the truth only

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxid.aircraft.default_flight import CHECK, TEST, TRAIN, default_flight
+from jaxid.aircraft.longitudinal_flight import CHECK, TEST, TRAIN, longitudinal_flight
 from jaxid.aircraft.simulated_flight import realised_noise
 from jaxid.models import Augmented
 from jaxid.models.names import read
@@ -14,7 +14,7 @@ from jaxid.simulation import RK4, simulate
 
 @pytest.fixture(scope="module")
 def flight():
-    return default_flight(jax.random.key(1974))
+    return longitudinal_flight(jax.random.key(1974))
 
 
 def records(flight):
@@ -39,7 +39,7 @@ def test_records_and_channels(flight):
 
 
 def test_the_same_key_makes_the_same_flight(flight):
-    again, other = default_flight(jax.random.key(1974)), default_flight(jax.random.key(1975))
+    again, other = longitudinal_flight(jax.random.key(1974)), longitudinal_flight(jax.random.key(1975))
     for one, same, different in zip(records(flight), records(again), records(other), strict=True):
         np.testing.assert_array_equal(one.z, same.z)
         np.testing.assert_array_equal(one.u, different.u)
@@ -51,7 +51,7 @@ def test_noise_has_the_stated_level_and_is_white(flight):
     np.testing.assert_allclose(realised_noise(flight, records(flight)) / flight.noise, 1.0, atol=0.048)
     apart = realised_noise(flight, flight.test, skip=50) - realised_noise(flight, flight.test)
     assert np.all(np.abs(apart) < 0.1 * flight.noise)
-    other = default_flight(jax.random.key(7))
+    other = longitudinal_flight(jax.random.key(7))
     v = np.concatenate([np.asarray(a.z - b.z) for a, b in zip(records(flight), records(other), strict=True)])
     v = v / np.asarray(flight.noise) / np.sqrt(2.0)
     np.testing.assert_allclose(np.mean(v[1:] * v[:-1], axis=0), 0.0, atol=0.068)

@@ -55,7 +55,7 @@ from .models import (
     with_values,
 )
 from .simulation import RK4, Adaptive, BandLimited, Cubic, Linear, ZeroOrder, simulate
-from .study import LoopOptions, Study, close_loop
+from .study import Consistency, LoopOptions, Study, close_loop, consistency
 
 __all__ = [
     "RK4",
@@ -64,6 +64,7 @@ __all__ = [
     "Augmented",
     "BandLimited",
     "Clip",
+    "Consistency",
     "Cubic",
     "DiagonalNoise",
     "DryFriction",
@@ -100,6 +101,7 @@ __all__ = [
     "TwoStep",
     "ZeroOrder",
     "close_loop",
+    "consistency",
     "convert",
     "differentiate",
     "estimate",

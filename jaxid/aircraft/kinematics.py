@@ -99,7 +99,7 @@ class Kinematics(AbstractModel):
         self.wind = None if wind is None else jnp.asarray(wind, float)
         self.atmosphere = atmosphere
         require(
-            wind is None or jnp.shape(self.wind) == (3,),
+            self.wind is None or self.wind.shape == (3,),
             f"`wind` is {wind}. Give three numbers: north, east, down [m/s].",
         )
         require(

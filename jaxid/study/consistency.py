@@ -15,10 +15,13 @@ from ..diagnosis.validation import root_mean_square
 from ..estimation import Estimate, GaussNewton, OutputError, estimate
 from ..estimation.input_noise import input_noise_covariance
 from ..estimation.likelihoods import AbstractLikelihood
-from ..models.base import AbstractModel
+from ..models.base import AbstractModel, canonical
 from ..models.free import INITIAL_STATE, free
+from ..models.names import read
 from ..simulation.inputs import Cubic
 from .consistency_result import Channel, Consistency, SensorError
+
+IMITATED = 1e-7  # share of a sensitivity that is left by rounding when it is a sum of others
 
 
 def consistency(
@@ -77,11 +80,15 @@ def consistency(
     apart = (*per_record, INITIAL_STATE)
     before = estimate(model, free(model, per_record=(INITIAL_STATE,)), whole, likelihood, solver=solver)
     found = estimate(model, free(model, *shared, per_record=apart), whole, likelihood, solver=solver)
+    lost = _lost(found)
+    if lost:
+        left = [name for name in shared if name not in lost]
+        found = estimate(model, free(model, *left, per_record=apart), whole, likelihood, solver=solver)
     deviations = _deviations(model, found, whole, likelihood, input_noise or {}, per_record)
     return Consistency(
         model=model,
         estimate=found,
-        errors=_judged(_rows(found, deviations, model, whole.names), level),
+        errors=_judged(_rows(found, deviations, model, whole.names, shared), level),
         channels=_channels(before, found, whole),
         level=level,
         records=whole.names,
@@ -135,15 +142,26 @@ def _deviations(
     return jnp.sqrt(found.coloured_errors**2 + jnp.diagonal(added))
 
 
+def _lost(found: Estimate) -> tuple[str, ...]:
+    """Shared errors that the records' own unknowns imitate altogether: their column is gone once those are eliminated."""
+    left = jnp.sum(found.information.triangle**2, axis=0)
+    imitated = jnp.sum(found.information.own.coupling**2, axis=(0, 1))
+    gone = np.asarray(left <= IMITATED**2 * imitated)
+    return tuple(name for name, is_gone in zip(found.names, gone, strict=True) if is_gone)
+
+
 def _rows(
-    found: Estimate, deviations: Float[Array, " parameter"], model: AbstractModel, records: tuple[str, ...]
+    found: Estimate,
+    deviations: Float[Array, " parameter"],
+    model: AbstractModel,
+    records: tuple[str, ...],
+    shared: tuple[str, ...],
 ) -> list[SensorError]:
-    """Every error, those of one record each after those of all."""
-    rows = [
-        SensorError(name, None, float(value), float(error), unit)
-        for name, value, error, unit in zip(found.names, found.values, deviations, found.units, strict=True)
-    ]
-    units = model.units()
+    """Every error, those of one record each after those of all; one that is imitated stays at its start."""
+    units, numbers = model.units(), zip(found.values, deviations, strict=True)
+    known = {name: (float(value), float(error)) for name, (value, error) in zip(found.names, numbers, strict=True)}
+    begin = dict(zip(shared, np.asarray(read(canonical(model), shared)).tolist(), strict=True))
+    rows = [SensorError(name, None, *known.get(name, (begin[name], np.inf)), units.get(name, "")) for name in shared]
     for column, name in enumerate(found.free.per_record):
         if not name.startswith(f"{INITIAL_STATE}."):
             values = zip(records, found.own[:, column], found.own_errors[:, column], strict=True)

@@ -110,7 +110,10 @@ class Consistency:
     @property
     def weak(self) -> tuple[str, ...]:
         """What the records do not tell apart, in words: undetermined combinations, and pairs that are nearly one."""
-        return (*self.estimate.weak_directions, *_pairs(self.estimate))
+        shared = [error.name for error in self.errors if error.record is None]
+        imitated = [name for name in shared if name not in self.estimate.names]
+        told = tuple(f"{name} is not told from another initial state" for name in imitated)
+        return (*told, *self.estimate.weak_directions, *_pairs(self.estimate))
 
     @property
     def inflation(self) -> float:

@@ -38,6 +38,9 @@ from .gust_scales import AbstractIntensity as AbstractIntensity
 from .gust_scales import FixedIntensity as FixedIntensity
 from .gust_scales import GustScales as GustScales
 from .gust_scales import MilitaryIntensity as MilitaryIntensity
+from .identification import IdentificationModel as IdentificationModel
+from .identification_flights import flight_record as flight_record
+from .identification_flights import from_aircraft as from_aircraft
 from .instrument_channels import CHANNELS as CHANNELS
 from .instruments import Instruments as Instruments
 from .kinematics import Kinematics as Kinematics
@@ -51,6 +54,8 @@ from .noise_levels import HIGH as HIGH
 from .noise_levels import NoiseLevel as NoiseLevel
 from .noise_levels import draw as draw
 from .noise_levels import report_instruments as report_instruments
+from .regressors import TABLE_6_1 as TABLE_6_1
+from .regressors import extended as extended
 from .trims import Trimmed as Trimmed
 from .trims import climb as climb
 from .trims import level as level

@@ -2,8 +2,9 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from .._foundation.types import Array, Float
+from .._foundation.types import Array, Bool, Float
 from .airframe import Airframe
 from .rigid_body import solve_3x3
 
@@ -14,7 +15,10 @@ MOVED = {  # the states whose rates a coefficient moves
 
 
 def effectiveness(
-    airframe: Airframe, qbar: Float[Array, ""], inertia: Float[Array, "3 3"]
+    airframe: Airframe,
+    qbar: Float[Array, ""],
+    inertia: Float[Array, "3 3"],
+    turns: Bool[np.ndarray, "3"] | None = None,
 ) -> Float[Array, "coefficient motion"]:
     """The derivative of `udot vdot wdot pdot qdot rdot` by CX to Cn, inertial coupling and the reference point included.
 
@@ -23,12 +27,15 @@ def effectiveness(
     Args:
         airframe: mass and size.
         qbar: dynamic pressure [Pa].
-        inertia: I, or what stands in its place where some rates are given [kg m^2].
+        inertia: I, with the row of a unit matrix for each rate that no moment turns [kg m^2].
+        turns: which rates moments turn; all by default.
 
     Returns:
         One row for each coefficient, one column for each component of motion [m/s^2, rad/s^2].
     """
     arms = jnp.cross(airframe.reference[None], jnp.eye(3))  # of unit forces, row by row
     moments = jnp.concatenate([arms, jnp.diag(airframe.lengths)])
+    if turns is not None:
+        moments = moments * jnp.asarray(turns, float)[None]
     turned = jax.vmap(lambda moment: solve_3x3(inertia, moment))(moments)
     return qbar * airframe.S * jnp.concatenate([jnp.eye(6, 3) / airframe.mass_properties.mass, turned], axis=1)

@@ -106,3 +106,30 @@ def air_angles(v: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, ""]
     """
     in_plane = jnp.sqrt(v[0] ** 2 + v[2] ** 2)
     return jnp.sqrt(jnp.dot(v, v)), jnp.arctan2(v[2], v[0]), jnp.arctan2(v[1], in_plane)
+
+
+def euler_rates(
+    phi: Float[Array, ""], pitch: Float[Array, ""], omega: Float[Array, "3"]
+) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    """Rates of bank, pitch and heading that a body rate makes (E.9 to E.11) [rad/s]; singular at a pitch of 90 deg.
+
+        phidot = p + (q sin phi + r cos phi) tan(pitch),   pitchdot = q cos phi - r sin phi,
+        psidot = (q sin phi + r cos phi)/cos(pitch)
+
+    Args:
+        phi, pitch: bank and pitch [rad].
+        omega: angular rate (p, q, r) [rad/s].
+    """
+    p, q, r = omega
+    turning = q * jnp.sin(phi) + r * jnp.cos(phi)
+    return p + turning * jnp.tan(pitch), q * jnp.cos(phi) - r * jnp.sin(phi), turning / jnp.cos(pitch)
+
+
+def downwards(phi: Float[Array, ""], pitch: Float[Array, ""]) -> Float[Array, "3"]:
+    """The direction of gravity in body axes, `(-sin pitch, sin phi cos pitch, cos phi cos pitch)` (App. D.1.1).
+
+    Args:
+        phi, pitch: bank and pitch [rad].
+    """
+    level = jnp.cos(pitch)
+    return jnp.stack([-jnp.sin(pitch), jnp.sin(phi) * level, jnp.cos(phi) * level])

@@ -12,6 +12,7 @@ from .linear import LinearModel
 from .names import parameter_names
 from .noise import DiagonalNoise, FixedNoise, FullNoise
 from .polynomial import Polynomial
+from .replace import polynomials_of, with_polynomials
 from .table_set import TableSet
 from .tables import Table, outside, require_inside
 
@@ -44,6 +45,8 @@ __all__ = [
     "general_effects",
     "outside",
     "parameter_names",
+    "polynomials_of",
     "require_inside",
+    "with_polynomials",
     "with_values",
 ]

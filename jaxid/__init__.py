@@ -24,7 +24,7 @@ from .data import (
     unstack,
     write_csv,
 )
-from .diagnosis import predict, residual_tests, score_test, statistics
+from .diagnosis import bands, predict, residual_tests, score_test, statistics
 from .estimation import Clip, Estimate, GaussNewton, OutputError, Plain, Truncate, TwoStep, estimate
 from .models import (
     AbstractModel,
@@ -55,7 +55,7 @@ from .models import (
     with_values,
 )
 from .simulation import RK4, Adaptive, BandLimited, Cubic, Linear, ZeroOrder, simulate
-from .study import Consistency, LoopOptions, Study, close_loop, consistency
+from .study import Consistency, Identification, IdentifyOptions, LoopOptions, Study, close_loop, consistency, identify
 
 __all__ = [
     "RK4",
@@ -75,6 +75,8 @@ __all__ = [
     "Free",
     "FullNoise",
     "GaussNewton",
+    "Identification",
+    "IdentifyOptions",
     "InputBetweenSamples",
     "InputDelay",
     "InputLag",
@@ -100,6 +102,7 @@ __all__ = [
     "Truncate",
     "TwoStep",
     "ZeroOrder",
+    "bands",
     "close_loop",
     "consistency",
     "convert",
@@ -108,6 +111,7 @@ __all__ = [
     "free",
     "from_xarray",
     "general_effects",
+    "identify",
     "parameter_names",
     "predict",
     "read_columns",

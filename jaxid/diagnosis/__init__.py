@@ -1,15 +1,19 @@
 """What the residual says: tests, statistics, prediction of records not used, and the score of absent effects."""
 
+from .bands import Band, Bands, bands
 from .residuals import ResidualTests, residual_tests
 from .scores import Scores, score_test
 from .statistics import FitStatistics, statistics
 from .validation import Prediction, predict
 
 __all__ = [
+    "Band",
+    "Bands",
     "FitStatistics",
     "Prediction",
     "ResidualTests",
     "Scores",
+    "bands",
     "predict",
     "residual_tests",
     "score_test",

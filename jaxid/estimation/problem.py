@@ -79,7 +79,7 @@ class Problem(eqx.Module):
 
     def solve(self, parameters: Parameters) -> Solution:
         """States and outputs of every record, as the likelihood simulates them."""
-        return jax.vmap(lambda own, case: self._solve_one(own, parameters.shared, case))(parameters.rows, self._cases())
+        return jax.vmap(lambda own, case: self.solve_one(own, parameters.shared, case)[0])(parameters.rows, self.cases())
 
     def residuals(self, parameters: Parameters) -> Float[Array, "case time output"]:
         """`v = z - y`, zero where there is no valid sample."""
@@ -106,11 +106,11 @@ class Problem(eqx.Module):
 
         def one(own, case):
             def outputs(theta):
-                return self._solve_one(theta[:count], theta[count:], case).y
+                return self.solve_one(theta[:count], theta[count:], case)[0].y
 
             return value_and_jacobian(outputs, jnp.concatenate([own, parameters.shared]))
 
-        y, S = jax.vmap(one)(parameters.rows, self._cases())
+        y, S = jax.vmap(one)(parameters.rows, self.cases())
         return self._residuals(y), S
 
     def linearise(self, parameters: Parameters) -> "Linearised":
@@ -135,13 +135,14 @@ class Problem(eqx.Module):
         """The nearest parameters within the bounds."""
         return jax.tree.map(jnp.clip, parameters, self.limits.lower, self.limits.upper)
 
-    def _solve_one(self, own, shared, case) -> Solution:
-        """One case from its own and the shared parameters."""
+    def solve_one(self, own, shared, case) -> tuple[Solution, AbstractModel]:
+        """One of the `cases` from its own and the shared parameters, and the model that these make."""
         flat, record = case
         model, initial_state = insert(self.model, flat, self.positions, shared, own)
-        return self.likelihood.solve(model, record, initial_state)
+        return self.likelihood.solve(model, record, initial_state), model
 
-    def _cases(self):
+    def cases(self) -> tuple[Float[Array, "case flat"], Record]:
+        """What the records differ in: their values of everything that is not free, and what was measured."""
         return flat_vectors(self.model, self.records), self.records
 
     def _residuals(self, y):

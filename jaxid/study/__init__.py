@@ -3,7 +3,19 @@
 from .close_loop import close_loop
 from .consistency import consistency
 from .consistency_result import Consistency
+from .identification import Identification
+from .identify import identify
+from .identify_options import IdentifyOptions
 from .options import LoopOptions
 from .study import Study
 
-__all__ = ["Consistency", "LoopOptions", "Study", "close_loop", "consistency"]
+__all__ = [
+    "Consistency",
+    "Identification",
+    "IdentifyOptions",
+    "LoopOptions",
+    "Study",
+    "close_loop",
+    "consistency",
+    "identify",
+]

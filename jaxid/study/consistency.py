@@ -1,11 +1,11 @@
 """`consistency`: do the instruments of a record agree with each other, and if not, which of them errs and by how much."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.stats import norm
 
 from .._foundation.checks import require, require_unique
 from .._foundation.types import Array, Float
@@ -171,7 +171,9 @@ def _rows(
 
 def _judged(rows: list[SensorError], level: float) -> tuple[SensorError, ...]:
     """The errors with their probability under chance, corrected for the number tried, `max_(j<=k) (m - j) p_(j)` (Holm)."""
-    p = np.array([2.0 * norm.sf(abs(row.value) / row.standard_error) if row.is_known else 1.0 for row in rows])
+    # Two sides of the normal distribution: 2 Phi(-z) = erfc(z / sqrt(2)).
+    z = [abs(row.value) / row.standard_error if row.is_known else 0.0 for row in rows]
+    p = np.array([math.erfc(size / math.sqrt(2.0)) for size in z])
     order = np.argsort(p, kind="stable")
     corrected = np.minimum(np.maximum.accumulate((p.size - np.arange(p.size)) * p[order]), 1.0)
     chance = dict(zip(order.tolist(), corrected.tolist(), strict=True))

@@ -1,0 +1,170 @@
+"""`identify`: the structure by regression, then the parameters by maximum likelihood, without tuning by hand."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .._foundation.checks import require, require_float64, require_known
+from .._foundation.types import Float
+from ..data.record import Record
+from ..data.stack import unstack
+from ..estimation.estimate import as_stack, estimate
+from ..estimation.likelihoods import AbstractLikelihood, OutputError
+from ..estimation.solver import GaussNewton
+from ..models.base import AbstractModel
+from ..models.free import Free, free
+from ..models.polynomial import Polynomial
+from ..models.pseudo import PseudoMeasurements
+from ..models.replace import with_polynomials
+from ..structure import Regression, Selection, choose, columns, least_squares, stepwise, strong
+from .identification import Equation, Identification, a_priori
+from .identify_options import IdentifyOptions
+
+Records = Record | Sequence[Record]
+
+
+def identify(
+    model: AbstractModel,
+    records: Records,
+    *,
+    options: IdentifyOptions | None = None,
+    likelihood: AbstractLikelihood | None = None,
+    per_record: Sequence[str] = ("initial_state",),
+    solver: GaussNewton | None = None,
+) -> Identification:
+    r"""Find out which terms a model needs, and estimate them: the report's two programs as one (Fig. 6.1, recommendation 7.2.1).
+
+    1. **Regression.** The model's equations are solved for what they shall explain (`model.pseudo_measurements`, Table 3.2); each
+       is regressed on the terms that it admits (Table 6.1), step by step, and the step of the largest overall F is taken.
+    2. **Equations.** One that the regression hardly explains (overall F below 100) is left out; its state takes its measured
+       history.
+    3. **Terms.** Those with at least 4 % of their equation's largest F are estimated, with the constants and what
+       `options.add` names; the others keep the regression's values.
+    4. **Maximum likelihood**, started at the regression's values.
+
+    Several records are regressed together, about their common mean, and estimated together.
+
+    Args:
+        model: one with `pseudo_measurements` whose responses are polynomials of it, such as `aircraft.IdentificationModel`.
+        records: with all that was measured: the regression's channels beside the model's.
+        options: levels and rules, and what overrules them.
+        likelihood: how the misfit is measured; output error with unknown noise by default.
+        per_record: names of parameters with one value for each record.
+        solver: how to iterate.
+
+    Returns:
+        Both stages: the regressions with their logs, what was decided and why, and the estimate.
+
+    Raises:
+        InputError: when the model states no pseudo-measurements, a channel is missing, too few samples are valid, an option
+            names a response, a term or a parameter that does not exist, no equation is left, or JAX is in 32 bit.
+    """
+    require_float64()
+    options, likelihood = options or IdentifyOptions(), likelihood or OutputError()
+    single = unstack(as_stack(records)) if isinstance(records, Record) else list(records)
+    require(len(single) > 0, "There is no record to identify from. Give at least one.")
+    equations, centre = _regressions([model.pseudo_measurements(record) for record in single], options)
+    left_out = tuple(name for name, equation in equations.items() if not equation.kept)
+    require(
+        len(left_out) < len(equations),
+        f"Every equation has an overall F below {options.least_F:g}: "
+        + ", ".join(f"{name} {equation.regression.overall_F:.3g}" for name, equation in equations.items())
+        + ". Give records with more motion, name equations to `keep`, or lower `least_F`.",
+    )
+    started = with_polynomials(model.without(left_out), _polynomials(equations, centre))
+    chosen = _free(started, equations, options, per_record)
+    prepared = as_stack([started.prepared(record) for record in single])
+    first = a_priori(started, chosen, prepared, likelihood)
+    fit = estimate(started, chosen, prepared, likelihood, solver=solver)
+    return Identification(equations, centre, started, first, fit, prepared, likelihood)
+
+
+def _regressions(
+    measured: Sequence[PseudoMeasurements], options: IdentifyOptions
+) -> tuple[dict[str, Equation], dict[str, float]]:
+    """The regression of each response on the valid samples of all records, and the means about which the terms are written."""
+    responses, signals = _gathered(measured)
+    candidates = dict(measured[0].candidates)
+    require_known("response (in `options`)", options.named, responses)
+    centre = {name: float(np.mean(signals[name])) for name in measured[0].centred}
+    equations = {}
+    for name, y in responses.items():
+        selection, regression = _regression(name, y, candidates[name], signals, centre, options)
+        kept, why = _decision(name, regression, options)
+        estimated = _estimated(name, regression, options) if kept else ()
+        equations[name] = Equation(selection, regression, kept, why, estimated)
+    return equations, centre
+
+
+def _gathered(measured: Sequence[PseudoMeasurements]):
+    """Responses and signals over the valid samples of all records."""
+    valid = [np.asarray(one.valid) for one in measured]
+    count = int(sum(map(np.sum, valid)))
+    require(count > 0, "No sample has all that the regression needs. Look at the gaps of the records.")
+
+    def joined(kind: str, name: str) -> Float[np.ndarray, " sample"]:
+        parts = [np.asarray(getattr(one, kind)[name])[keep] for one, keep in zip(measured, valid, strict=True)]
+        return np.concatenate(parts)
+
+    return tuple({name: joined(kind, name) for name in getattr(measured[0], kind)} for kind in ("responses", "signals"))
+
+
+def _regression(
+    name: str,
+    y: Float[np.ndarray, " sample"],
+    candidates: Sequence[str],
+    signals: Mapping[str, Float[np.ndarray, " sample"]],
+    centre: Mapping[str, float],
+    options: IdentifyOptions,
+) -> tuple[Selection | None, Regression]:
+    """The selection of one response and the model taken of it; no selection where the terms were given."""
+    if name in options.terms:
+        terms = tuple(options.terms[name])
+        return None, least_squares(columns(terms, signals, centre), y, terms, response=name)
+    selection = stepwise(
+        columns(candidates, signals, centre), y, candidates, options=options.subset_of(name), response=name
+    )
+    return selection, choose(selection, options.rule)
+
+
+def _decision(name: str, regression: Regression, options: IdentifyOptions) -> tuple[bool, str]:
+    """Whether an equation is kept, and why."""
+    F = regression.overall_F if regression.names else 0.0
+    if name in options.keep:
+        return True, "kept by name"
+    if name in options.leave_out:
+        return False, "left out by name"
+    if options.least_F > F:
+        return False, f"left out: overall F {F:.4g}, below {options.least_F:g}"
+    return True, f"overall F {F:.4g}"
+
+
+def _estimated(name: str, regression: Regression, options: IdentifyOptions) -> tuple[str, ...]:
+    """The terms of a response that are estimated."""
+    for kind in ("estimate", "fix"):
+        require_known(f"term of {name} (in `options.{kind}`)", getattr(options, kind).get(name, ()), regression.names)
+    chosen = {*strong(regression, options.share), *options.estimate.get(name, ())} - {*options.fix.get(name, ())}
+    return tuple(term for term in regression.names if term in chosen)
+
+
+def _polynomials(equations: Mapping[str, Equation], centre: Mapping[str, float]) -> dict[str, Polynomial]:
+    """What the regressions say, as polynomials of the model."""
+    return {
+        name: Polynomial({"1": one.regression.constant, **_values(one.regression)}, centre=centre)
+        for name, one in equations.items()
+    }
+
+
+def _values(regression: Regression) -> dict[str, float]:
+    return dict(zip(regression.names, map(float, regression.values), strict=True))
+
+
+def _free(
+    model: AbstractModel, equations: Mapping[str, Equation], options: IdentifyOptions, per_record: Sequence[str]
+) -> Free:
+    """Strong terms and constants of the equations that are kept, and what is added."""
+    constant = ("1",) if options.constants else ()
+    terms = tuple(
+        f"{name}.{term}" for name, one in equations.items() if one.kept for term in (*constant, *one.estimated)
+    )
+    return free(model, *terms, *options.add, per_record=per_record)

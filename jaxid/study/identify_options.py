@@ -1,0 +1,60 @@
+"""How the integrated process decides: one small checked object."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from .._foundation.checks import require, require_unique
+from ..structure import REPORT, AbstractRule, MaximumF, SubsetOptions
+
+
+@dataclass(frozen=True)
+class IdentifyOptions:
+    """Rules of `identify`, each with the report's value, and what overrules them by name.
+
+    Args:
+        subset: levels of the regression, for all responses or by response (Table 6.2).
+        rule: which step of a regression is taken; that of the largest overall F (section 6.2.2.2, rule 4). `FirstMaximumF`
+            (section 3.3.2) stops at the first fall, which may come after one term.
+        least_F: an equation whose overall F is below this is left out, and its state takes its measured history (section
+            6.2.3.1).
+        share: terms whose F is at least this share of the largest in their equation are estimated; the others keep the
+            regression's values (the 4 % rule, section 6.2.3.1).
+        constants: whether the constant of each equation is estimated too (Table 6.4).
+        add: further parameters to estimate, by their dotted name in the model, such as a bias; one of an instrument that the
+            model does not show then is refused.
+        keep: responses whose equation stays whatever its F.
+        leave_out: responses whose equation is left out whatever its F.
+        terms: terms by response, in the place of what the regression would choose; their values still come from it.
+        estimate: terms that are estimated whatever their F, by response.
+        fix: terms that keep the regression's value whatever their F, by response.
+
+    Raises:
+        InputError: when a number is out of its range, or a response is both kept and left out.
+    """
+
+    subset: SubsetOptions | Mapping[str, SubsetOptions] = REPORT
+    rule: AbstractRule = field(default_factory=MaximumF)
+    least_F: float = 100.0  # noqa: N815
+    share: float = 0.04
+    constants: bool = True
+    add: Sequence[str] = ()
+    keep: Sequence[str] = ()
+    leave_out: Sequence[str] = ()
+    terms: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    estimate: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    fix: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def __post_init__(self):
+        require(self.least_F >= 0, f"least_F is {self.least_F}; an F is not negative.")
+        require(0 <= self.share <= 1, f"The share is {self.share}; it lies between 0 and 1, the report's is 0.04.")
+        require_unique("response in keep and leave_out", (*self.keep, *self.leave_out))
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Every response that an option names."""
+        by_name = (self.terms, self.estimate, self.fix, *((self.subset,) if isinstance(self.subset, Mapping) else ()))
+        return (*self.keep, *self.leave_out, *(name for one in by_name for name in one))
+
+    def subset_of(self, response: str) -> SubsetOptions:
+        """The regression's levels for one response."""
+        return self.subset if isinstance(self.subset, SubsetOptions) else self.subset.get(response, REPORT)

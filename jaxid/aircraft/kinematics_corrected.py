@@ -2,9 +2,10 @@
 
 import dataclasses
 
+import interpax
+import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from .._foundation.checks import require
 from .._foundation.types import Bool, Float
@@ -70,5 +71,6 @@ def earlier(
     known = mask[after - 1] & mask[after] & (asked >= t[0]) & (asked <= t[-1])
     if not known.any():
         return np.zeros_like(z), known
-    spline = CubicSpline(t[mask], z[mask])
-    return np.where(known, spline(np.where(known, asked, t[mask][0])), 0.0), known
+    with jax.numpy_rank_promotion("allow"):  # interpax promotes ranks inside
+        spline = interpax.interp1d(np.where(known, asked, t[mask][0]), t[mask], z[mask], method="cubic2")
+    return np.where(known, spline, 0.0), known

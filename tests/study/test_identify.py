@@ -1,0 +1,190 @@
+"""The integrated process on a system of a user's own: structure, decisions, overrules, and the refusals."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxid
+from jaxid import IdentifyOptions, identify
+from jaxid._foundation.checks import InputError
+from jaxid.models import AbstractModel, Polynomial
+from jaxid.models.pseudo import PseudoMeasurements
+
+CANDIDATES = ("x", "v", "force", "x^2", "x v", "x^3", "x^2 v", "v^2", "v^3", "|v| v")
+TRUE = {"x": -2.0, "v": -0.3, "force": 1.0, "x^3": -1.5}
+SIGMA = {"x": 0.004, "v": 0.01, "w": 0.05, "vdot": 0.02, "wdot": 0.05}
+
+
+class Oscillator(AbstractModel):
+    """x' = v, v' = stiffness(x, v, force), and a state w of its own that nothing drives: w' = drift(w)."""
+
+    stiffness: Polynomial
+    drift: Polynomial
+    without_w: bool
+    outputs = ("x", "v", "w")
+
+    @property
+    def states(self):
+        return ("x", "v") if self.without_w else ("x", "v", "w")
+
+    @property
+    def inputs(self):
+        return ("force", "w") if self.without_w else ("force",)
+
+    def rhs(self, t, x, u):
+        now = dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
+        rates = [now["v"], self.stiffness(now)]
+        return jnp.stack(rates if self.without_w else [*rates, self.drift(now)])
+
+    def output(self, t, x, u):
+        return jnp.concatenate([x, u[1:]])
+
+    def pseudo_measurements(self, record):
+        z = {name: record.channel(name) for name in (*record.inputs, *record.outputs)}
+        return PseudoMeasurements(
+            t=record.t,
+            responses={"stiffness": z["vdot"], "drift": z["wdot"]},
+            signals={name: z[name] for name in ("x", "v", "w", "force")},
+            valid=jnp.all(record.mask, axis=-1),
+            candidates=(("stiffness", CANDIDATES), ("drift", ("w", "w^2"))),
+        )
+
+    def without(self, responses):
+        return Oscillator(self.stiffness, self.drift, "drift" in responses) if responses else self
+
+
+TRUTH = Oscillator(Polynomial(TRUE), Polynomial({"w": 0.0}), False)
+EMPTY = Oscillator(Polynomial({}), Polynomial({}), False)
+
+
+def measured(seed, rows=400):
+    rng = np.random.default_rng(seed)
+    t = 0.05 * np.arange(rows)
+    force = np.repeat(rng.normal(size=(rows // 20, 1)), 20, axis=0)
+    solution = jaxid.simulate(TRUTH, t, force, np.array([0.1, 0.0, 0.2]), stepper=jaxid.RK4(4))
+    rates = jax.vmap(TRUTH.rhs)(solution.t, solution.x, jnp.asarray(force))[:, 1:]
+    clean = np.column_stack([solution.y, rates])
+    z = clean + rng.normal(size=clean.shape) * np.array([*SIGMA.values()])
+    return jaxid.record(t, force, z, inputs=("force",), outputs=tuple(SIGMA))
+
+
+@pytest.fixture(scope="module")
+def record():
+    return measured(3)
+
+
+@pytest.fixture(scope="module")
+def found(record):
+    return identify(EMPTY, record)
+
+
+def test_the_structure_is_found_and_the_equation_without_motion_is_left_out(found):
+    assert set(found.equations["stiffness"].regression.names) == set(TRUE)
+    assert found.left_out == ("drift",)
+    assert "below 100" in found.equations["drift"].why
+    assert found.model.states == ("x", "v")
+    assert found.model.inputs == ("force", "w")
+
+
+def test_likelihood_removes_the_bias_of_the_regression(found):
+    """Noise in x and v biases the regression; the estimates are within four of their standard errors."""
+    fit = found.estimate
+    assert bool(fit.successful)
+    for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
+        assert abs(float(value) - TRUE.get(name.partition(".")[2], 0.0)) < 4 * float(error), name
+    assert float(fit.cost) < found.start.cost
+
+
+def test_both_stages_stand_side_by_side(found):
+    rows = {row.name: row for row in found.parameters}
+    regression = found.equations["stiffness"].regression
+    for name, value, F in zip(regression.names, regression.values, regression.F, strict=True):
+        row = rows[f"stiffness.{name}"]
+        np.testing.assert_allclose((row.regression, row.regression_F, row.start), (value, F, value), rtol=1e-12)
+        assert np.isfinite(row.start_F)
+    assert "stiffness.x^3" in str(found)
+    assert "drift: left out" in str(found)
+
+
+def test_the_start_costs_what_the_estimate_says_it_did(found):
+    np.testing.assert_allclose(found.start.cost, found.estimate.costs[0], rtol=1e-12)
+
+
+def test_a_flight_not_used_is_predicted_to_the_noise(found):
+    """400 samples: the RMS scatters by 3.5 %; 15 % is four of these, and the initial state is the measured one."""
+    other = measured(8)
+    prediction = found.predict(other, window=10)
+    rms = dict(zip(found.model.outputs, np.asarray(prediction.rms), strict=True))
+    assert rms["x"] < 1.15 * SIGMA["x"]
+    assert rms["v"] < 1.15 * SIGMA["v"]
+
+
+def test_bands_of_the_response_hold_the_truth(found, record):
+    band = found.bands("v").signals["v"]
+    assert band.value.shape == (1, 400)
+    assert np.all(np.asarray(band.deviation) > 0)
+
+
+def test_every_decision_can_be_overruled_by_name(record):
+    options = IdentifyOptions(
+        keep=("drift",),
+        terms={"drift": ("w",), "stiffness": ("x", "v", "force", "x^3", "x^2")},
+        fix={"stiffness": ("v",)},
+        estimate={"stiffness": ("x^2",)},
+        constants=False,
+    )
+    found = identify(EMPTY, record, options=options)
+    names = found.estimate.names
+    assert "stiffness.x^2" in names
+    assert "stiffness.v" not in names
+    assert "stiffness.1" not in names
+    assert found.left_out == ()
+    assert found.equations["drift"].why == "kept by name"
+    regression = found.equations["stiffness"].regression
+    kept = dict(zip(regression.names, regression.values, strict=True))["v"]
+    assert float(found.model.stiffness.coefficients[found.model.stiffness.terms.index("v")]) == pytest.approx(kept)
+
+
+def test_several_records_are_identified_together(record):
+    """Twice the data: standard errors fall by about the square root of two."""
+    single = identify(EMPTY, record)
+    both = identify(EMPTY, [record, measured(4)], options=IdentifyOptions(terms={"stiffness": tuple(TRUE)}))
+    ratio = both.estimate.standard_error("stiffness.x") / single.estimate.standard_error("stiffness.x")
+    assert 0.5 < ratio < 0.95
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (IdentifyOptions(keep=("stifness",)), "stifness"),
+        (IdentifyOptions(leave_out=("stiffness",)), "keep"),
+        (IdentifyOptions(add=("offset.x",)), "offset.x"),
+        (IdentifyOptions(estimate={"stiffness": ("v^3",)}), "v\\^3"),
+        (IdentifyOptions(terms={"stiffness": ("x", "y")}), "'y'"),
+    ],
+)
+def test_a_name_that_does_not_exist_or_nothing_left_is_refused(record, options, words):
+    with pytest.raises(InputError, match=words):
+        identify(EMPTY, record, options=options)
+
+
+def test_options_out_of_range_are_refused():
+    with pytest.raises(InputError, match="share"):
+        IdentifyOptions(share=2.0)
+    with pytest.raises(InputError, match="drift"):
+        IdentifyOptions(keep=("drift",), leave_out=("drift",))
+
+
+def test_a_model_without_pseudo_measurements_is_told_so(record):
+    class Silent(AbstractModel):
+        states, inputs, outputs = ("x",), ("force",), ("x",)
+
+        def rhs(self, t, x, u):
+            return -x + u
+
+        def output(self, t, x, u):
+            return x
+
+    with pytest.raises(InputError, match="pseudo-measurements"):
+        identify(Silent(), record)

@@ -5,7 +5,6 @@ the terms without the constant, `fitted` all that is fitted, the constant includ
 """
 
 import numpy as np
-from scipy.special import betaincinv
 
 from .._foundation.checks import require
 
@@ -86,6 +85,8 @@ def critical_F(level: float, dof: int, terms: int = 1) -> float:
         InputError: when the level is not between 0 and 1.
     """
     require(0 < level < 1, f"The level is {level}; a probability lies between 0 and 1, such as 0.01.")
+    from scipy.special import betaincinv  # its import adds a filter of warnings, and importing jaxid changes nothing
+
     z = float(betaincinv(dof / 2, terms / 2, level))
     return dof * (1.0 / z - 1.0) / terms
 

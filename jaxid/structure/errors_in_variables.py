@@ -6,11 +6,10 @@ Noise in a column pulls its ordinary least-squares value towards zero, however l
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from .._foundation.checks import require
 from .._foundation.types import Float, Numbers
-from .fit import fit
+from .fit import fit, require_varying
 from .least_squares import assemble
 from .problem import Problem, prepare
 from .regression import Regression
@@ -54,6 +53,7 @@ def total_least_squares(
     1991, section 3.5; covariance: Fuller, Measurement Error Models, 1987, section 2.3.)
     """
     problem = prepare(X, y, names, constant=constant, response=response)
+    require_varying(problem, range(len(problem.names)))
     noise = np.asarray(noise, float)
     require(
         noise.shape == (len(problem.names),) and bool(np.all(np.isfinite(noise) & (noise >= 0))),
@@ -105,6 +105,7 @@ def instrumental_variables(
     (Wright, 1928; Soderstrom & Stoica, Instrumental Variable Methods for System Identification, 1983, chapter 3.)
     """
     problem = prepare(X, y, names, weights=weights, constant=constant, response=response)
+    require_varying(problem, range(len(problem.names)))
     instruments = np.asarray(instruments, float)
     labels = [f"instrument {i}" for i in range(instruments.shape[1])]
     require(
@@ -119,7 +120,7 @@ def instrumental_variables(
         bool(np.min(np.abs(np.diagonal(R))) > problem.samples * np.finfo(float).eps),
         "Seen through the instruments, the columns are combinations of each other. Give instruments that follow each of them.",
     )
-    inverse = solve_triangular(R, np.eye(len(problem.names))) / problem.scale[:, None]
+    inverse = np.linalg.inv(R) / problem.scale[:, None]
     values = inverse @ (half.T @ projected[:, -1])
     residuals = _residuals(problem, values)
     variance = float(residuals @ residuals) / problem.dof(len(values))
@@ -142,7 +143,7 @@ def _least_corrections(problem: Problem, noise: np.ndarray, response_noise: floa
         "noise. Leave one out.",
     )
     noisy = -smallest[:-1] / units[exact:-1] / (smallest[-1] / response_noise)
-    first = solve_triangular(R[:exact, :exact], R[:exact, -1] - R[:exact, exact:-1] @ noisy)
+    first = np.linalg.solve(R[:exact, :exact], R[:exact, -1] - R[:exact, exact:-1] @ noisy)
     values = np.empty(len(order))
     values[order] = np.append(first, noisy)
     return values / problem.scale

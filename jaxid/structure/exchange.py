@@ -29,8 +29,8 @@ def best_subsets(
     """Of each number of terms the model with the least sum of squares, to be given to `choose`.
 
     With few candidates every subset is tried. Otherwise the model of each size starts from the one below and the best addition,
-    and single terms are exchanged for outside ones as long as that lowers the sum of squares; that finds what stepwise regression
-    misses when two terms help only together, but not with certainty.
+    then from the one above and the best omission, and single terms are exchanged for outside ones as long as that lowers the sum
+    of squares. That finds much of what stepwise regression misses when two terms help only together, but not with certainty.
 
     Args:
         X: candidates, shape (time, term).
@@ -52,45 +52,74 @@ def best_subsets(
     count = len(problem.names)
     largest = count if max_terms is None else min(max_terms, count)
     require(largest >= 1, f"max_terms is {max_terms}; the largest model has one term at least.")
+    if count <= exhaustive:
+        subsets, how = _all_best(problem, largest), "best of all"
+    else:
+        subsets, how = _exchanged(problem, largest), "best found by exchange"
     found = fit(problem, ())
     steps = [step(problem, found, "start", why="no term", PSE_bound=PSE_bound)]
-    active: tuple[int, ...] = ()
-    how = "best of all" if count <= exhaustive else "best found by exchange"
-    for size in range(1, largest + 1):
-        active = _best_of_all(problem, size) if count <= exhaustive else _by_exchange(problem, active)
-        if not active:
-            why = f"any {size} columns are combinations of each other"
-            steps.append(step(problem, found, "stop", why=why, PSE_bound=PSE_bound))
-            break
+    for active in subsets:
         found = fit(problem, active)
-        steps.append(step(problem, found, "subset", why=f"{how} with {size} terms", PSE_bound=PSE_bound))
-        if problem.rounding >= found.SSE:
-            steps.append(step(problem, found, "stop", why="the residual is nothing but rounding", PSE_bound=PSE_bound))
-            break
+        steps.append(step(problem, found, "subset", why=f"{how} of its size", PSE_bound=PSE_bound))
+    if problem.rounding >= found.SSE:
+        steps.append(step(problem, found, "stop", why="the residual is nothing but rounding", PSE_bound=PSE_bound))
+    elif len(subsets) < largest:
+        why = f"any {len(subsets) + 1} columns are combinations of each other"
+        steps.append(step(problem, found, "stop", why=why, PSE_bound=PSE_bound))
     return Selection(problem, tuple(steps))
 
 
-def _best_of_all(problem: Problem, size: int) -> tuple[int, ...]:
-    subsets = np.array(list(itertools.combinations(range(len(problem.names)), size)))
+def _all_best(problem: Problem, largest: int) -> list[list[int]]:
+    """The best of all subsets of each size, until one is exact or every further one holds a combination."""
+    found = []
+    for size in range(1, largest + 1):
+        subsets = np.array(list(itertools.combinations(range(len(problem.names)), size)))
+        active, least = _best(problem, subsets)
+        if not np.isfinite(least):
+            return found
+        found.append(active)
+        if least <= problem.rounding:
+            return found
+    return found
+
+
+def _exchanged(problem: Problem, largest: int) -> list[list[int]]:
+    """Subsets of each size, on the way up to all columns and down again: some pairs are only seen from above."""
+    found: list[tuple[list[int], float]] = []
+    below: list[int] = []
+    for _ in problem.names:
+        outside = [i for i in range(len(problem.names)) if i not in below]
+        better = _exchange(problem, *_best(problem, np.array([[*below, i] for i in outside])))
+        if not np.isfinite(better[1]):
+            break
+        found.append(better)
+        below = better[0]
+        if better[1] <= problem.rounding:
+            break
+    for size in range(len(found) - 1, 0, -1):
+        above = found[size][0]
+        better = _exchange(problem, *_best(problem, np.array([[i for i in above if i != gone] for gone in above])))
+        found[size - 1] = min(found[size - 1], better, key=lambda one: one[1])
+    exact = next((size for size, (_, SSE) in enumerate(found) if problem.rounding >= SSE), len(found))
+    return [active for active, _ in found[: min(exact + 1, largest)]]
+
+
+def _exchange(problem: Problem, active: list[int], SSE: float) -> tuple[list[int], float]:
+    """Exchange one term for one outside as long as that lowers the sum of squares."""
+    while np.isfinite(SSE):
+        outside = [i for i in range(len(problem.names)) if i not in active]
+        others = [[*active[:k], i, *active[k + 1 :]] for k in range(len(active)) for i in outside]
+        better, least = _best(problem, np.array(others)) if others else (active, SSE)
+        if least >= SSE * (1.0 - 1e-12):  # else rounding could go round in circles
+            break
+        active, SSE = better, least
+    return active, SSE
+
+
+def _best(problem: Problem, subsets: np.ndarray) -> tuple[list[int], float]:
+    """Of rows of column numbers the one that leaves the least sum of squares, and that."""
     SSE = _SSE(problem, subsets)
-    return tuple(subsets[np.argmin(SSE)].tolist()) if np.isfinite(SSE).any() else ()
-
-
-def _by_exchange(problem: Problem, below: tuple[int, ...]) -> tuple[int, ...]:
-    """One term more than below, then exchanges until none helps; nothing where every further term is a combination."""
-    outside = [i for i in range(len(problem.names)) if i not in below]
-    larger = np.array([[*below, i] for i in outside])
-    SSE = _SSE(problem, larger)
-    best, least = larger[np.argmin(SSE)].tolist(), float(np.min(SSE))
-    if not np.isfinite(least):
-        return ()
-    while True:
-        outside = [i for i in range(len(problem.names)) if i not in best]
-        others = np.array([[*best[:k], i, *best[k + 1 :]] for k in range(len(best)) for i in outside])
-        SSE = _SSE(problem, others) if others.size else np.array([np.inf])
-        if np.min(SSE) >= least * (1.0 - 1e-12):  # else rounding could go round in circles
-            return tuple(best)
-        best, least = others[np.argmin(SSE)].tolist(), float(np.min(SSE))
+    return subsets[np.argmin(SSE)].tolist(), float(np.min(SSE))
 
 
 def _SSE(problem: Problem, subsets: np.ndarray) -> np.ndarray:

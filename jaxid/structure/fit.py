@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
-from .._foundation.checks import InputError
+from .._foundation.checks import InputError, require
 from .problem import Problem
 
 
@@ -32,7 +31,7 @@ class Fit(NamedTuple):
     @property
     def inverse(self) -> np.ndarray:
         """Inverse of R: its rows' sums of squares times `SSE/dof` are the variances of the scaled values (B.8)."""
-        return solve_triangular(self.R, np.eye(len(self.active)))
+        return np.linalg.inv(self.R)  # of a triangle its elimination is back substitution
 
     @property
     def partial_F(self) -> np.ndarray:
@@ -46,9 +45,10 @@ def fit(problem: Problem, active: Sequence[int]) -> Fit:
     """Least squares on the columns with these numbers, in this order.
 
     Raises:
-        InputError: when a column is a combination of those before it, to rounding.
+        InputError: when a column does not vary, or is a combination of those before it, to rounding.
     """
     active = tuple(active)
+    require_varying(problem, active)
     basis, R = np.linalg.qr(problem.T[:, list(active)])
     for column, size in zip(active, np.abs(np.diagonal(R)), strict=True):
         if size <= problem.samples * np.finfo(float).eps:
@@ -64,6 +64,17 @@ def fit(problem: Problem, active: Sequence[int]) -> Fit:
         basis.T @ rest
     )  # twice is enough (Kahan; Parlett 1980): what rounding left in the basis goes
     return Fit(active, basis, R, along, rest, float(rest @ rest), problem.dof(len(active)))
+
+
+def require_varying(problem: Problem, active: Sequence[int]) -> None:
+    """Refuse columns that do not vary.
+
+    Raises:
+        InputError: for the first of them.
+    """
+    what = "is constant, and a constant is fitted beside the columns" if problem.constant else "is zero"
+    for i in active:
+        require(bool(problem.varies[i]), f"The column {problem.names[i]!r} {what}. Leave it out.")
 
 
 def tolerances(problem: Problem, found: Fit, outside: list[int]) -> np.ndarray:

@@ -11,7 +11,7 @@ from .._foundation.types import Float, Numbers
 from ..estimation.coloured import score_covariance
 from . import criteria
 from .fit import Fit, fit
-from .problem import Problem, prepare
+from .problem import Labels, Problem, prepare
 from .regression import Regression
 
 
@@ -114,7 +114,7 @@ def with_coloured_errors(
     names: Sequence[str],
     *,
     weights: Float[Numbers, " time"] | None = None,
-    runs: Sequence | None = None,
+    runs: Labels | None = None,
 ) -> Regression:
     """The same values with standard errors for a residual of the autocorrelation that it shows.
 

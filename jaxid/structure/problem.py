@@ -12,12 +12,14 @@ import numpy as np
 from .._foundation.checks import require, require_unique
 from .._foundation.types import Float, Numbers
 
+Labels = Sequence | Numbers  # of samples, one each: the manoeuvre to which it belongs
 ROUNDING = 1e3 * float(np.finfo(float).eps)  # of the response's length: a residual below it is zero
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Columns, response and their triangle, `root * [X - means, y - mean] = Q T` with the columns of X at length one.
+    """Columns, response and their triangle, `root * [X - means, y - mean] = Q T` with the columns of X at length one,
+    or zero where a column does not vary.
 
     Attributes:
         names, response: of the columns and of what they explain.
@@ -46,6 +48,11 @@ class Problem:
     @property
     def samples(self) -> int:
         return len(self.y)
+
+    @property
+    def varies(self) -> np.ndarray:
+        """Whether each column varies, so that something can be learnt from it, shape (term,)."""
+        return np.any(self.T[:, :-1] != 0, axis=0)
 
     @property
     def SST(self) -> float:
@@ -79,8 +86,9 @@ def prepare(
         response: name of what is explained, for messages and tables.
 
     Raises:
-        InputError: for shapes or names that do not match, values that are not finite, a column or a response that is constant,
-            weights that are not positive, or fewer samples than a fit of all terms needs.
+        InputError: for shapes or names that do not match, values that are not finite, a response that does not vary, weights
+            that are not positive, or fewer samples than a fit of all terms needs. A column that does not vary is kept: a
+            selection logs it, a fit with it is refused.
     """
     X, y, names = np.asarray(X, float), np.asarray(y, float), tuple(names)
     _check(X, y, names, constant, response)
@@ -89,10 +97,10 @@ def prepare(
     means = (root**2 @ both) / np.sum(root**2) if constant else np.zeros(len(names) + 1)
     centred = root[:, None] * (both - means)
     length, before = np.linalg.norm(centred, axis=0), np.linalg.norm(root[:, None] * both, axis=0)
-    for name, is_flat in zip((*names, response), length <= 64 * np.finfo(float).eps * before, strict=True):
-        what = "is constant; a constant is fitted beside the columns" if constant else "is zero"
-        require(not is_flat, f"The column {name!r} {what}, so that nothing can be learnt from it. Leave it out.")
-    scale = length[:-1]
+    flat = length <= 64 * np.finfo(float).eps * before
+    require(not flat[-1], f"The response {response!r} does not vary, so that there is nothing to explain.")
+    centred = np.where(flat, 0.0, centred)
+    scale = np.where(flat, 1.0, length)[:-1]
     Q, T = np.linalg.qr(centred / np.append(scale, 1.0))
     floor = (ROUNDING * float(before[-1])) ** 2
     return Problem(names, response, X, y, root, constant, means[:-1], float(means[-1]), scale, Q, T, floor)

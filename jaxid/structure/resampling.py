@@ -9,7 +9,7 @@ import numpy as np
 from .._foundation.checks import require
 from .._foundation.types import Float, Numbers
 from .options import SubsetOptions
-from .problem import prepare
+from .problem import Labels, Problem, prepare
 from .rules import AbstractRule, LastStep, choose
 from .stepwise import DEFAULTS, path
 
@@ -48,7 +48,7 @@ def stability(
     generator: int | np.random.Generator,
     draws: int = 200,
     block: int | None = None,
-    groups: Sequence | Float[Numbers, " time"] | None = None,
+    groups: Labels | None = None,
     options: SubsetOptions = DEFAULTS,
     rule: AbstractRule | None = None,
     constant: bool = True,
@@ -93,20 +93,17 @@ def stability(
     return Stability(response, prepared.names, np.array(share), models, draws)
 
 
-def _chosen(whole, rows: np.ndarray, options: SubsetOptions, rule: AbstractRule) -> tuple[str, ...]:
+def _chosen(whole: Problem, rows: np.ndarray, options: SubsetOptions, rule: AbstractRule) -> tuple[str, ...]:
     """Terms chosen from the drawn rows, in the candidates' order."""
     X, y = whole.X[rows], whole.y[rows]
-    about = X.mean(axis=0) if whole.constant else 0.0
-    alive = np.linalg.norm(X - about, axis=0) > 1e-12 * np.linalg.norm(X, axis=0)
-    if not alive.any() or np.ptp(y) == 0:
+    if np.ptp(y) == 0:
         return ()
-    names = tuple(name for name, lives in zip(whole.names, alive, strict=True) if lives)
-    problem = prepare(X[:, alive], y, names, constant=whole.constant, response=whole.response)
+    problem = prepare(X, y, whole.names, constant=whole.constant, response=whole.response)
     terms = choose(path(problem, options), rule).names
-    return tuple(name for name in names if name in terms)
+    return tuple(name for name in whole.names if name in terms)
 
 
-def _pieces(samples: int, block: int | None, groups) -> list[np.ndarray]:
+def _pieces(samples: int, block: int | None, groups: Labels | None) -> list[np.ndarray]:
     """What is drawn: rows of each manoeuvre, or of each block, which may start at any sample that leaves it whole."""
     require(block is None or groups is None, "Give the length of a block or labels of manoeuvres, not both.")
     if groups is not None:

@@ -68,7 +68,7 @@ class CrossValidation(AbstractRule):
         groups: label of the manoeuvre of each sample, such as whole numbers, shape (time,).
     """
 
-    groups: np.ndarray
+    groups: np.ndarray = eqx.field(converter=np.asarray)
 
     def pick(self, selection: Selection) -> int:
         return int(np.argmin(self.errors(selection)))
@@ -93,7 +93,7 @@ class CrossValidation(AbstractRule):
             np.column_stack([problem.X / problem.scale, np.ones(problem.samples), problem.y]) * problem.root[:, None]
         )
         total = np.zeros(len(models))
-        for label in each:
+        for label in each.tolist():
             held = labels == label
             require(
                 bool(np.sum(~held) > most),

@@ -210,4 +210,5 @@ def _step(problem: Problem, options: SubsetOptions, found: Fit, action: str, nam
 
 def _barred(problem: Problem, options: SubsetOptions, found: Fit, index: int, tolerance: float) -> Step:
     why = f"nearly a combination of the terms inside: its tolerance is below {options.tolerance:g}"
+    why = why if problem.varies[index] else "does not vary in these samples"
     return _step(problem, options, found, "bar", problem.names[index], why, tolerance=tolerance)

@@ -1,7 +1,7 @@
 """`IdentificationModel`: the model of Appendix E, with polynomials for coefficients, for estimation and regression."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -96,8 +96,8 @@ class IdentificationModel(AbstractModel):
     instruments: Instruments
     atmosphere: AbstractAtmosphere
     channels: Channels = eqx.field(static=True)
-    airspeed: Literal["indicated", "true"] = eqx.field(static=True)
-    beta: Literal["vane", "sideslip"] = eqx.field(static=True)
+    airspeed: str = eqx.field(static=True)
+    beta: str = eqx.field(static=True)
     candidates: tuple[tuple[str, tuple[str, ...]], ...] = eqx.field(static=True)
 
     transparent: ClassVar[tuple[str, ...]] = ("airframe", "held")
@@ -107,15 +107,15 @@ class IdentificationModel(AbstractModel):
         airframe: Airframe,
         *,
         states: str | Sequence[str] = "coupled",
-        frame: Literal["body", "air path"] = "body",
+        frame: str = "body",
         measured: Sequence[str] = (),
         held: Mapping[str, Any] | None = None,
         engines: tuple[Engine, ...] | None = None,
         instruments: Instruments | None = None,
         outputs: Sequence[str] | None = None,
         atmosphere: AbstractAtmosphere | None = None,
-        airspeed: Literal["indicated", "true"] = "indicated",
-        beta: Literal["vane", "sideslip"] = "vane",
+        airspeed: str = "indicated",
+        beta: str = "vane",
         candidates: Mapping[str, Sequence[str]] | None = None,
     ):
         require_known("meaning of V", [airspeed], ("indicated", "true"))
@@ -297,8 +297,9 @@ class IdentificationModel(AbstractModel):
     def _again(self, **changes: Any) -> "IdentificationModel":
         """The same model with other options."""
         names = ("engines", "instruments", "atmosphere", "airspeed", "beta", "held")
-        mine = {name: getattr(self, name) for name in names} | {"frame": self.channels.frame}
-        return IdentificationModel(self.airframe, **(mine | {"candidates": dict(self.candidates)} | changes))
+        mine: dict[str, Any] = {name: getattr(self, name) for name in names}
+        mine |= {"frame": self.channels.frame, "candidates": dict(self.candidates)}
+        return IdentificationModel(self.airframe, **(mine | changes))
 
     def _flow(self, x, u) -> Signals:
         """All that is known at an instant but what accelerates."""

@@ -113,23 +113,24 @@ def _named(states: str | Sequence[str], frame: str) -> tuple[str, ...]:
     if not isinstance(states, str):
         return tuple(states)
     require_known("group of states", [states], GROUPS)
-    return tuple(IN_AIR.get(name, name) if frame == "air path" else name for name in GROUPS[states])
+    names = GROUPS[states]
+    return tuple(IN_AIR[name] if frame == "air path" and name in IN_AIR else name for name in names)
 
 
-def _seen(outputs: Sequence[str] | None, frame: str, states: tuple[str, ...], instruments: tuple[str, ...]):
+def _seen(
+    chosen: Sequence[str] | None, frame: str, states: tuple[str, ...], instruments: tuple[str, ...]
+) -> tuple[str, ...]:
     """The outputs; an accelerometer also where its velocity is not propagated, for it tells of a coefficient."""
     owner = owners(frame)
-    if outputs is None:
-        outputs = tuple(name for name in instruments if owner.get(name) in states)
+    outputs = tuple(name for name in instruments if owner.get(name) in states) if chosen is None else tuple(chosen)
     require_known("output (of the instruments)", outputs, instruments)
     require_unique("output", outputs)
     require(len(outputs) > 0, "No instrument tells of a state that is propagated, so there is nothing to fit.")
     moving = bool({*FRAMES[frame].names} & set(states))
     for name in outputs:
         along = name in ("V", "alpha", "beta") and frame == "body" and moving
-        tells = owner.get(name) in states or along or name in (*FORCE, "az_pilot")
         require(
-            tells,
+            owner.get(name) in states or along or name in (*FORCE, "az_pilot"),
             f"The output {name!r} shows only what is measured, and the fit would be perfect. Leave it out of `outputs`.",
         )
-    return tuple(outputs)
+    return outputs

@@ -1,7 +1,7 @@
 """What an identification model takes from a record: a first state, histories in the place of states, coefficients."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import equinox as eqx
 import jax
@@ -23,24 +23,34 @@ from .flow import flow
 from .identification_units import SIGNALS
 from .instrument_channels import ANGULAR, FORCE, RATES, TABLE
 from .instruments_inverse import air_of, motion
+from .record_air import density_of
 
 if TYPE_CHECKING:
     from .identification import IdentificationModel
 
 Histories = dict[str, Float[Array, " time"]]
 AIR_DATA = {"u": "V", "V": "V", "v": "beta", "beta": "beta", "w": "alpha", "alpha": "alpha"}
+SOURCES = "follows from V, alpha and beta where it is not given itself"
 FACTORS = (  # what the terms of a regression may be made of
     *("alpha", "beta", "V", "mach", "qbar", "density", "phat", "qhat", "rhat", "u", "v", "w"),
     *(*RATES, *SURFACES, "thrust", "altitude"),
 )
 WHAT_TO_DO = {
-    **dict.fromkeys(ANGULAR, "Derive it from the rate by smoothing and differentiating, and add it to the record"),
-    "density": "Hold it, or leave it to the altitude",
+    **{
+        name: f"Derive it from the rate: `differentiate(record, {{'{name[0]}': '{name}'}}, Fourier())`"
+        for name in ANGULAR
+    },
+    "density": "Give qbar and the true airspeed V, from which it follows, hold it, or leave it to the altitude",
 }
 
 
 def initial_state(model: "IdentificationModel", record: Record) -> Float[Array, " state"]:
     """A state from the first valid samples (see `IdentificationModel.initial_state`)."""
+    return _first_state(model, record.anonymous())
+
+
+@eqx.filter_jit
+def _first_state(model: "IdentificationModel", record: Record) -> Float[Array, " state"]:
     seen = first_samples(record)
     known = dict(zip(record.inputs, record.u[0], strict=True)) if record.inputs else {}
     known = {name: value for name, value in known.items() if name in SIGNALS} | dict(model.held)
@@ -76,7 +86,7 @@ def prepared(model: "IdentificationModel", record: Record) -> Record:
         require(
             gaps == 0,
             f"Record {record.names[0]!r}: the model takes {name!r} as an input, and {gaps} of its samples are missing"
-            f"{' (it follows from ' + _sources(name) + ')' if name in AIR_DATA else ''}. Fill the gaps before, or propagate it.",
+            f"{f' ({SOURCES})' if name in AIR_DATA else ''}. Fill the gaps before, or propagate it.",
         )
     columns = [k for k, name in enumerate(record.outputs) if name not in model.inputs]
     return Record(
@@ -117,12 +127,18 @@ def pseudo_measurements(model: "IdentificationModel", record: Record) -> PseudoM
 def at_constants(model: "IdentificationModel", record: Record) -> "IdentificationModel":
     """The model with the record's constants in the place of parameters of their names, as an estimate takes them."""
     names = [name for name in record.constants if name in parameter_names(model)]
-    return with_values(model, names, jnp.stack([record.constants[name] for name in names])) if names else model
+    if not names:
+        return model
+    changed = with_values(model, names, jnp.stack([record.constants[name] for name in names]))
+    return cast("IdentificationModel", changed)
 
 
 def _histories(model: "IdentificationModel", record: Record) -> tuple[Histories, Histories]:
     """Readings by channel, NaN where one is missing; and what is known, of a record's inputs."""
     known = {name: record.channel(name) for name in record.inputs if name in SIGNALS and name not in model.held}
+    density = density_of(record, model.airspeed) if "density" in model.channels.measured else None
+    if density is not None:
+        known["density"] = density
     taken = (*known, *model.held)
     return {name: record.channel(name) for name in record.outputs if name in TABLE and name not in taken}, known
 
@@ -164,7 +180,7 @@ def _solved(model: "IdentificationModel", shown: Mapping, known: Mapping):
     moment = moment - jnp.cross(frame.reference, force)
     pressure_area = signals["qbar"] * frame.S
     values = jnp.concatenate([force, moment / frame.lengths]) / pressure_area
-    return dict(zip(COEFFICIENTS, values, strict=True)), signals
+    return {name: values[k] for k, name in enumerate(COEFFICIENTS)}, signals
 
 
 def _require_all(model: "IdentificationModel", record: Record, has: tuple[str, ...]) -> None:
@@ -185,14 +201,10 @@ def _require_all(model: "IdentificationModel", record: Record, has: tuple[str, .
 
 def _lacks(record: Record, name: str, why: str) -> str:
     """The refusal of a record without a channel."""
-    source = f", which follows from {_sources(name)}" if name in AIR_DATA else ""
+    source = f", which {SOURCES}" if name in AIR_DATA else ""
     what = WHAT_TO_DO.get(name, "Measure it, hold it at a constant (`held`), or propagate it")
     has = ", ".join((*record.inputs, *record.outputs))
     return f"Record {record.names[0]!r}: the model needs {name!r} {why}{source}, and the record has {has}. {what}."
-
-
-def _sources(name: str) -> str:
-    return f"V, alpha and beta (beside {name} itself)"
 
 
 def _require_single(record: Record) -> None:

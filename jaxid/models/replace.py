@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 
@@ -62,7 +62,7 @@ def _polynomials(node, name: str, path: tuple[Step, ...]) -> Iterator[tuple[str,
             yield from _polynomials(node[key], f"{name}.{key}".lstrip("."), (*path, ("item", key)))
 
 
-def _at(node, path: tuple[Step, ...]):
+def _at(node: Any, path: tuple[Step, ...]) -> Any:
     """What stands at a path."""
     for kind, which in path:
         node = getattr(node, str(which)) if kind == "attribute" else node[which]

@@ -1,0 +1,317 @@
+"""The identification model: the flight that it repeats, its frames, the equations that it leaves out, its effects."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from identified_flight import COARSE, STEP, TEN, TEN_IN_AIR, flown, true_histories, with_true_coefficients
+from small_airframe import small_airframe
+
+from jaxid._foundation.checks import InputError
+from jaxid.aircraft import COEFFICIENTS, IdentificationModel, Instruments, flight_record, from_aircraft
+from jaxid.aircraft.identification_channels import GROUPS
+from jaxid.aircraft.identification_frames import AIR_PATH
+from jaxid.data.record import Record
+from jaxid.estimation import OutputError, estimate
+from jaxid.models import Augmented, Polynomial, free, parameter_names, polynomials_of, with_polynomials
+from jaxid.models.free import with_values
+from jaxid.models.names import read
+from jaxid.simulation import RK4, simulate
+
+T = jnp.zeros(())
+STEPPER = RK4(5, unrolled=False)  # as the flight was flown
+ALL_MEASURED = {"longitudinal": ("pdot", "rdot"), "lateral": ("qdot",)}
+HELD = {"altitude": 9000.0}
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return flown()
+
+
+@pytest.fixture(scope="module")
+def record(flight):
+    return flight_record(flight)
+
+
+@pytest.fixture(scope="module")
+def coupled(flight):
+    return with_true_coefficients(from_aircraft(flight.aircraft, states=TEN), flight)
+
+
+@pytest.fixture(scope="module")
+def in_air(flight):
+    return with_true_coefficients(from_aircraft(flight.aircraft, states=TEN_IN_AIR, frame="air path"), flight)
+
+
+def partial(flight, states, **options):
+    return with_true_coefficients(from_aircraft(flight.aircraft, states=states, **options), flight)
+
+
+@eqx.filter_jit
+def along(model, x, u):
+    """Rates and outputs at each sample."""
+
+    def at(x, u):
+        dx = model.rhs(T, x, u)
+        return dx, model.output_given(T, x, u, dx)
+
+    return jax.vmap(at)(x, u)
+
+
+@eqx.filter_jit
+def misses(model, record):
+    """By how much each output is missed, relative to its largest value, over the record."""
+    y = simulate(model, record.t, record.u, model.initial_state(record), stepper=STEPPER).y
+    return jnp.max(jnp.abs(y - record.z), axis=0) / jnp.max(jnp.abs(record.z), axis=0)
+
+
+def assert_close(value, reference, rtol):
+    """Close in terms of the largest value of each column."""
+    np.testing.assert_array_less(
+        np.max(np.abs(value - reference), axis=0), rtol * np.max(np.abs(np.asarray(reference)), axis=0)
+    )
+
+
+# The flight ---------------------------------------------------------------------------------------------------------
+
+
+def test_with_the_true_coefficients_it_repeats_the_flight(coupled, record):
+    """Six-degree equations with quaternions against these with Euler angles: they differ by the steps' error, 1e-11 here."""
+    assert coupled.inputs == ("stabilator", "aileron", "rudder")
+    np.testing.assert_array_less(misses(coupled, coupled.prepared(record)), 1e-9)
+
+
+def test_both_frames_are_one_model(flight, coupled, in_air, record):
+    """At an instant to rounding; along the flight to the steps' error, which differs between the frames."""
+    x, u = true_histories(coupled, flight)
+    rates, seen = along(coupled, x, u)
+    rates_in_air, seen_in_air = along(in_air, *true_histories(in_air, flight))
+    assert_close(seen_in_air, seen, 1e-13)
+    by_chain_rule = jax.vmap(lambda x, dx: jax.jvp(AIR_PATH.states, (x,), (dx,))[1])(x[:, :3], rates[:, :3])
+    assert_close(rates_in_air[:, :3], by_chain_rule, 1e-12)
+    assert_close(rates_in_air[:, 3:], rates[:, 3:], 1e-12)
+    np.testing.assert_array_less(misses(in_air, in_air.prepared(record)), 1e-9)
+
+
+@pytest.mark.parametrize("frame", ["body", "air path"])
+def test_derivatives_are_those_of_differences(flight, coupled, in_air, frame):
+    model = coupled if frame == "body" else in_air
+    x, u = (rows[30] for rows in true_histories(model, flight))
+    names = (
+        "Cm.alpha",
+        "CX.alpha^2",
+        "Cn.rudder",
+        "mass",
+        "Ixz",
+        "reference.x",
+        "instruments.bias.beta",
+        "instruments.position.ay.z",
+    )
+    values = read(model, names)
+
+    @jax.jit
+    def seen(at):
+        changed = with_values(model, names, at[x.size :])
+        return jnp.concatenate([changed.rhs(T, at[: x.size], u), changed.output(T, at[: x.size], u)])
+
+    at = jnp.concatenate([x, values])
+    step = 1e-6 * jnp.maximum(jnp.abs(at), 0.1)
+    differences = jnp.stack(
+        [(seen(at.at[k].add(h)) - seen(at.at[k].add(-h))) / (2.0 * h) for k, h in enumerate(step)], axis=-1
+    )
+    exact = jax.jit(jax.jacfwd(seen))(at)
+    np.testing.assert_allclose(
+        differences, exact, rtol=1e-6, atol=1e-6 * np.max(np.abs(exact), axis=1, keepdims=True).max()
+    )
+
+
+# Equations left out -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("states", ["longitudinal", "lateral", ("w", "q"), ("p",), ("phi", "pitch", "psi")])
+@pytest.mark.parametrize("frame", ["body", "air path"])
+def test_what_is_not_propagated_takes_its_history(flight, coupled, states, frame):
+    """With the true histories in their place the equations that are left say what they said together, to rounding."""
+    named = {"w": "alpha"} if frame == "air path" else {}
+    given = states if isinstance(states, str) else tuple(named.get(name, name) for name in states)
+    rates_left = [f"{name}dot" for name in "pqr" if name not in (GROUPS[states] if isinstance(states, str) else states)]
+    model = partial(flight, given, frame=frame, measured=rates_left)
+    x, u = true_histories(model, flight)
+    rates, seen = along(model, x, u)
+    all_rates, all_seen = along(coupled, *true_histories(coupled, flight))
+    assert_close(seen, all_seen[:, [coupled.outputs.index(name) for name in model.outputs]], 1e-12)
+    for k, name in enumerate(model.states):
+        if name in coupled.states:
+            assert_close(rates[:, k], all_rates[:, coupled.states.index(name)], 1e-12)
+
+
+@pytest.mark.parametrize("states", ["longitudinal", "lateral"])
+def test_alone_each_plane_repeats_its_part_of_the_coupled_flight(flight, record, states):
+    """Fed with measured histories, straight between samples, it errs by h^2/8 of their second derivative: the miss is small, and
+    of second order, so four times smaller at half the step (3 to 5 times, as the samples are others)."""
+    model = partial(flight, states, measured=ALL_MEASURED[states])
+    assert model.inputs[4:] == (
+        ("pdot", "rdot", "v", "p", "r", "phi") if states == "longitudinal" else ("qdot", "u", "w", "q", "pitch")
+    )
+    fine, coarse = (np.asarray(misses(model, model.prepared(every(record, n)))) for n in (1, 2))
+    np.testing.assert_array_less(fine, 1e-3)
+    ratio = np.linalg.norm(coarse) / np.linalg.norm(fine)
+    assert 3.0 < ratio < 5.0, ratio
+
+
+def every(record, n):
+    """Every n-th sample; the surfaces are straight lines of COARSE seconds, so that nothing of them is lost."""
+    assert COARSE / (n * STEP) == round(COARSE / (n * STEP))
+    return eqx.tree_at(
+        lambda r: (r.t, r.u, r.z, r.mask),
+        record,
+        tuple(part[::n] for part in (record.t, record.u, record.z, record.mask)),
+    )
+
+
+def test_without_names_equations_by_their_coefficients(flight, record):
+    model = from_aircraft(flight.aircraft)
+    left = model.without(("CX", "Cn"))
+    assert left.states == ("v", "w", "p", "q", "phi", "pitch", "psi")
+    assert left.inputs == ("stabilator", "aileron", "rudder", "altitude", "rdot", "u", "r")
+    assert left.outputs == ("alpha", "beta", "p", "q", "phi", "pitch", "psi", "ay", "az", "pdot", "qdot")
+    assert left.responses == ("CY", "CZ", "Cl", "Cm")
+    assert left.without(("CZ",)).states == ("v", "p", "q", "phi", "pitch", "psi")
+    assert left.without(()) is left
+    prepared = left.prepared(record)
+    assert (prepared.inputs, prepared.outputs) == (left.inputs, left.outputs)
+    air = from_aircraft(flight.aircraft, frame="air path").without(("CX", "CY", "CZ"))
+    assert air.inputs[4:] == ("V", "alpha", "beta")
+    with pytest.raises(InputError, match="no response 'CX'"):
+        left.without(("CX",))
+    kept = partial(flight, "coupled").without(("Cn",))
+    assert polynomials_of(kept)["Cn"].terms == polynomials_of(partial(flight, "coupled"))["Cn"].terms
+
+
+def test_accelerations_of_rates_that_are_left_out_are_held_at_zero_unless_measured(flight):
+    model = from_aircraft(flight.aircraft, states="longitudinal")
+    assert {"pdot", "rdot"} <= set(model.held)
+    assert not {"pdot", "rdot"} & set(model.inputs)
+    assert "pdot" in parameter_names(model)
+    assert "rdot" in model.without(("Cm",)).held
+    assert "qdot" in model.without(("Cm",)).inputs
+
+
+# Names, effects, estimates ------------------------------------------------------------------------------------------
+
+
+def test_every_coefficient_of_table_3_1_can_be_expanded():
+    """The 24 functions of the table, each with terms in alpha and beta about a centre, are free by name."""
+    factors = {name: ("1", "qhat", "stabilator") for name in ("CX", "CZ", "Cm")}
+    factors |= {name: ("1", "phat", "rhat", "aileron", "rudder") for name in ("CY", "Cl", "Cn")}
+    terms = {
+        name: [f"{angle} {factor}".replace(" 1", "") for factor in of for angle in ("", "alpha", "alpha^2", "beta")]
+        for name, of in factors.items()
+    }
+    model = with_polynomials(
+        IdentificationModel(small_airframe(), held=HELD),
+        {
+            name: Polynomial({term.strip() or "1": 0.1 for term in of}, {"alpha": 0.2, "beta": 0.0})
+            for name, of in terms.items()
+        },
+    )
+    chosen = free(
+        model, *COEFFICIENTS, "instruments.bias.beta", "instruments.scale.alpha", per_record=("initial_state",)
+    )
+    assert {"Cm.alpha^2 stabilator", "Cn.beta rhat", "CX.centre.alpha", "instruments.bias.beta"} <= set(chosen.shared)
+    rates = eqx.filter_jit(model.rhs)(T, jnp.array([150.0, 3.0, 20.0, 0.1, 0.1, 0.1, 0.1, 0.1, 0.0]), jnp.zeros(3))
+    assert np.all(np.isfinite(rates))
+    assert (model.units()["Cm.alpha^2 stabilator"], model.units()["altitude"]) == ("1/rad^3", "m")
+
+
+@pytest.mark.parametrize(("states", "frame"), [(TEN, "body"), (TEN_IN_AIR, "air path"), ("longitudinal", "body")])
+def test_an_effect_is_a_term_more(flight, states, frame):
+    """In rates and in what accelerometers feel, in every coefficient, whatever is propagated."""
+    model = partial(flight, states, frame=frame)
+    x, u = (rows[30] for rows in true_histories(model, flight))
+    offered = {effect.name: effect for effect in model.effects()}
+    assert "alpha in Cm" not in offered  # the model has it
+    assert "alpha^3 in Cm" in offered
+    assert any(name.endswith("in Cn") for name in offered) == (states != "longitudinal")
+    gains = {
+        "alpha^3 in Cm": -8.0,
+        "beta^2 in CZ": 2.0,
+        "alpha in CX": 0.3,
+        "alpha beta in Cn": 1.5,
+        "beta^3 in CY": 2.0,
+    }
+    gains = {name: gain for name, gain in gains.items() if name in offered}
+    effects = tuple(eqx.tree_at(lambda e: e.gain, offered[name], jnp.array(gain)) for name, gain in gains.items())
+    more = polynomials_of(model)
+    for name, gain in gains.items():
+        term, _, coefficient = name.partition(" in ")
+        old = more[coefficient]
+        more[coefficient] = Polynomial(dict(zip(old.terms, old.coefficients.tolist(), strict=True)) | {term: gain})
+    changed, augmented = with_polynomials(model, more), Augmented(model, effects)
+
+    @eqx.filter_jit
+    def both(model):
+        return jnp.concatenate([model.rhs(T, x, u), model.output(T, x, u)])
+
+    assert np.max(np.abs(both(changed) - both(model))) > 0.1
+    np.testing.assert_allclose(both(augmented), both(changed), rtol=1e-10, atol=1e-12)
+
+
+def test_a_few_coefficients_are_estimated_from_a_short_record(key):
+    """Records that the model itself made with white noise: estimates within four of their standard errors."""
+    frame = small_airframe()
+    instruments = Instruments(("alpha", "V", "q", "pitch", "ax", "az"))
+    held = HELD | {name: 0.0 for name in ("v", "p", "r", "phi", "aileron", "rudder")}
+    model = IdentificationModel(frame, states="longitudinal", held=held, instruments=instruments)
+    assert (model.inputs, model.outputs) == (("stabilator",), ("alpha", "V", "q", "pitch", "ax", "az"))
+    t = 0.05 * jnp.arange(61)
+    u = (-0.06 + 0.03 * jnp.sin(3.0 * t))[:, None]
+    clean = jax.jit(lambda x: simulate(model, t, u, x, stepper=RK4(unrolled=False)).y)(
+        jnp.array([168.0, 20.0, 0.0, 0.1])
+    )
+    sigma = jnp.array([1e-3, 0.1, 1e-3, 1e-3, 0.01, 0.05])
+    z = clean + sigma[None] * jax.random.normal(key, clean.shape)
+    units, mask = model.units(), jnp.ones(z.shape, bool)
+    known = tuple(units[name] for name in model.outputs)
+    made = Record(t, u, z, mask, {}, model.inputs, model.outputs, ("rad",), known, ("short",))
+    names = ("Cm.alpha", "Cm.qhat", "Cm.stabilator", "CZ.alpha")
+    truth = read(model, names)
+    start = with_values(model, names, 0.9 * truth)
+    fit = estimate(start, free(start, *names, per_record=("initial_state",)), made, OutputError(), throw=True)
+    errors = np.array([fit.value(name) for name in names]) - truth
+    sizes = np.array([fit.standard_error(name) for name in names])
+    np.testing.assert_array_less(np.abs(errors), 4.0 * sizes)
+    np.testing.assert_array_less(sizes, 0.1 * np.abs(truth))
+
+
+# Bad input ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({}, "The altitude, which says density"),
+        ({"states": "sideways"}, "group of states 'sideways'"),
+        ({"states": ("u", "alpha"), "held": HELD}, "no state 'alpha'"),
+        ({"states": ("u", "u"), "held": HELD}, "state name 'u' occurs twice"),
+        ({"states": (), "held": HELD}, "No state is propagated"),
+        ({"frame": "earth", "held": HELD}, "no frame 'earth'"),
+        ({"measured": ("fuel", "altitude")}, "input .in `measured`. 'fuel'"),
+        ({"measured": ("pdot", "altitude")}, "input .in `measured`. 'pdot'"),
+        ({"measured": ("altitude",), "held": HELD}, "'altitude' is measured, and"),
+        ({"states": TEN, "held": HELD}, "a state and held too"),
+        ({"held": HELD | {"q": 0.0}}, "constant .in `held`. 'q'"),
+        ({"held": HELD, "states": "longitudinal", "outputs": ("p", "q")}, "'p' shows only what is measured"),
+        ({"held": HELD, "outputs": ("stabilator",)}, "'stabilator' shows only what is measured"),
+        ({"held": HELD, "outputs": ("gamma",)}, "output .of the instruments. 'gamma'"),
+        ({"held": HELD, "states": "lateral", "instruments": Instruments(("alpha", "q"))}, "No instrument tells"),
+        ({"held": HELD, "airspeed": "calibrated"}, "meaning of V 'calibrated'"),
+        ({"held": HELD, "beta": "flank"}, "meaning of beta 'flank'"),
+        ({"held": HELD, "candidates": {"CL": ("alpha",)}}, "'CL'"),
+    ],
+)
+def test_what_makes_no_model_is_refused(options, said):
+    with pytest.raises(InputError, match=said):
+        IdentificationModel(small_airframe(), **options)

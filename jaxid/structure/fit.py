@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._foundation.checks import InputError, require
+from .._foundation.checks import InputError
 from .problem import Problem
 
 
@@ -74,7 +74,8 @@ def require_varying(problem: Problem, active: Sequence[int]) -> None:
     """
     what = "is constant, and a constant is fitted beside the columns" if problem.constant else "is zero"
     for i in active:
-        require(bool(problem.varies[i]), f"The column {problem.names[i]!r} {what}. Leave it out.")
+        if not problem.varies[i]:
+            raise InputError(f"The column {problem.names[i]!r} {what}. Leave it out.")
 
 
 def tolerances(problem: Problem, found: Fit, outside: list[int]) -> np.ndarray:

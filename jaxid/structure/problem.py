@@ -27,7 +27,8 @@ class Problem:
         root: square roots of the weights, shape (time,).
         constant: whether a constant is fitted; without it nothing is centred.
         means, mean: weighted means of the columns and of the response, zero without a constant.
-        scale: length of each weighted centred column.
+        scale: length of each weighted centred column, one where it does not vary.
+        varies: whether each column does, so that something can be learnt from it.
         Q, T: shapes (time, term + 1) and (term + 1, term + 1), the response last.
         rounding: sum of squares that rounding leaves of an exact fit.
     """
@@ -41,6 +42,7 @@ class Problem:
     means: np.ndarray
     mean: float
     scale: np.ndarray
+    varies: np.ndarray
     Q: np.ndarray
     T: np.ndarray
     rounding: float
@@ -48,11 +50,6 @@ class Problem:
     @property
     def samples(self) -> int:
         return len(self.y)
-
-    @property
-    def varies(self) -> np.ndarray:
-        """Whether each column varies, so that something can be learnt from it, shape (term,)."""
-        return np.any(self.T[:, :-1] != 0, axis=0)
 
     @property
     def SST(self) -> float:
@@ -103,7 +100,7 @@ def prepare(
     scale = np.where(flat, 1.0, length)[:-1]
     Q, T = np.linalg.qr(centred / np.append(scale, 1.0))
     floor = (ROUNDING * float(before[-1])) ** 2
-    return Problem(names, response, X, y, root, constant, means[:-1], float(means[-1]), scale, Q, T, floor)
+    return Problem(names, response, X, y, root, constant, means[:-1], float(means[-1]), scale, ~flat[:-1], Q, T, floor)
 
 
 def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...], constant: bool, response: str) -> None:

@@ -4,6 +4,7 @@ The report sweeps the matrix of sums of products by Gauss-Jordan pivots, which s
 each subset is fitted on the triangle of the problem by orthogonal transformations: the same numbers, with more of their digits.
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -56,6 +57,37 @@ def stepwise(
     """
     problem = prepare(X, y, names, weights=weights, deviations=deviations, constant=constant, response=response)
     return path(problem, options)
+
+
+def whole_path(
+    X: Float[Numbers, "time term"],
+    y: Float[Numbers, " time"],
+    names: Sequence[str],
+    *,
+    options: SubsetOptions = DEFAULTS,
+    weights: Float[Numbers, " time"] | None = None,
+    deviations: Float[Numbers, " time"] | None = None,
+    constant: bool = True,
+    response: str = "y",
+) -> Selection:
+    """Add terms until none is left and, from all that tolerance admits, remove them until none is left, whatever their F.
+
+    For rules that judge models by a criterion (`Minimum`, `CrossValidation`): a term that entered early in place of others leaves
+    on the way back, so that the right model is among these more often than on a path that only adds.
+
+    Args:
+        X, y, names, weights, deviations, constant, response: as in `stepwise`.
+        options: tolerance, terms forced in or out, limits; levels of F and the direction are not used.
+
+    Raises:
+        InputError: as `stepwise` does.
+    """
+    problem = prepare(X, y, names, weights=weights, deviations=deviations, constant=constant, response=response)
+    given = {"F_in": 0.0, "F_out": 0.0, "level_in": None, "level_out": None}
+    there = path(problem, dataclasses.replace(options, **given, direction="forward"))
+    given |= {"F_in": float("inf"), "F_out": float("inf")}
+    back = path(problem, dataclasses.replace(options, **given, direction="backward"))
+    return Selection(problem, (*there.steps, *back.steps))
 
 
 def stepwise_each(
@@ -160,9 +192,10 @@ def _next(problem: Problem, options: SubsetOptions, found: Fit, outside: list[in
         weakest = min(free, key=lambda place: F[place])
         level = options.F_to_stay(found.dof)
         if F[weakest] < level:
-            return _Move("remove", f"least F, below {level:.4g}", found.active[weakest], float(F[weakest]))
+            why = f"least F, below {level:.4g}" if np.isfinite(level) else "least F"
+            return _Move("remove", why, found.active[weakest], float(F[weakest]))
     if options.direction == "backward":
-        return _Move("stop", "every F reaches the level to stay")
+        return _Move("stop", "every F reaches the level to stay" if free else "no term is left that may be removed")
     if not outside:
         return _Move("stop", "no candidate is left")
     if options.max_terms is not None and len(found.active) >= options.max_terms:

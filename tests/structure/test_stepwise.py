@@ -5,7 +5,17 @@ import pytest
 import scipy.stats
 
 from jaxid._foundation.checks import InputError
-from jaxid.structure import REPORT, LastStep, SubsetOptions, choose, columns, stepwise, stepwise_each
+from jaxid.structure import (
+    REPORT,
+    LastStep,
+    Minimum,
+    SubsetOptions,
+    choose,
+    columns,
+    stepwise,
+    stepwise_each,
+    whole_path,
+)
 from jaxid.structure.criteria import critical_F
 
 TERMS = ("alpha", "alpha^2", "alpha^3", "beta", "beta^2", "alpha beta", "q", "alpha q", "|beta| beta", "(alpha-0.1)+^2")
@@ -115,6 +125,26 @@ def test_forward_never_removes_and_backward_never_adds():
     assert {step.action for step in backward.models} == {"start", "remove"}
     assert set(backward.models[0].terms) == set(TERMS)
     assert min(backward.models[-1].F) >= 4.0
+
+
+def test_the_whole_path_goes_there_and_back():
+    X, y = planted(1, 0.3)
+    path = whole_path(X, y, TERMS, options=SubsetOptions(tolerance=1e-6, force_in=("q",)))
+    sizes = [len(step.terms) for step in path.models]
+    assert sizes == [*range(11), *range(10, 0, -1)]
+    assert all("q" in step.terms for step in path.models[1:])
+    assert "no term is left that may be removed" in path.steps[-1].why
+
+
+def test_the_whole_path_finds_what_a_path_that_only_adds_misses(seed):
+    """A term that follows the sum of two others enters first; on the way back it is the first to leave."""
+    draw = np.random.default_rng(seed)
+    X = draw.normal(size=(80, 5))
+    X[:, 4] = X[:, 0] + X[:, 1] + 0.3 * X[:, 4]
+    y = X[:, 0] + X[:, 1] + 0.1 * draw.normal(size=80)
+    path = whole_path(X, y, ("a", "b", "c", "d", "sum"))
+    assert path.models[1].terms == ("sum",)
+    assert set(choose(path, Minimum("BIC")).names) == {"a", "b"}
 
 
 def test_partial_correlation_ranks_as_partial_F_and_is_that_of_residuals():

@@ -45,6 +45,8 @@ from .instrument_channels import CHANNELS as CHANNELS
 from .instruments import Instruments as Instruments
 from .kinematics import Kinematics as Kinematics
 from .mass import MassProperties as MassProperties
+from .models_of_record import kinematics_of as kinematics_of
+from .models_of_record import model_of as model_of
 from .modes import Mode as Mode
 from .modes import Modes as Modes
 from .modes import linearise_euler as linearise_euler

@@ -1,4 +1,4 @@
-"""Text files of numbers without names: columns are known by their number."""
+"""Files of numbers without names, text or MATLAB: columns are known by their number."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -9,6 +9,7 @@ import numpy as np
 from .._foundation.checks import InputError, require, require_known
 from .build import TIME
 from .io import assemble, clock, existing
+from .io_mat import mat_variables
 from .layouts import Columns
 from .record import Record
 
@@ -39,10 +40,11 @@ def read_columns(
     sample_time: float | int | None = None,
     skip: int = 0,
     delimiter: str | None = None,
+    variable: str | None = None,
     name: str | None = None,
     constants: Mapping[str, Any] | None = None,
 ) -> Record:
-    """Read one record from a text file of numbers, columns by their number, such as those of DLR.
+    """Read one record from a file of numbers, columns by their number, such as those of DLR: text, or `.mat` up to version 7.
 
         read_columns("hfb320_1_10.asc", HFB320, inputs=("stabilator", "thrust"), outputs=("V", "alpha", "q"))
         read_columns(path, {"q": (3, "deg/s"), "aileron": ({7: -0.5, 8: 0.5}, "deg")}, ..., sample_time=0.04)
@@ -60,6 +62,7 @@ def read_columns(
         sample_time: time between samples [s], in place of a column of time.
         skip: number of lines at the top that are no numbers.
         delimiter: what separates the numbers; blanks when left out.
+        variable: the array's name in a MATLAB file; the stem of the file when left out.
         name: name of the record; the stem of the file when left out.
         constants: what is known and constant over the record [SI].
 
@@ -71,16 +74,37 @@ def read_columns(
             numbers than the others, a cell is no number, time or an input is missing or not finite, time does not increase, or a
             unit is unknown; file, line and column are named.
     """
-    grid = text_grid(existing(path), skip=skip, delimiter=delimiter)
+    path = existing(path)
+    if path.suffix.lower() == ".mat":
+        grid = mat_grid(path, path.stem if variable is None else variable)
+    else:
+        grid = text_grid(path, skip=skip, delimiter=delimiter)
     wanted = (*inputs, *outputs) if sample_time is not None else (time, *inputs, *outputs)
     require_known("channel among `columns`", wanted, columns)
     found = {n: column(grid, columns, n) for n in wanted}
     units = {n: columns[n][1] for n in wanted}
     if sample_time is not None:
-        time, found[TIME] = TIME, clock(sample_time, len(grid.numbers), Path(path))
+        time, found[TIME] = TIME, clock(sample_time, len(grid.numbers), path)
     require_finite(grid, columns, {n: found[n] for n in (time, *inputs)})
     require_increasing(grid, found[time])
-    return assemble(found, time, inputs, outputs, units, None, Path(path).stem if name is None else name, constants)
+    return assemble(found, time, inputs, outputs, units, None, path.stem if name is None else name, constants)
+
+
+def mat_grid(path: Path, variable: str) -> Grid:
+    """The numbers of one array of a MATLAB file.
+
+    Raises:
+        InputError: when there is no such array, or it is no matrix of real numbers.
+    """
+    variables = mat_variables(path)
+    require_known(f"variable in {path.name}", [variable], variables)
+    values = np.asarray(variables[variable])
+    require(
+        values.ndim == 2 and values.dtype.kind in "biuf",
+        f"{path.name}: variable {variable!r} is no matrix of real numbers (type {values.dtype}, shape {values.shape}). Name "
+        "another by `variable`.",
+    )
+    return Grid(path.name, values.astype(float), lambda row: f"row {row} (from 0)")
 
 
 def text_grid(path: Path, *, skip: int, delimiter: str | None) -> Grid:

@@ -9,8 +9,7 @@ from .._foundation.checks import require, require_known
 from .._foundation.grid import is_uniform
 from .build import TIME
 from .io import assemble, clock, existing
-from .io_columns import Grid, column, require_finite, require_increasing, text_grid
-from .io_mat import mat_variables
+from .io_columns import Grid, column, mat_grid, require_finite, require_increasing, text_grid
 from .layouts import SIDPAC
 from .record import Record
 from .units import to_si
@@ -97,15 +96,7 @@ def _grid(path: Path, variable: str, skip: int, delimiter: str | None) -> Grid:
         grid = text_grid(path, skip=skip, delimiter=comma if delimiter is None else delimiter)
         fewest = COLUMNS
     else:
-        variables = mat_variables(path)
-        require_known(f"variable in {path.name}", [variable], variables)
-        values = np.asarray(variables[variable])
-        require(
-            values.ndim == 2 and values.dtype.kind in "biuf",
-            f"{path.name}: variable {variable!r} is no matrix of real numbers (type {values.dtype}, shape {values.shape}). Name "
-            "another by `variable`.",
-        )
-        grid = Grid(path.name, values.astype(float), lambda row: f"row {row} (from 0)")
+        grid = mat_grid(path, variable)
         fewest = FEWEST
     rows, count = grid.numbers.shape
     turned = " It may be the wrong way round: put time down the rows." if rows == COLUMNS != count else ""

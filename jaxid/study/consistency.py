@@ -51,13 +51,13 @@ def consistency(
         per_record: those among them with a value of its own in each record; the colour of residuals is not accounted for in
             their standard errors.
         likelihood: how the misfit is measured; `OutputError(hold=Cubic())` by default, as measured inputs are smooth. Give
-            another where an input jumps.
+            another where an input jumps, or an output is free of noise as only a simulated one is (`FixedNoise`).
         solver: how to iterate.
         level: probability to name an instrument that has no error.
         input_noise: standard deviation of the white noise in each sample of an input, by name [its unit]. Output error does
             not know of it, and residuals hardly show it: what gyros and accelerometers of the report's base level add in 10 s
-            leaves the intervals of white residuals covering 60 to 85 % instead of 95 %. With it given they cover. A smoothed
-            channel tells it (its scatter about the smooth curve); to smooth the inputs themselves does not help, as what
+            leaves the 95 % intervals of white residuals covering 57 to 84 %. With it given they cover. A smoothed channel
+            tells it (its scatter about the smooth curve); to smooth the inputs themselves does not help, as what
             is integrated is the slow part of the noise.
         skip: time at the start of each record whose outputs are not compared [s]. A channel that is late shows then what was
             before the record began; 0 is right for a record that begins in steady motion.

@@ -223,7 +223,8 @@ class IdentificationModel(AbstractModel):
 
         Histories that stand in for states are corrected by what is known of the instruments: u, v, w (or alpha, beta) and V
         follow from the measured air data at the centre of gravity, rates and surfaces lose their known scales and biases.
-        Outputs stay as they were recorded. Biases that are to be estimated act on outputs only.
+        Outputs stay as they were recorded. Biases that are to be estimated act on outputs only. The first value of a state that
+        was measured and that no output shows becomes a constant of the record, from which `initial_state` has it.
 
         Args:
             record: a single record.

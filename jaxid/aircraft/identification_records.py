@@ -94,13 +94,23 @@ def prepared(model: "IdentificationModel", record: Record) -> Record:
         u=jnp.stack([found[name] for name in model.inputs], axis=-1),
         z=record.z[:, np.array(columns, int)],
         mask=record.mask[:, np.array(columns, int)],
-        constants=record.constants,
+        constants=_unseen(model, found) | record.constants,
         inputs=model.inputs,
         outputs=tuple(record.outputs[k] for k in columns),
         input_units=tuple(SIGNALS[name] for name in model.inputs),
         output_units=tuple(record.output_units[k] for k in columns),
         names=record.names,
     )
+
+
+def _unseen(model: "IdentificationModel", found: Histories) -> dict[str, Float[Array, ""]]:
+    """Where states begin that no output shows, such as the heading: what was measured of them all the same."""
+    begin = {}
+    for name in model.states:
+        finite = np.isfinite(np.asarray(found[name])) if name in found else np.zeros(1, bool)
+        if finite.any() and AIR_DATA.get(name, name) not in model.outputs:
+            begin[name] = found[name][int(np.argmax(finite))]
+    return begin
 
 
 def pseudo_measurements(model: "IdentificationModel", record: Record) -> PseudoMeasurements:

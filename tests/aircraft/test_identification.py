@@ -171,6 +171,17 @@ def every(record, n):
     )
 
 
+@pytest.mark.parametrize(
+    ("states", "outputs"), [("longitudinal", ("alpha", "az")), ("lateral", ("beta", "p")), (TEN_IN_AIR, ("q", "ax"))]
+)
+def test_states_that_no_output_shows_start_as_measured(flight, record, states, outputs):
+    """Speed, attitude, heading and rates have readings even where they are not fitted; noise there is none."""
+    frame = "air path" if "V" in states else "body"
+    model = partial(flight, states, outputs=outputs, frame=frame)
+    true = true_histories(model, flight)[0][0]
+    np.testing.assert_allclose(model.initial_state(model.prepared(record)), true, rtol=1e-9)
+
+
 def test_without_names_equations_by_their_coefficients(flight, record):
     model = from_aircraft(flight.aircraft)
     left = model.without(("CX", "Cn"))

@@ -243,7 +243,7 @@ def test_recorded_surfaces_are_taken_as_recorded_less_their_known_errors():
 
 def test_a_record_that_lacks_a_channel_says_which_and_what_to_do(flight, record):
     model = from_aircraft(flight.aircraft)
-    with pytest.raises(InputError, match=r"needs 'qdot'.*Derive it from the rate by smoothing"):
+    with pytest.raises(InputError, match=r"needs 'qdot'.*Derive it from the rate.*differentiate"):
         model.pseudo_measurements(channels(record, without(("qdot",))))
     with pytest.raises(InputError, match=r"needs 'w'.*follows from V, alpha and beta"):
         model.pseudo_measurements(channels(record, without(("alpha",))))

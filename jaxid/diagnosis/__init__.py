@@ -5,17 +5,21 @@ from .residuals import ResidualTests, residual_tests
 from .scores import Scores, score_test
 from .statistics import FitStatistics, statistics
 from .validation import Prediction, predict
+from .where import Place, Where, where
 
 __all__ = [
     "Band",
     "Bands",
     "FitStatistics",
+    "Place",
     "Prediction",
     "ResidualTests",
     "Scores",
+    "Where",
     "bands",
     "predict",
     "residual_tests",
     "score_test",
     "statistics",
+    "where",
 ]

@@ -102,7 +102,10 @@ def fit_problem(problem: Problem, begin: Parameters, solver: GaussNewton) -> Fit
         spectrum(information.triangle, information.rhs, problem.limits.scale) if begin.shared.size else _no_spectrum()
     )
     covariance = found.covariance(policy.threshold) if begin.shared.size else jnp.zeros((0, 0))
-    shared = problem.whiten(v, linearised.S)[..., problem.positions.rows.size :]
+    white, count, own = problem.whiten(v, linearised.S), problem.positions.rows.size, information.own
+    # What a record's own unknowns can imitate says nothing of the shared parameters, and must not count for their colour.
+    imitated = jnp.einsum("ctjo,cok,ckp->ctjp", white[..., :count], own.inverse, own.coupling)
+    shared = white[..., count:] - imitated
     limits = problem.limits
     on_bound = jax.tree.map(lambda x, low, high: (x <= low) | (x >= high), parameters, limits.lower, limits.upper)
     noise = problem.likelihood.noise.cholesky(v, problem.records.mask)

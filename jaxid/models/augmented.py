@@ -113,6 +113,12 @@ class Augmented(AbstractModel):
             path = effect.input_path(path, self.inputs)
         return path
 
+    def prepared(self, record: Record) -> Record:
+        return self.model.prepared(record)
+
+    def pseudo_measurements(self, record: Record):
+        return self.model.pseudo_measurements(record)
+
     def effects(self):
         return self.model.effects()
 

@@ -1,16 +1,12 @@
-"""Where a residual comes from: free-form disturbances in every equation, input, output and parameter, one place at a time.
+"""Where a residual comes from: a free-form disturbance in every equation, input, output and parameter, one place at a time.
 
-A disturbance `d(t)` is a sum of hat functions. What it does to the outputs follows from the linear model along the trajectory,
-
-    dx_(i+1) = Phi_i dx_i + h/2 (Phi_i B_i d_i + B_(i+1) d_(i+1)),    dy_i = C_i dx_i + D_i d_i
-
-so that every place costs a linear recursion and no simulation. What the free parameters could do as well is projected out.
+What the free parameters could do as well is projected out of the outputs' answers to the disturbance (`free_form`).
 """
 # Pyright counts the arguments of functions that equinox and jaxtyping wrap in its own way; the tests execute them.
 # pyright: reportCallIssue=false
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -24,13 +20,13 @@ from ..estimation.estimate import as_stack, check_channels
 from ..estimation.likelihoods import OutputError
 from ..estimation.problem import Limits, Problem
 from ..estimation.result import Estimate
-from ..models.base import AbstractModel, canonical
-from ..models.free import Parameters, insert
+from ..models.base import canonical
+from ..models.free import Parameters
 from ..models.library import uncertain_equations
 from ..models.noise import FixedNoise
-from ..simulation.simulate import run
+from .free_form import Kind, answers, hats_of, linear_model
 
-Kind = Literal["equation", "input", "output", "parameter"]
+FEW, MANY = 20, 60  # hats: two numbers only, so that studies share what is compiled
 WEAK = (
     1e-8  # of the largest eigenvalue of a place's information: below it a direction is imitated by the free parameters
 )
@@ -64,17 +60,38 @@ class Where(NamedTuple):
     Attributes:
         places: all that were asked about.
         knots: times of the hats' tops, shape (case, knot) [s].
+        variables: states, inputs and outputs at the knots, by name, each of shape (case, knot).
+        hats: how many there are in each record, and over how many of its rows.
         power: what the shares are of: the whitened sum of squares of the residual, less its degrees of freedom where the noise
             is known.
     """
 
     places: tuple[Place, ...]
     knots: Float[np.ndarray, "case knot"]
+    variables: dict[str, Float[np.ndarray, "case knot"]]
+    hats: tuple[int, int]
     power: float
 
     def rivals(self, within: float = 0.05) -> tuple[Place, ...]:
         """The first place and those whose share is less than `within` below its."""
         return tuple(one for one in self.places if one.share > self.places[0].share - within)
+
+    def follows(self, place: Place) -> tuple[tuple[str, float], ...]:
+        """By how much each variable says the disturbance at a place, as its cubic: share of its power, the best first.
+
+        Each knot counts by how well the disturbance is known there. The free parameters can imitate a part of the
+        disturbance, so that its linear part in a variable may be missing from it.
+        """
+        d, weight = place.disturbance.reshape(-1), 1.0 / np.maximum(place.deviation.reshape(-1), 1e-300)
+        weight = np.minimum(weight, 3.0 * np.median(weight))
+        found = []
+        for name, values in self.variables.items():
+            s = values.reshape(-1)
+            size = np.ptp(s) or 1.0
+            A = weight[:, None] * np.vander((s - s.mean()) / size, 4)
+            rest = weight * d - A @ np.linalg.lstsq(A, weight * d, rcond=None)[0]
+            found.append((name, 1.0 - float(rest @ rest) / float(np.sum((weight * d) ** 2) or 1.0)))
+        return tuple(sorted(found, key=lambda one: -one[1]))
 
     def __str__(self) -> str:
         width = max(len(f"{one.kind} {one.name}") for one in self.places)
@@ -89,7 +106,7 @@ def where(
     records: Record | Sequence[Record],
     likelihood: OutputError | None = None,
     *,
-    knots: int = 20,
+    knots: int | None = None,
     kinds: Sequence[Kind] = ("equation", "input", "output"),
     equations: Sequence[str] | None = None,
 ) -> Where:
@@ -105,7 +122,8 @@ def where(
         fit: of the model, from `estimate` on these records, with what is known of the noise in `fit.noise`.
         records: those it was fitted to.
         likelihood: that of the fit.
-        knots: hats in each record.
+        knots: hats in each record; by default 20 or 60, as the residual's spectrum asks for (`resolution`), and where that is
+            not enough, only the first part of each record is looked at.
         kinds: which places to ask about. A `parameter` that drifts acts in an equation, times what it multiplies: it can
             explain more than any force there, so that it is asked about by name.
         equations: the states whose equations may be disturbed; by default those that hold a free parameter, as the others
@@ -119,7 +137,7 @@ def where(
     """
     records = as_stack(records)
     check_channels(fit.model, records)
-    require(knots >= 2, f"There are {knots} knots in each record; free-form means two at least.")
+    require(knots is None or knots >= 2, f"There are {knots} knots in each record; free-form means two at least.")
     require(len(kinds) > 0, "No kind of place is asked about. Name one of equation, input, output, parameter.")
     model, free = canonical(fit.model), canonical(fit.free)
     likelihood = OutputError() if likelihood is None else likelihood
@@ -128,11 +146,33 @@ def where(
     if equations is None:
         equations = uncertain_equations(model, np.asarray(problem.positions.shared))
     require_known("state (in `equations`)", equations, model.states)
-    found = search(problem, fit.parameters, fit.noise, knots, tuple(kinds), tuple(equations))
+    knots, rows = resolution(records, fit.residuals) if knots is None else (knots, records.t.shape[-1])
+    found = search(problem, fit.parameters, fit.noise, knots, rows, tuple(kinds), tuple(equations))
     names = {"equation": tuple(equations), "input": model.inputs, "output": model.outputs, "parameter": free.shared}
-    return ranked(
-        found, [(kind, name) for kind in kinds for name in names[kind]], isinstance(likelihood.noise, FixedNoise)
-    )
+    places: list[tuple[Kind, str]] = [(kind, name) for kind in kinds for name in names[kind]]
+    variables = (*model.states, *model.inputs, *model.outputs)
+    return ranked(found, places, variables, (knots, rows), isinstance(likelihood.noise, FixedNoise))
+
+
+def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[int, int]:
+    """How many hats, 20 or 60, over how many rows of each record, the residual's spectrum asks for: all, or half, a quarter...
+
+    Hats with their tops `1/(2.5 f)` apart follow what is slower than f, below which 95 % of the residual's power lies.
+
+    Args:
+        records: a stack, sampled about uniformly.
+        v: its residuals.
+    """
+    t, residual = np.asarray(records.t), np.asarray(v)
+    step, rows = float(np.median(np.diff(t)[np.diff(t) > 0])), t.shape[-1]
+    size = np.maximum(np.sqrt(np.mean(residual**2, axis=(0, 1))), 1e-300)
+    power = np.abs(np.fft.rfft(residual / size, axis=1)) ** 2
+    cumulative = np.cumsum(np.sum(power, axis=(0, 2)))
+    fast = np.fft.rfftfreq(rows, step)[np.searchsorted(cumulative, 0.95 * cumulative[-1])]
+    spacing = 1.0 / (2.5 * max(float(fast), 1.0 / (rows * step)))
+    wanted = int(np.ceil((rows - 1) * step / spacing)) + 1
+    halvings = max(int(np.ceil(np.log2(wanted / MANY))), 0)
+    return (FEW if wanted <= FEW else MANY), max(rows >> halvings, min(rows, 2 * MANY))
 
 
 class Found(NamedTuple):
@@ -143,16 +183,24 @@ class Found(NamedTuple):
     disturbance: Float[Array, "place case knot"]
     deviation: Float[Array, "place case knot"]
     knots: Float[Array, "case knot"]
+    variables: Float[Array, "case knot variable"]
     squares: Float[Array, ""]
     samples: Float[Array, ""]
 
 
-def ranked(found: Found, places: Sequence[tuple[Kind, str]], noise_known: bool) -> Where:
+def ranked(
+    found: Found,
+    places: Sequence[tuple[Kind, str]],
+    variables: Sequence[str],
+    hats: tuple[int, int],
+    noise_known: bool,
+) -> Where:
     """Put names to the arrays.
 
     Args:
         found: from `search`.
-        places: kind and name, in its order.
+        places, variables: kinds and names, in its order.
+        hats: their number and rows.
         noise_known: whether the whitened sum of squares says how much there is beyond the noise.
     """
     squares, samples = float(found.squares), float(found.samples)
@@ -165,113 +213,43 @@ def ranked(found: Found, places: Sequence[tuple[Kind, str]], noise_known: bool) 
             places, *(np.asarray(one).tolist() for one in found[:2]), *map(np.asarray, found[2:4]), strict=True
         )
     ]
-    return Where(tuple(sorted(rows, key=lambda one: -one.score + one.dof)), np.asarray(found.knots), power)
-
-
-class Linear(NamedTuple):
-    """The linear model along one trajectory: transitions, outputs, and how each place enters."""
-
-    Phi: Float[Array, "step state state"]
-    C: Float[Array, "time output state"]
-    B: Float[Array, "time state place"]
-    D: Float[Array, "time output place"]
+    named = {name: np.asarray(found.variables[..., k]) for k, name in enumerate(variables)}
+    return Where(tuple(sorted(rows, key=lambda one: -one.score + one.dof)), np.asarray(found.knots), named, hats, power)
 
 
 @eqx.filter_jit
 def search(
-    problem: Problem, parameters: Parameters, noise, knots: int, kinds: tuple[Kind, ...], equations: tuple[str, ...]
+    problem: Problem,
+    parameters: Parameters,
+    noise: Float[Array, "output output"],
+    knots: int,
+    rows: int,
+    kinds: tuple[Kind, ...],
+    equations: tuple[str, ...],
 ) -> Found:
-    """The pure inside of `where`."""
+    """The pure inside of `where`, on the first rows of each record."""
+    parts = {name: getattr(problem.records, name)[:, :rows] for name in ("t", "u", "z", "mask")}
+    problem = eqx.tree_at(lambda one: [getattr(one.records, name) for name in parts], problem, list(parts.values()))
     v, S = problem.sensitivities(parameters)
     scaled = problem.records.mask / jnp.sqrt(jnp.diagonal(noise))[None, None]
 
     def one(own, case, seen):
-        linear = _linear_model(problem, own, parameters.shared, case, kinds, equations)
-        hats, grid = _hats(case[1].t, knots)
-        return seen[..., None, None] * _answers(linear, case[1].t, hats), grid
+        t, u = case[1].t, case[1].u
+        linear = linear_model(problem, own, parameters.shared, case, kinds, equations)
+        hats, grid = hats_of(t, knots)
+        at = jnp.clip(jnp.searchsorted(t, grid), 0, rows - 1)
+        variables = jnp.concatenate([linear.x, u, linear.y], axis=-1)[at]
+        return seen[..., None, None] * answers(linear, t, hats), grid, variables
 
-    G, grid = jax.vmap(one)(parameters.rows, problem.cases(), scaled)
+    G, grid, variables = jax.vmap(one)(parameters.rows, problem.cases(), scaled)
     white, columns = v * scaled, S * scaled[..., None]
     basis = _basis(columns, problem.positions.rows.size)
     cases, places = G.shape[0], G.shape[-2]
     G = jnp.moveaxis(G.reshape(cases, -1, places, knots), 2, 0)
-    rows, white = basis.reshape(cases, G.shape[2], -1), white.reshape(cases, -1)
-    values = jax.lax.map(lambda of_place: _explained(of_place, rows, white), G)
+    directions, white = basis.reshape(cases, G.shape[2], -1), white.reshape(cases, -1)
+    values = jax.lax.map(lambda of_place: _explained(of_place, directions, white), G)
     samples = jnp.sum(problem.records.mask) - jnp.sum(jnp.any(basis != 0, axis=0))
-    return Found(*values, grid, jnp.sum(white**2), samples)
-
-
-def _linear_model(problem: Problem, own, shared, case, kinds: tuple[Kind, ...], equations: tuple[str, ...]) -> Linear:
-    """Along the trajectory of one case."""
-    flat, record = case
-    likelihood = problem.likelihood
-    assert isinstance(likelihood, OutputError)
-
-    def made(theta):
-        return insert(problem.model, flat, problem.positions, theta, own)
-
-    model, x0 = made(shared)
-    t, u = record.t, record.u
-    x = run(model, t, u, x0, likelihood.hold, likelihood.stepper).x
-    path = model.input_path(likelihood.hold.path(t, u))
-
-    def interval(i, x):
-        return likelihood.stepper.states(model, jax.lax.dynamic_slice(t, (i,), (2,)), path, x)[0][1]
-
-    Phi = jax.vmap(jax.jacfwd(interval, argnums=1))(jnp.arange(t.size - 1), x[:-1])
-    Phi = jnp.where((jnp.diff(t) > 0)[:, None, None], Phi, jnp.eye(x.shape[1]))
-
-    def at(t, x, u):
-        dx = model.rhs(t, x, u)
-        parts = []
-        for kind in kinds:
-            if kind == "equation":
-                D = jax.jacfwd(lambda rate: model.output_given(t, x, u, rate))(dx)
-                chosen = np.array([model.states.index(name) for name in equations], int)
-                parts.append((jnp.eye(x.size)[:, chosen], D[:, chosen]))
-            elif kind == "input":
-                parts.append((jax.jacfwd(model.rhs, 2)(t, x, u), jax.jacfwd(model.output, 2)(t, x, u)))
-            elif kind == "output":
-                parts.append((jnp.zeros((x.size, len(model.outputs))), jnp.eye(len(model.outputs))))
-            else:
-                parts.append(_by_parameter(made, t, x, u, shared))
-        B, D = (jnp.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-        return jax.jacfwd(model.output, 1)(t, x, u), B, D
-
-    C, B, D = jax.vmap(at)(t, x, u)
-    return Linear(Phi, C, B, D)
-
-
-def _by_parameter(made, t, x, u, shared):
-    """How the rates and the outputs at a given state change with each shared parameter."""
-
-    def both(theta):
-        model: AbstractModel = made(theta)[0]
-        return model.rhs(t, x, u), model.output(t, x, u)
-
-    return jax.jacfwd(both)(shared)
-
-
-def _hats(t: Float[Array, " time"], knots: int) -> tuple[Float[Array, "time knot"], Float[Array, " knot"]]:
-    """Hat functions over one record, and the times of their tops."""
-    grid = jnp.linspace(t[0], t[-1], knots)
-    return jnp.clip(1.0 - jnp.abs(t[:, None] - grid[None]) / (grid[1] - grid[0]), 0.0), grid
-
-
-def _answers(linear: Linear, t, hats) -> Float[Array, "time output place knot"]:
-    """The outputs' answers to every hat at every place."""
-    h = jnp.diff(t)
-    forcing = jnp.einsum("tsp,tk->tspk", linear.B, hats)
-
-    def step(dx, now):
-        Phi, h, before, after = now
-        dx = jnp.tensordot(Phi, dx + h / 2 * before, 1) + h / 2 * after
-        return dx, dx
-
-    start = jnp.zeros(forcing.shape[1:])
-    _, later = jax.lax.scan(step, start, (linear.Phi, h, forcing[:-1], forcing[1:]))
-    dx = jnp.concatenate([start[None], later])
-    return jnp.einsum("tos,tspk->topk", linear.C, dx) + jnp.einsum("top,tk->topk", linear.D, hats)
+    return Found(*values, grid, variables, jnp.sum(white**2), samples)
 
 
 def _basis(columns: Float[Array, "case time output column"], own: int) -> Float[Array, "row direction"]:

@@ -14,6 +14,7 @@ from .._foundation.linalg import triangle
 from ..data.record import Record
 from ..data.stack import split_at, stack, unstack
 from ..diagnosis.validation import check_window
+from ..diagnosis.where import Where
 from ..estimation.estimate import Fit, as_stack, check_channels, check_samples, divergence
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
@@ -97,18 +98,23 @@ def close_loop(
     bench = Workbench(model, free, library, likelihood, train, solver)
     progress("estimate of the declared model")
     with ThreadPoolExecutor(1) as beside:
-        beside.submit(bench.rehearse, check, window)
+        rehearsal = beside.submit(bench.rehearse, check, window)
         declared = _started(bench)
-    declared = bench.set_shapes(declared)
-    search = Search(bench, check, tests, window, options, progress)
-    found, rounds = search.run(declared)
+        rehearsal.result()
+        declared = bench.set_shapes(declared)
+        before = beside.submit(bench.where, declared)
+        search = Search(bench, check, tests, window, options, progress)
+        found, rounds = search.run(declared)
+        progress("where the residual sits")
+        where = {"before": before.result()}
+    where["after"] = bench.where(found, like=where["before"]) if found.effects else where["before"]
     if whole is not None:
         progress("estimate on the whole of the training records")
         declared = bench.fit((), declared.values, records=whole.anonymous())
         found = bench.fit(found.effects, found.values, records=whole.anonymous())
     progress("prediction of the test records")
     used = train if whole is None else whole
-    return _study(bench, search, declared, found, rounds, tests, used)
+    return _study(bench, search, declared, found, rounds, where, tests, used)
 
 
 def _started(bench: Workbench) -> Fitted:
@@ -148,7 +154,9 @@ def _tests(test, check: Record) -> dict[str, Record]:
     return {"test": as_stack(test)}
 
 
-def _study(bench: Workbench, search: Search, declared, found, rounds, tests, used: Record) -> Study:
+def _study(
+    bench: Workbench, search: Search, declared, found, rounds, where: dict[str, Where], tests, used: Record
+) -> Study:
     effects = tuple(bench.effects[name] for name in found.effects)
     before, after = _side(bench, search, declared, tests, used), _side(bench, search, found, tests, used)
     known = isinstance(bench.likelihood.noise, FixedNoise)
@@ -156,11 +164,12 @@ def _study(bench: Workbench, search: Search, declared, found, rounds, tests, use
     outcome = _outcome(rounds, found, search, bench)
     sentences = tuple(effect.sentence for effect in effects)
     return Study(
-        verdict=_verdict(outcome, sentences, rounds),
+        verdict=_verdict(outcome, sentences, rounds, where["after"]),
         outcome=outcome,
         effects=found.effects,
         sentences=sentences,
         rounds=rounds,
+        where=where,
         before=before,
         after=after,
         noise=dict(zip(used.outputs, map(float, deviation), strict=True)),
@@ -234,13 +243,14 @@ def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:
     return bool(chi2.sf(np.sum(white[mask] ** 2), int(mask.sum()) - len(found.columns)) < level)
 
 
-def _verdict(outcome: str, sentences: tuple[str, ...], rounds: tuple[Round, ...]) -> str:
+def _verdict(outcome: str, sentences: tuple[str, ...], rounds: tuple[Round, ...], left: Where) -> str:
     what = "; ".join(sentences)
     rivals = sorted({rival for one in rounds for rival in one.rivals})
     also = f" (these records cannot tell it from: {', '.join(rivals)})" if rivals else ""
+    sits = f" It sits in the {' or the '.join(f'{one.kind} {one.name}' for one in left.rivals())}."
     return {
         "nothing missing": "Nothing is missing: the residual is consistent with noise, and no candidate explains any of it.",
         "explained": f"The model lacked: {what}{also}. With it the residual is consistent with noise.",
         "proxies": f"Something is missing; the best proxies are: {what}{also}. What stays after them is more than noise.",
-        "unexplained": "Something is missing here, and nothing in the library explains it.",
+        "unexplained": f"Something is missing here, and nothing in the library explains it.{sits}",
     }[outcome]

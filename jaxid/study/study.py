@@ -8,6 +8,7 @@ import numpy as np
 
 from ..data.record import Record
 from ..diagnosis.validation import Prediction
+from ..diagnosis.where import Where
 from ..estimation.result import Estimate
 from ..models.base import AbstractModel
 
@@ -93,6 +94,7 @@ class Study:
         effects: names of the effects that were added and kept, in the order of their finding.
         sentences: the same in words.
         rounds: what happened.
+        where: where the training residual sits, of the declared model (`before`) and of the one with the effects (`after`).
         before, after: the declared model and the one with the effects, on the test records.
         noise: standard deviation of the noise by channel, known or estimated from the last fit.
         noise_known: whether the noise was given, so that the residual was held against it, or estimated.
@@ -105,6 +107,7 @@ class Study:
     effects: tuple[str, ...]
     sentences: tuple[str, ...]
     rounds: tuple[Round, ...]
+    where: dict[str, Where]
     before: Side
     after: Side
     noise: dict[str, float]
@@ -128,6 +131,7 @@ class Study:
             "tests": {name: {"before": self.before.rms[name], "after": self.after.rms[name]} for name in self.tests},
             "parameters": _parameters(self.after.estimate),
             "declared": _parameters(self.before.estimate),
+            "where": {side: _places(one) for side, one in self.where.items()},
             "rounds": [dataclasses.asdict(one) for one in self.rounds],
         }
 
@@ -143,6 +147,10 @@ class Study:
             rivals = f", not to be told from {', '.join(one.rivals)}" if one.rivals else ""
             lines.append(f"round {index}: {what}{rivals}" + (f" (best score: {best.name})" if best else ""))
             lines += [f"         dropped {name}" for name in one.dropped]
+        first = self.where["before"]
+        if self.outcome != "nothing missing":
+            sits = ", or ".join(f"{one.kind} {one.name} ({one.share:.0%})" for one in first.rivals())
+            lines.append(f"where:   the declared model's residual sits in the {sits}")
         width = max(len(name) for name in (*self.outputs, "channel"))
         for test in self.tests:
             lines += ["", f"error on {test} (RMS, not used for fitting)"]
@@ -151,6 +159,11 @@ class Study:
                 before, after = self.before.rms[test][name], self.after.rms[test][name]
                 lines.append(f"{name:<{width}} {before:>12.4g} {after:>12.4g} {self.noise[name]:>12.4g}  {unit}")
         return "\n".join([*lines, "", str(self.after.estimate)])
+
+
+def _places(where: Where) -> list[dict[str, Any]]:
+    kept = ("kind", "name", "share", "score", "dof")
+    return [{name: getattr(place, name) for name in kept} for place in where.places]
 
 
 def _parameters(estimate: Estimate) -> dict[str, dict[str, float]]:

@@ -9,8 +9,10 @@ import numpy as np
 
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
+from ..diagnosis.free_form import Kind
 from ..diagnosis.scores import Scores, score_test
 from ..diagnosis.validation import Prediction, predict_stack
+from ..diagnosis.where import Where, ranked, resolution, search
 from ..estimation.estimate import Fit, fit_problem
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Limits, Problem
@@ -29,7 +31,7 @@ from ..models.free import (
     start,
     with_values,
 )
-from ..models.library import started
+from ..models.library import started, uncertain_equations
 from ..models.names import flatten
 from ..models.noise import FixedNoise
 
@@ -144,6 +146,27 @@ class Workbench:
     def predict(self, fitted: Fitted, records: Record, window: int | None) -> Prediction:
         """Predict records that were not used."""
         return self._predict(fitted.values, fitted.fit.noise, records, window)
+
+    def where(self, fitted: Fitted, like: Where | None = None) -> Where:
+        """Where the residual of a fit sits, among the declared equations, the inputs and the outputs.
+
+        Args:
+            fitted: a fit to the training records.
+            like: an earlier answer, of which the hats are taken.
+        """
+        knots, rows = resolution(self.records, fitted.fit.residuals) if like is None else like.hats
+        width = len(self.free.shared) + WIDTH * max(1, -(-(len(fitted.columns) - len(self.free.shared)) // WIDTH))
+        problem, shared = self._problem(fitted.columns, width, fitted.values, None)
+        declared = np.array([self.position[name] for name in self.free.shared], int)
+        equations = uncertain_equations(self.model, declared)
+        equations = tuple(state for state in equations if state in self.model.model.states)
+        parameters = Parameters(shared, fitted.fit.parameters.rows)
+        kinds: tuple[Kind, ...] = ("equation", "input", "output")
+        found = search(problem, parameters, _regular(fitted.fit.noise), knots, rows, kinds, equations)
+        channels = {"equation": equations, "input": self.model.inputs, "output": self.model.outputs}
+        places: list[tuple[Kind, str]] = [(kind, name) for kind in kinds for name in channels[kind]]
+        variables = (*self.model.states, *self.model.inputs, *self.model.outputs)
+        return ranked(found, places, variables, (knots, rows), isinstance(self.likelihood.noise, FixedNoise))
 
     def rehearse(self, records: Record, window: int | None) -> None:
         """Score and predict once at the starting values and throw the answers away: what is compiled thereby is kept.

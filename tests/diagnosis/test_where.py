@@ -11,7 +11,7 @@ import jaxid
 from jaxid._foundation.checks import InputError
 from jaxid.data import Record
 from jaxid.diagnosis import where
-from jaxid.diagnosis.where import search
+from jaxid.diagnosis.where import resolution, search
 from jaxid.estimation import estimate
 from jaxid.estimation.problem import Limits, Problem
 from jaxid.models import InputDelay, SensorScale, Term
@@ -67,7 +67,7 @@ def test_scores_are_chi_square_where_nothing_is_missing():
         fit = estimate(SPRING, FREE, record, KNOWN)
         stack = jax.tree.map(lambda leaf: leaf[None], record)
         problem = Problem(fit.model, FREE.positions(SPRING), stack, KNOWN, Limits.of(FREE, 1))
-        found = search(problem, fit.parameters, fit.noise, KNOTS, ("equation", "output"), ("v",))
+        found = search(problem, fit.parameters, fit.noise, KNOTS, ROWS, ("equation", "output"), ("v",))
         return found.score, found.dof
 
     score, dof = map(np.asarray, eqx.filter_jit(jax.vmap(one))(jax.random.normal(jax.random.key(9), (DRAWS, ROWS, 2))))
@@ -107,6 +107,33 @@ def test_the_disturbance_is_the_missing_force(cubic):
 
     assert explained(x, v, d) > 0.9
     assert explained(x, v) < 0.75
+
+
+def test_the_variable_that_the_force_follows_is_told(cubic):
+    """The displacement, as state or as output, before the speed and before the force that was applied."""
+    found, _ = cubic
+    ranked = found.follows(found.places[0])
+    assert ranked[0][0] == "x"
+    assert ranked[0][1] > 0.5
+    assert {name for name, _ in ranked} == {"x", "v", "force"}
+
+
+def test_the_hats_are_as_fine_as_the_residual_asks_for():
+    """A slow residual gets few hats over the whole record; a fast one sixty over the first part of it."""
+    stack = jax.tree.map(lambda leaf: leaf[None], record_of(jnp.zeros((ROWS, 2)), force(0)))
+    slow, fast = (jnp.tile(jnp.sin(w * T)[None, :, None], (1, 1, 2)) for w in (1.0, 25.0))
+    assert resolution(stack, slow) == (20, ROWS)
+    assert resolution(stack, fast) == (60, 120)  # never fewer rows than two for a hat
+    long = jax.tree.map(lambda leaf: leaf[None], jaxid.data.Record(*long_arrays()))
+    medium = jnp.tile(jnp.sin(3.0 * long.t)[..., None], (1, 1, 2))
+    assert resolution(long, medium) == (60, 1600 // 4)
+
+
+def long_arrays():
+    """A record of 160 s: a residual of 0.48 Hz asks for 192 hats."""
+    t = 0.1 * jnp.arange(1600)
+    z = jnp.zeros((1600, 2))
+    return t, z[:, :1], z, z == 0, {}, ("force",), ("x", "v"), ("",), ("", ""), ("",)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,25 @@
+"""The report's tables from our own flights, and whether its claims hold: `python -m benchmarks.report_tables`.
+
+`run(case)` flies and identifies one of the eight cases, `fit` any flights; their results are plain named tuples that the
+notebooks use too. `settings` says what of a case is the report's and what is ours.
+"""
+
+from benchmarks.report_tables.cases import CaseResult, fit, fly_case, larger_set, run
+from benchmarks.report_tables.comparisons import combined, curves, predicted
+from benchmarks.report_tables.examples import small
+from benchmarks.report_tables.rows import parameter_rows
+from benchmarks.report_tables.verdicts import verdicts
+
+__all__ = [
+    "CaseResult",
+    "combined",
+    "curves",
+    "fit",
+    "fly_case",
+    "larger_set",
+    "parameter_rows",
+    "predicted",
+    "run",
+    "small",
+    "verdicts",
+]

@@ -1,0 +1,168 @@
+"""Coefficients of a model beside the tables' true ones: whole, static, and their derivatives, with two-sigma bands."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxid.aircraft.aerodynamics import COEFFICIENTS, AbstractAerodynamics
+from jaxid.aircraft.fly import Flight
+from jaxid.models.polynomial import Polynomial, monomials
+from jaxid.study import Identification
+
+Signals = Mapping[str, np.ndarray]
+CONTROLS = {
+    "CX": ("stabilator",),
+    "CZ": ("stabilator",),
+    "Cm": ("stabilator",),
+    **dict.fromkeys(("CY", "Cl", "Cn"), ("rudder", "aileron")),
+}
+AT_REST = ("stabilator", "aileron", "rudder", "phat", "qhat", "rhat")
+
+
+class Estimated(NamedTuple):
+    """A coefficient or a derivative of it along some signals, each of shape (time,).
+
+    Attributes:
+        value: what the model says.
+        deviation: its standard deviation, from those of the estimated parameters.
+        true: what the tables say.
+    """
+
+    value: np.ndarray
+    deviation: np.ndarray
+    true: np.ndarray
+
+
+class Error(NamedTuple):
+    """How far a history of a coefficient is from the truth.
+
+    Attributes:
+        coefficient: which.
+        part: "total" along the fitted motion; "static", without controls and rates, or "d/d aileron" and so on, both at the
+            true angles.
+        rms: root mean square of estimated minus true.
+        range: largest minus smallest true value.
+        relative: the first over the second.
+        shape: the same after the mean error is taken off.
+        inside: share of samples with the true value inside the band of two sigma.
+    """
+
+    coefficient: str
+    part: str
+    rms: float
+    range: float
+    relative: float
+    shape: float
+    inside: float
+
+
+def error_of(coefficient: str, part: str, found: Estimated) -> Error:
+    """The error of one history."""
+    apart = found.value - found.true
+    rms, span = float(np.sqrt(np.mean(apart**2))), float(np.ptp(found.true))
+    relative, shape = (size / span if span > 0 else float("nan") for size in (rms, float(np.std(apart))))
+    inside = float(np.mean(np.abs(apart) <= 2.0 * found.deviation))
+    return Error(coefficient, part, rms, span, relative, shape, inside)
+
+
+def kept(identified: Identification) -> tuple[str, ...]:
+    """The coefficients whose equations were kept."""
+    return tuple(name for name, one in identified.equations.items() if one.kept)
+
+
+def total_errors(identified: Identification, flights: list[Flight]) -> list[list[Error]]:
+    """Errors of the whole coefficients along the fitted motion, by record."""
+    names = kept(identified)
+    bands = identified.bands(*names).signals
+    found = []
+    for row, flight in enumerate(flights):
+        rows = []
+        for name in names:
+            true = np.asarray(flight.truth.channel(name))
+            value, deviation = (np.asarray(each)[row, : true.size] for each in bands[name].__dict__.values())
+            rows.append(error_of(name, "total", Estimated(value, deviation, true)))
+        found.append(rows)
+    return found
+
+
+def part_errors(identified: Identification, flight: Flight) -> list[Error]:
+    """Errors of static coefficients and control derivatives at the true angles of a flight."""
+    true = angles(flight)
+    aerodynamics = flight.aircraft.airframe.aerodynamics
+    names = kept(identified)
+    rows = [error_of(name, "static", part(identified, aerodynamics, name, true)) for name in names]
+    for name in names:
+        for control in CONTROLS[name]:
+            rows.append(error_of(name, f"d/d {control}", part(identified, aerodynamics, name, true, control)))
+    return rows
+
+
+def angles(flight: Flight) -> dict[str, np.ndarray]:
+    """The true angle of attack and sideslip of a flight, each of shape (time,) [rad]."""
+    return {name: np.asarray(flight.truth.channel(name)) for name in ("alpha", "beta")}
+
+
+def part(
+    identified: Identification,
+    aerodynamics: AbstractAerodynamics,
+    coefficient: str,
+    at: Signals,
+    by: str | None = None,
+) -> Estimated:
+    """A static coefficient, or its derivative by a signal, with its band and the truth.
+
+    Args:
+        identified: whose model holds the polynomials.
+        aerodynamics: the tables.
+        coefficient: which.
+        at: `alpha` and `beta`, each of shape (time,) [rad]; controls and rates are zero.
+        by: signal of the derivative.
+    """
+    polynomial = getattr(identified.model.airframe.aerodynamics, coefficient)
+    found = identified.estimate
+    X = _columns(polynomial, _whole(at), by)
+    own = [f"{coefficient}.{term}" for term in polynomial.terms]
+    free = [(k, found.names.index(name)) for k, name in enumerate(own) if name in found.names]
+    C = np.asarray(found.covariance)[np.ix_([i for _, i in free], [i for _, i in free])]
+    X_free = X[:, [k for k, _ in free]]
+    variance = np.einsum("ti,ij,tj->t", X_free, C, X_free)
+    value = X @ np.asarray(polynomial.coefficients)
+    return Estimated(value, np.sqrt(np.maximum(variance, 0.0)), true_part(aerodynamics, coefficient, at, by))
+
+
+def true_part(aerodynamics: AbstractAerodynamics, coefficient: str, at: Signals, by: str | None = None) -> np.ndarray:
+    """A static coefficient of the tables, or its derivative by a signal, shape (time,)."""
+    return np.asarray(_true(aerodynamics, _whole(at), by))[:, COEFFICIENTS.index(coefficient)]
+
+
+@eqx.filter_jit
+def _true(aerodynamics: AbstractAerodynamics, signals: Signals, by: str | None):
+    def one(signals):
+        if by is None:
+            return aerodynamics.coefficients(signals)
+        return jax.jvp(lambda x: aerodynamics.coefficients(signals | {by: x}), (signals[by],), (jnp.ones(()),))[1]
+
+    return jax.vmap(one)(signals)
+
+
+def _columns(polynomial: Polynomial, signals: Signals, by: str | None) -> np.ndarray:
+    """The value of each term, or its derivative by a signal, shape (time, term)."""
+
+    def one(signals):
+        if by is None:
+            return monomials(polynomial.terms, signals, polynomial.centre)
+        moved = lambda x: monomials(polynomial.terms, signals | {by: x}, polynomial.centre)  # noqa: E731
+        return jax.jvp(moved, (signals[by],), (jnp.ones(()),))[1]
+
+    return np.asarray(jax.vmap(one)(signals))
+
+
+def _whole(at: Signals) -> dict[str, jax.Array]:
+    """All signals of the coefficients, controls and rates at zero where they are not given."""
+    given = {name: jnp.asarray(value, float) for name, value in at.items()}
+    zero = jnp.zeros_like(given["alpha"])
+    return dict.fromkeys(AT_REST, zero) | given

@@ -1,0 +1,120 @@
+"""What several results say together: slopes of two experiments combined, prediction of another flight, curves over alpha."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.report_tables.cases import CaseResult
+from benchmarks.report_tables.coefficients import Error, Estimated, angles, part, part_errors
+from jaxid.aircraft.fly import Flight
+from jaxid.aircraft.identification_flights import flight_record
+from jaxid.diagnosis import statistics
+
+STEPS = 50
+DEGREE = np.pi / 180
+
+
+class Combined(NamedTuple):
+    """The slope of Cn in beta over alpha from two experiments (Fig. 6.22), each of shape (alpha,).
+
+    Attributes:
+        alpha: the angles that both records cover [rad].
+        each: by name of the result, the slope with its standard deviation and the truth.
+        value, deviation: the mean with the inverse variances as weights (Eq. 4.15).
+        rms: root mean square error by name; that of the mean is called "combined".
+    """
+
+    alpha: np.ndarray
+    each: dict[str, Estimated]
+    value: np.ndarray
+    deviation: np.ndarray
+    rms: dict[str, float]
+
+
+class Predicted(NamedTuple):
+    """A flight that was not used, simulated with the parameters of another one (Figs 6.31 to 6.34).
+
+    Attributes:
+        t, z, y: times, measured and predicted outputs by name.
+        theil, theil_of_fit: Theil's coefficient by output, in the prediction and in the fit itself.
+        errors: of static coefficients and control derivatives at the angles of the flight.
+    """
+
+    t: np.ndarray
+    z: dict[str, np.ndarray]
+    y: dict[str, np.ndarray]
+    theil: dict[str, float]
+    theil_of_fit: dict[str, float]
+    errors: tuple[Error, ...]
+
+
+def combined(first: CaseResult, second: CaseResult, *beside: CaseResult) -> Combined:
+    """Average `dCn/dbeta` at beta = 0 of two fits, point by point in alpha where both records have been.
+
+    Args:
+        first, second: the two.
+        beside: fits that are compared and do not enter the mean, such as a joint one.
+    """
+    spans = [angles(one.flights[0])["alpha"] for one in (first, second)]
+    alpha = np.linspace(max(map(np.min, spans)), min(map(np.max, spans)), STEPS)
+    at = {"alpha": alpha, "beta": np.zeros(STEPS)}
+    tables = first.flights[0].aircraft.airframe.aerodynamics
+    each = {one.name: part(one.identified, tables, "Cn", at, "beta") for one in (first, second, *beside)}
+    two = [each[one.name] for one in (first, second)]
+    with np.errstate(divide="ignore"):
+        weights = np.stack([one.deviation**-2.0 for one in two])
+    known = np.all(np.isfinite(weights), axis=0)  # a slope that nothing of is estimated has no variance
+    total = np.where(known, np.sum(weights, axis=0), np.nan)
+    value = np.where(known, np.sum(weights * np.stack([one.value for one in two]), axis=0) / total, np.nan)
+    true = two[0].true
+    rms = {name: _rms(one.value - true) for name, one in each.items()}
+    return Combined(alpha, each, value, total**-0.5, rms | {"combined": _rms(value - true)})
+
+
+def predicted(result: CaseResult, flight: Flight) -> Predicted:
+    """Simulate a flight with the parameters of a result, unchanged, from the flight's own measured start.
+
+    Args:
+        result: of another flight.
+        flight: to predict.
+    """
+    identified = result.identified
+    found = identified.predict(flight_record(flight))
+    outputs = identified.records.outputs
+    theil = statistics(found.z, found.y, found.scored, outputs=outputs).theil
+    fit, v = identified.records, identified.estimate.residuals
+    own = statistics(fit.z, fit.z - v, fit.mask, outputs=outputs).theil
+    return Predicted(
+        np.asarray(found.t[0]),
+        *(dict(zip(outputs, np.asarray(each[0]).T, strict=True)) for each in (found.z, found.y)),
+        *(dict(zip(outputs, np.asarray(each).tolist(), strict=True)) for each in (theil, own)),
+        tuple(part_errors(identified, flight)),
+    )
+
+
+def curves(results: Mapping[str, CaseResult], coefficient: str = "Cm") -> dict[str, dict[str, np.ndarray]]:
+    """A static coefficient over alpha at beta = 0, of each result over the range of its record (Figs 6.9, 6.19).
+
+    Args:
+        results: by name; those without this coefficient are left out.
+        coefficient: which.
+
+    Returns:
+        By name: `alpha` [rad], `value`, `deviation`, `true`.
+    """
+    found = {}
+    for name, result in results.items():
+        equation = result.identified.equations.get(coefficient)
+        if equation is None or not equation.kept:
+            continue
+        flown = angles(result.flights[0])["alpha"]
+        alpha = np.linspace(flown.min(), flown.max(), STEPS)
+        at = {"alpha": alpha, "beta": np.zeros(STEPS)}
+        one = part(result.identified, result.flights[0].aircraft.airframe.aerodynamics, coefficient, at)
+        found[name] = {"alpha": alpha, **one._asdict()}
+    return found
+
+
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(error**2)))

@@ -1,0 +1,98 @@
+"""A case's numbers beside the report's: the rows of Tables 6.3 and 6.5 to 6.16."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks import report_numbers
+from benchmarks.report_tables.cases import CaseResult
+from benchmarks.report_tables.settings import BIAS
+
+NONE = float("nan")
+
+
+class Numbers(NamedTuple):
+    """What both stages say of a parameter; NaN where one does not have the number.
+
+    Attributes:
+        regression, F_regression: value and F of the regression.
+        F_start: F by likelihood at the regression's values.
+        final, F_final: of maximum likelihood; NaN where the term kept the regression's value.
+    """
+
+    regression: float = NONE
+    F_regression: float = NONE
+    F_start: float = NONE
+    final: float = NONE
+    F_final: float = NONE
+
+
+class Row(NamedTuple):
+    """A term of an equation, or a bias: our numbers and the report's.
+
+    Attributes:
+        response, term: coefficient and term; `bias` and the channel.
+        ours, printed: the numbers.
+    """
+
+    response: str
+    term: str
+    ours: Numbers
+    printed: Numbers
+
+
+def parameter_rows(result: CaseResult, table: str | None = None) -> list[Row]:
+    """Every term that we or the report have, ours first, strongest first within an equation.
+
+    Args:
+        result: of a case, or of a larger set for it.
+        table: of the report's likelihood, where a case has two.
+    """
+    ours = {_key(one.name): one for one in result.identified.parameters}
+    case = result.flights[0].record.names[0]
+    chosen = {(one.response, one.term): one for one in report_numbers.regression(case)}
+    refined = {(one.response, one.term): one for one in report_numbers.likelihood(case) if table in (None, one.table)}
+    order = [*result.identified.equations, "bias"]
+    keys = [key for key in dict.fromkeys((*ours, *chosen, *refined)) if key[0] in order]
+    rows = []
+    for key in sorted(keys, key=lambda key: (order.index(key[0]), *_rank(ours.get(key)))):
+        mine, first, last = ours.get(key), chosen.get(key), refined.get(key)
+        own = Numbers(mine.regression, mine.regression_F, mine.start_F, mine.value, mine.F) if mine else Numbers()
+        begin = (first.estimate, first.F) if first else (last.start, last.F_regression) if last else (None, None)
+        theirs = Numbers(*map(_number, (*begin, *((last.F_start, last.final, last.F_final) if last else (None,) * 3))))
+        rows.append(Row(*key, own, theirs))
+    return rows
+
+
+def estimated(result: CaseResult) -> dict[str, tuple[float, float, float]]:
+    """By name, F of the regression, F at the start, and final F of each estimated term, constants and biases aside."""
+    return {
+        one.name: (one.regression_F, one.start_F, one.F)
+        for one in result.identified.parameters
+        if np.isfinite(one.regression_F) and np.isfinite(one.F) and not one.name.endswith(".1")
+    }
+
+
+def strongest(result: CaseResult, response: str, count: int = 1) -> tuple[str, ...]:
+    """The terms of the largest F in an equation's regression."""
+    regression = result.identified.equations[response].regression
+    order = np.argsort(-regression.F)
+    return tuple(regression.names[k] for k in order[:count])
+
+
+def _key(name: str) -> tuple[str, str]:
+    if name.startswith(BIAS):
+        return "bias", name.removeprefix(BIAS)
+    response, _, term = name.partition(".")
+    return response, term
+
+
+def _rank(mine) -> tuple:
+    """Ours before the report's, the constant last of ours, strong before weak."""
+    if mine is None:
+        return (2, 0.0)
+    return (1 if mine.name.endswith(".1") else 0, -np.nan_to_num(mine.regression_F))
+
+
+def _number(value: float | None) -> float:
+    return NONE if value is None else value

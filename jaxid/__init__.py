@@ -55,9 +55,20 @@ from .models import (
     with_values,
 )
 from .simulation import RK4, Adaptive, BandLimited, Cubic, Linear, ZeroOrder, simulate
-from .study import Consistency, Identification, IdentifyOptions, LoopOptions, Study, close_loop, consistency, identify
+from .study import (
+    LONG_RECORDS,
+    Consistency,
+    Identification,
+    IdentifyOptions,
+    LoopOptions,
+    Study,
+    close_loop,
+    consistency,
+    identify,
+)
 
 __all__ = [
+    "LONG_RECORDS",
     "RK4",
     "AbstractModel",
     "Adaptive",

@@ -56,6 +56,7 @@ from .noise_levels import HIGH as HIGH
 from .noise_levels import NoiseLevel as NoiseLevel
 from .noise_levels import draw as draw
 from .noise_levels import report_instruments as report_instruments
+from .regressors import SMALL_MOTION as SMALL_MOTION
 from .regressors import TABLE_6_1 as TABLE_6_1
 from .regressors import extended as extended
 from .trims import Trimmed as Trimmed

@@ -50,9 +50,9 @@ def model_of(
     **Mass and size** are constants of the record, or arguments. `Ixz` is zero where neither says it. A longitudinal model
     does without `Ix` and `Iz`: they are then put equal, and roll and yaw do not couple into pitch.
 
-    **The air.** Density is the record's channel `density`; else it follows from `qbar` and V sample by sample; else it is a
-    constant `density`; else it follows from the altitude in a standard atmosphere. The altitude says the speed of sound beside
-    it; where it is not recorded it is the one of that density in the standard atmosphere.
+    **The air.** Density is the record's channel `density`; else it follows from `qbar` and V, with the altitude; else it is a
+    constant `density`; else it is the standard atmosphere's at that altitude. The altitude says the speed of sound beside it;
+    where it is not recorded it is the one that has this density in the standard atmosphere.
 
     **Thrust** is measured where it is a channel, held where it is a constant. Where it is neither, CX is that of air
     and engines together.

@@ -11,19 +11,31 @@ from .atmosphere import StandardAtmosphere
 CEILING = 20000.0  # m, of the standard atmosphere at hand
 
 
-def density_of(record: Record, airspeed: str = "true") -> Float[Array, "*case time"] | None:
-    """The density that a record says [kg/m^3]: its channel, else `2 qbar / V^2`; None where it says neither.
+def density_of(record: Record, airspeed: str = "true") -> Float[Array, " time"] | None:
+    """The density that a record says [kg/m^3]: its channel, else what follows from `qbar` and V; None where it says neither.
+
+        density = standard(altitude) * mean of (2 qbar / V^2) / standard(altitude)
+
+    so that it follows the altitude, and the noise of qbar and V stays out. Where the altitude is not recorded, a straight line in
+    time stands in its place.
 
     Args:
-        record: with `density`, or with `qbar` and the true airspeed V; NaN where one of them is missing.
+        record: a single one, with `density`, or with `qbar` and the true airspeed V.
         airspeed: what V is; from an indicated one nothing follows.
     """
     has = (*record.inputs, *record.outputs)
     if "density" in has:
         return record.channel("density")
-    if {"qbar", "V"} <= set(has) and airspeed == "true":
-        return 2.0 * record.channel("qbar") / record.channel("V") ** 2
-    return None
+    if not {"qbar", "V"} <= set(has) or airspeed != "true":
+        return None
+    ratio = np.asarray(2.0 * record.channel("qbar") / record.channel("V") ** 2)
+    if "altitude" in has:
+        standard = StandardAtmosphere().air(record.channel("altitude")).density
+        return standard * np.nanmean(ratio / np.asarray(standard))
+    t, known = np.asarray(record.t - jnp.mean(record.t)), np.isfinite(ratio)
+    if np.sum(known) < 2:
+        return jnp.full_like(record.t, jnp.nan)
+    return jnp.asarray(np.polyval(np.polyfit(t[known], ratio[known], 1), t))
 
 
 def air_known(record: Record, placed: set[str], airspeed: str = "true") -> tuple[tuple[str, ...], dict[str, float]]:

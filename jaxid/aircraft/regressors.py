@@ -30,6 +30,16 @@ rhat that the coefficients are written in (E.1 to E.8). Two things are not as in
   each longitudinal equation then has 22 terms and each lateral one 26, as Table 6.2 counts them.
 """
 
+SMALL_MOTION: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("CX", "CZ", "Cm"), ("alpha", "qhat", "stabilator", "alpha^2")),
+    **dict.fromkeys(("CY", "Cl", "Cn"), ("beta", "phat", "rhat", "aileron", "rudder")),
+}
+"""The derivatives of a motion about one flight condition, and the parabola of the polar: what a manoeuvre of a few degrees tells.
+
+High powers of an angle of attack that moves by 2 deg are nearly one another, and a long record has noise enough to choose among
+them.
+"""
+
 
 def extended(*more: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
     """The regressors of Table 6.1 and more behind them.

@@ -5,11 +5,12 @@ from .consistency import consistency
 from .consistency_result import Consistency
 from .identification import Identification
 from .identify import identify
-from .identify_options import IdentifyOptions
+from .identify_options import LONG_RECORDS, IdentifyOptions
 from .options import LoopOptions
 from .study import Study
 
 __all__ = [
+    "LONG_RECORDS",
     "Consistency",
     "Identification",
     "IdentifyOptions",

@@ -36,8 +36,8 @@ def identify(
 
     1. **Regression.** The model's equations are solved for what they shall explain (`model.pseudo_measurements`, Table 3.2); each
        is regressed on the terms that it admits (Table 6.1), step by step, and the step of the largest overall F is taken.
-    2. **Equations.** One that the regression hardly explains (overall F below 100) is left out; its state takes its measured
-       history.
+    2. **Equations.** One that the regression hardly explains (overall F below 100, and where `least_R2` is given a smaller share)
+       is left out; its state takes its measured history.
     3. **Terms.** Those with at least 4 % of their equation's largest F are estimated, with the constants and what
        `options.add` names; the others keep the regression's values.
     4. **Maximum likelihood**, started at the regression's values.
@@ -67,9 +67,9 @@ def identify(
     left_out = tuple(name for name, equation in equations.items() if not equation.kept)
     require(
         len(left_out) < len(equations),
-        f"Every equation has an overall F below {options.least_F:g}: "
-        + ", ".join(f"{name} {equation.regression.overall_F:.3g}" for name, equation in equations.items())
-        + ". Give records with more motion, name equations to `keep`, or lower `least_F`.",
+        "No equation is left: "
+        + "; ".join(f"{name} {equation.why}" for name, equation in equations.items())
+        + ". Give records with more motion, name equations to `keep`, or lower `least_F` or `least_R2`.",
     )
     started = with_polynomials(model.without(left_out), _polynomials(equations, centre))
     chosen = _free(started, equations, options, per_record)
@@ -136,6 +136,8 @@ def _decision(name: str, regression: Regression, options: IdentifyOptions) -> tu
         return False, "left out by name"
     if options.least_F > F:
         return False, f"left out: overall F {F:.4g}, below {options.least_F:g}"
+    if options.least_R2 > regression.R2:
+        return False, f"left out: overall F {F:.4g}, and R2 below {options.least_R2:g}"
     return True, f"overall F {F:.4g}"
 
 

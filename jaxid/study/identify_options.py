@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from .._foundation.checks import require, require_unique
-from ..structure import REPORT, AbstractRule, MaximumF, SubsetOptions
+from ..structure import REPORT, AbstractRule, MaximumF, Minimum, SubsetOptions
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,10 @@ class IdentifyOptions:
         rule: which step of a regression is taken; that of the largest overall F (section 6.2.2.2, rule 4). `FirstMaximumF`
             (section 3.3.2) stops at the first fall, which may come after one term.
         least_F: an equation whose overall F is below this is left out, and its state takes its measured history (section
-            6.2.3.1).
+            6.2.3.1). It grows with the number of samples: the report's records of some hundred samples reach 100 with a
+            regression that explains more than half of the response, one of 3,000 with 10 % of it.
+        least_R2: an equation is left out too when the regression explains a smaller share of its response than this. The report
+            does not ask (0).
         share: terms whose F is at least this share of the largest in their equation are estimated; the others keep the
             regression's values (the 4 % rule, section 6.2.3.1).
         constants: whether the constant of each equation is estimated too (Table 6.4).
@@ -35,6 +38,7 @@ class IdentifyOptions:
     subset: SubsetOptions | Mapping[str, SubsetOptions] = REPORT
     rule: AbstractRule = field(default_factory=MaximumF)
     least_F: float = 100.0  # noqa: N815
+    least_R2: float = 0.0  # noqa: N815
     share: float = 0.04
     constants: bool = True
     add: Sequence[str] = ()
@@ -46,6 +50,7 @@ class IdentifyOptions:
 
     def __post_init__(self):
         require(self.least_F >= 0, f"least_F is {self.least_F}; an F is not negative.")
+        require(0 <= self.least_R2 < 1, f"least_R2 is {self.least_R2}; it is a share, at least 0 and below 1.")
         require(0 <= self.share <= 1, f"The share is {self.share}; it lies between 0 and 1, the report's is 0.04.")
         require_unique("response in keep and leave_out", (*self.keep, *self.leave_out))
 
@@ -58,3 +63,9 @@ class IdentifyOptions:
     def subset_of(self, response: str) -> SubsetOptions:
         """The regression's levels for one response."""
         return self.subset if isinstance(self.subset, SubsetOptions) else self.subset.get(response, REPORT)
+
+
+# For records of a thousand samples and more, where the report's levels no longer decide: an F of 100 is reached by 10 % of a
+# response, and the largest overall F by a single term where further ones add little to what the first explains. In their place
+# half of the response must be explained, the terms are those of least BIC, and all of them are estimated.
+LONG_RECORDS = IdentifyOptions(rule=Minimum("BIC"), least_R2=0.5, share=0.0)

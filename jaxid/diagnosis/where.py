@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
-from .._foundation.types import Array, Float
+from .._foundation.types import Array, Float, Int
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels
 from ..estimation.likelihoods import OutputError
@@ -41,8 +41,8 @@ class Place(NamedTuple):
         dof: how many combinations of hats the free parameters cannot imitate.
         share: of the residual's power (of what it has beyond the noise, where that is known) the part that is explained, what
             white noise would let it explain taken off; NaN where there is nothing beyond the noise.
-        disturbance, deviation: the one that explains most and its standard deviation, shape (case, knot) [rate of the state,
-            or the channel's or parameter's unit].
+        disturbance, deviation: the one that explains most, as far as it stands out of the noise, and its standard deviation,
+            shape (case, knot) [rate of the state, or the channel's or parameter's unit].
     """
 
     kind: Kind
@@ -247,9 +247,10 @@ def search(
     cases, places = G.shape[0], G.shape[-2]
     G = jnp.moveaxis(G.reshape(cases, -1, places, knots), 2, 0)
     directions, white = basis.reshape(cases, G.shape[2], -1), white.reshape(cases, -1)
-    values = jax.lax.map(lambda of_place: _explained(of_place, directions, white), G)
     samples = jnp.sum(problem.records.mask) - jnp.sum(jnp.any(basis != 0, axis=0))
-    return Found(*values, grid, variables, jnp.sum(white**2), samples)
+    squares = jnp.sum(white**2)
+    values = jax.lax.map(lambda of_place: _explained(of_place, directions, white, squares, samples), G)
+    return Found(*values, grid, variables, squares, samples)
 
 
 def _basis(columns: Float[Array, "case time output column"], own: int) -> Float[Array, "row direction"]:
@@ -265,7 +266,11 @@ def _basis(columns: Float[Array, "case time output column"], own: int) -> Float[
 
 
 def _explained(
-    G: Float[Array, "case row knot"], basis: Float[Array, "case row direction"], v: Float[Array, "case row"]
+    G: Float[Array, "case row knot"],
+    basis: Float[Array, "case row direction"],
+    v: Float[Array, "case row"],
+    squares: Float[Array, ""],
+    samples: Int[Array, ""],
 ):
     """Score, dof, disturbance and deviation of one place."""
     cases, _, knots = G.shape
@@ -283,6 +288,12 @@ def _explained(
     strong = values > WEAK * jnp.maximum(values[-1], 1.0)
     inverse = jnp.where(strong, 1.0 / jnp.where(strong, values, 1.0), 0.0)
     turned = vectors.T @ (toward / size)
-    best = vectors @ (inverse * turned) / size
-    spread = jnp.sqrt(jnp.sum(vectors**2 * inverse[None], axis=1)) / size
-    return jnp.sum(inverse * turned**2), jnp.sum(strong), best.reshape(cases, knots), spread.reshape(cases, knots)
+    score, dof = jnp.sum(inverse * turned**2), jnp.sum(strong)
+    # What this place leaves is the noise; a direction counts by how far it stands out of it (empirical Bayes, direction by
+    # direction), else the directions that hardly move an output would drown the others.
+    noise = jnp.maximum(squares - score, 0.0) / jnp.maximum(samples - dof, 1.0)
+    seen = jnp.where(strong, inverse * turned**2, 1.0)
+    stands_out = jnp.where(strong, jnp.maximum(1.0 - noise / jnp.maximum(seen, jnp.finfo(float).tiny), 0.0), 0.0)
+    best = vectors @ (stands_out * inverse * turned) / size
+    spread = jnp.sqrt(noise * jnp.sum(vectors**2 * (stands_out * inverse)[None], axis=1)) / size
+    return score, dof, best.reshape(cases, knots), spread.reshape(cases, knots)

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from ..study.study import Study
 from .figures import errors, prediction, ranking, residuals
+from .figures_where import where
 
 MOST_RECORDS = 3  # of one test set are drawn
 PNG_DPI = 150
@@ -37,11 +38,13 @@ class Gallery(NamedTuple):
 
     Attributes:
         errors: errors before and after.
+        where: where the declared model's residual sits, None where nothing is missing.
         tests: predictions and residuals by test set.
         rounds: the ranking of each round, None where there was no candidate.
     """
 
     errors: Picture
+    where: Picture | None
     tests: dict[str, tuple[Picture, ...]]
     rounds: tuple[Picture | None, ...]
 
@@ -49,7 +52,8 @@ class Gallery(NamedTuple):
     def pictures(self) -> tuple[Picture, ...]:
         """All of them, in the order of the page."""
         rounds = (one for one in self.rounds if one is not None)
-        return (self.errors, *(one for some in self.tests.values() for one in some), *rounds)
+        found = () if self.where is None else (self.where,)
+        return (self.errors, *found, *(one for some in self.tests.values() for one in some), *rounds)
 
 
 def gallery(study: Study) -> Gallery:
@@ -64,7 +68,16 @@ def gallery(study: Study) -> Gallery:
     caption = "Error before and after, by channel. The dashed line is the standard deviation of the measurement noise."
     first = Picture("errors", errors(study), caption)
     tests = {test: _test(study, test, index) for index, test in enumerate(study.tests, 1)}
-    return Gallery(first, tests, tuple(_round(one, index) for index, one in enumerate(study.rounds, 1)))
+    return Gallery(first, _where(study), tests, tuple(_round(one, index) for index, one in enumerate(study.rounds, 1)))
+
+
+def _where(study: Study) -> Picture | None:
+    caption = (
+        "Left: the share of the declared model's residual (training records) that a free-form disturbance in one place alone "
+        "explains, beyond what the free parameters can do. Right: the disturbance itself in the first of these places, "
+        "with two standard deviations, in time and against the variable that it follows best."
+    )
+    return None if study.outcome == "nothing missing" else Picture("where", where(study.where["before"]), caption)
 
 
 def _test(study: Study, test: str, index: int) -> tuple[Picture, ...]:

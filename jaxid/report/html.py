@@ -7,7 +7,7 @@ from jinja2 import Environment, StrictUndefined
 
 from ..study.study import Study
 from .gallery import Gallery, gallery
-from .tables import decided, effect_rows, error_rows, parameter_rows, remains_rows, round_rows
+from .tables import decided, effect_rows, error_rows, parameter_rows, place_rows, remains_rows, round_rows
 from .words import NOISE_KNOWN, OUTCOMES, raised
 
 TEMPLATE = "study.html.j2"
@@ -41,6 +41,7 @@ def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None)
         parameters=parameter_rows(study),
         rounds=list(zip(round_rows(study), drawn.rounds, strict=True)),
         remains=remains_rows(study),
+        places=place_rows(study),
         degrees=any(unit.startswith("rad") for unit in study.output_units),
     )
 

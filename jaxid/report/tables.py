@@ -9,6 +9,7 @@ from ..study.study import Candidate, Round, Study
 from .words import display_unit, number, percent, raised, unit_words, with_error
 
 ABSENT = "n/a"
+MOST_PLACES = 8
 
 
 class ErrorRow(NamedTuple):
@@ -73,6 +74,15 @@ class RemainsRow(NamedTuple):
     channel: str
     before: str
     after: str
+
+
+class PlaceRow(NamedTuple):
+    """One place in words: share of the residual that a disturbance there explains, and whether it is among the first."""
+
+    place: str
+    before: str
+    after: str
+    first: bool
 
 
 def error_rows(study: Study, test: str) -> tuple[ErrorRow, ...]:
@@ -175,6 +185,25 @@ def remains_rows(study: Study) -> tuple[RemainsRow, ...]:
         return ()
     first, last = study.rounds[0].predictable, study.rounds[-1].predictable
     return tuple(RemainsRow(name, percent(first[name]), percent(last[name])) for name in study.outputs)
+
+
+def place_rows(study: Study) -> tuple[PlaceRow, ...]:
+    """Where the residual sits, before and after, the places that explain most before first.
+
+    Args:
+        study: the study.
+    """
+    after = {(one.kind, one.name): one for one in study.where["after"].places}
+    rivals = {(one.kind, one.name) for one in study.where["before"].rivals()}
+    return tuple(
+        PlaceRow(
+            f"{one.kind} {one.name}",
+            percent(one.share),
+            percent(after[one.kind, one.name].share),
+            (one.kind, one.name) in rivals,
+        )
+        for one in study.where["before"].places[:MOST_PLACES]
+    )
 
 
 def decided(study: Study) -> tuple[str, ...]:

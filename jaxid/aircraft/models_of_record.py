@@ -147,7 +147,7 @@ def _constants(record: Record, given: Mapping[str, float | None], across: bool) 
             bool(np.isclose(known[name], value, rtol=1e-6, atol=0.0)),
             f"Record {record.names[0]!r} says {name} = {value:.6g}, and the argument {known[name]:.6g}. The constants of a "
             "record go before a model's numbers: leave the argument out, or change the record by "
-            f"`dataclasses.replace(record, constants={{**record.constants, {name!r}: ...}})`.",
+            f"`dataclasses.replace(record, constants={{**record.constants, {name!r}: jnp.asarray(...)}})`.",
         )
     known.setdefault("Ixz", 0.0)
     if not across and "Iy" in known:  # (Iz - Ix) p r vanishes, and no body is refused

@@ -1,13 +1,17 @@
 """The air that a record was flown in: density and altitude, from what it says of them."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError
 from .._foundation.types import Array, Float
 from ..data.record import Record
+from ..data.smoothing_spline import SmoothingSpline
 from .atmosphere import StandardAtmosphere
 
+SLOW = 0.25  # Hz
+FEWEST = 8  # samples, for a spline
 CEILING = 20000.0  # m, of the standard atmosphere at hand
 
 
@@ -16,8 +20,8 @@ def density_of(record: Record, airspeed: str = "true") -> Float[Array, " time"] 
 
         density = standard(altitude) * mean of (2 qbar / V^2) / standard(altitude)
 
-    so that it follows the altitude, and the noise of qbar and V stays out. Where the altitude is not recorded, a straight line in
-    time stands in its place.
+    so that it follows the altitude, and the noise of qbar and V stays out. Where the altitude is not recorded, `2 qbar / V^2` is
+    smoothed by a spline that passes what is slower than 0.25 Hz, as no altitude changes faster.
 
     Args:
         record: a single one, with `density`, or with `qbar` and the true airspeed V.
@@ -29,13 +33,15 @@ def density_of(record: Record, airspeed: str = "true") -> Float[Array, " time"] 
     if not {"qbar", "V"} <= set(has) or airspeed != "true":
         return None
     ratio = np.asarray(2.0 * record.channel("qbar") / record.channel("V") ** 2)
+    t, known = np.asarray(record.t), np.isfinite(ratio)
+    if np.sum(known) < FEWEST:
+        return jnp.asarray(ratio)
     if "altitude" in has:
-        standard = StandardAtmosphere().air(record.channel("altitude")).density
-        return standard * np.nanmean(ratio / np.asarray(standard))
-    t, known = np.asarray(record.t - jnp.mean(record.t)), np.isfinite(ratio)
-    if np.sum(known) < 2:
-        return jnp.full_like(record.t, jnp.nan)
-    return jnp.asarray(np.polyval(np.polyfit(t[known], ratio[known], 1), t))
+        standard = _standard(record.channel("altitude"))
+        return standard * np.nanmean(ratio[known] / np.asarray(standard)[known])
+    there = t[known]
+    cutoff = np.clip(SLOW, 0.25 / (there[-1] - there[0]), 0.5 / np.mean(np.diff(there)))  # as far as the spline can
+    return jnp.asarray(np.interp(t, there, SmoothingSpline(float(cutoff))(there, ratio[known]).value))
 
 
 def air_known(record: Record, placed: set[str], airspeed: str = "true") -> tuple[tuple[str, ...], dict[str, float]]:
@@ -82,5 +88,9 @@ def altitude_of(density: float) -> float:
         density: [kg/m^3].
     """
     heights = np.linspace(0.0, CEILING, 2001)
-    table = np.asarray(StandardAtmosphere().air(jnp.asarray(heights)).density)
-    return float(np.interp(-density, -table, heights))
+    return float(np.interp(-density, -np.asarray(_standard(jnp.asarray(heights))), heights))
+
+
+def _standard(altitude: Float[Array, " sample"]) -> Float[Array, " sample"]:
+    """Density of the standard atmosphere at altitudes [m]."""
+    return jax.vmap(StandardAtmosphere().air)(altitude).density

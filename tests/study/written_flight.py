@@ -50,7 +50,9 @@ def aircraft() -> Aircraft:
     frame = Airframe(
         name="twin",
         mass_properties=MassProperties(**MASS),
-        **SIZE,
+        S=SIZE["S"],
+        b=SIZE["b"],
+        cbar=SIZE["cbar"],
         aerodynamics=PolynomialAerodynamics(TRUE),
         limits=dict.fromkeys(("stabilator", "aileron", "rudder"), (-0.5, 0.5)),
     )

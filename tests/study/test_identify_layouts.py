@@ -1,0 +1,110 @@
+"""From files in the layouts of SIDPAC and of DLR to a model that predicts another flight: what docs/real_records.md prints, run.
+
+Files are simulated flights of an aircraft whose coefficients are known. Estimates are held against them in standard errors, the
+seeds fixed: of 40 normal numbers the largest exceeds 4 in one of 400 draws.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from written_flight import MASS, NOISE, SIZE, SURFACES, TRUE, flight, write_hfb, write_sidpac
+
+GUIDE = Path(__file__).resolve().parent.parent.parent / "docs" / "real_records.md"
+RATES = {"p": "pdot", "q": "qdot", "r": "rdot"}
+WORST = 4.0  # standard errors
+# The guide's numbers of the HFB-320, for which the flight is that of the small aircraft.
+OWN = {
+    "mass=7472.0": f"mass={MASS['mass']}",
+    "Iy=91420.0": f"Iy={MASS['Iy']}",
+    "S=30.1": f"S={SIZE['S']}",
+    "b=14.5": f"b={SIZE['b']}",
+    "cbar=2.43": f"cbar={SIZE['cbar']}",
+    ", position=(-1.343, 0.0, -0.652), up=0.0524": "",
+}
+
+
+@pytest.fixture(scope="module")
+def guide(tmp_path_factory):
+    """Everything that the guide's blocks leave behind, and what they printed."""
+    folder = tmp_path_factory.mktemp("flights")
+    write_sidpac(folder / "flight.mat", flight(seed=1))
+    write_sidpac(folder / "other.mat", flight(seed=2, which=("rudder", "stabilator", "aileron")))
+    write_hfb(folder / "hfb320_1_10.asc", flight(step=0.05, which=("stabilator",), seed=3))
+    blocks = re.findall(r"^```python\n(.*?)^```", GUIDE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    code = "\n".join(blocks)
+    for printed, own in OWN.items():
+        assert code.count(printed) == 1, printed
+        code = code.replace(printed, own)
+    names, said = {"print": lambda *things: said.append(" ".join(map(str, things)))}, []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        exec(compile(code, GUIDE.name, "exec"), names)
+    return names | {"said": said, "folder": folder}
+
+
+def true_at(centre):
+    """The coefficients about other centres than zero."""
+    a, b = centre["alpha"], centre["beta"]
+    moved = {}
+    for coefficient, terms in TRUE.items():
+        by = {name: terms.get(name, 0.0) for name in ("alpha", "alpha^2", "beta")}
+        moved |= {f"{coefficient}.{term}": value for term, value in terms.items()}
+        level = terms.get("1", 0.0) + by["alpha"] * a + by["alpha^2"] * a**2 + by["beta"] * b
+        moved[f"{coefficient}.1"] = level
+        moved[f"{coefficient}.alpha"] = by["alpha"] + 2.0 * by["alpha^2"] * a
+    return moved
+
+
+def standardised(found):
+    """Deviations from the truth, in standard errors."""
+    estimate, true = found.estimate, true_at(found.centre)
+    values, errors = np.asarray(estimate.values), np.asarray(estimate.coloured_errors)
+    return {n: (v - true.get(n, 0.0)) / e for n, v, e in zip(estimate.names, values, errors, strict=True)}
+
+
+def test_a_record_of_sidpac_is_identified(guide):
+    """All six equations are kept, with the terms that are true and none that is not, and values within their errors."""
+    found = guide["found"]
+    assert bool(found.estimate.successful), found.estimate.status
+    assert found.left_out == ()
+    assert {n: {*one.regression.names} for n, one in found.equations.items()} == {
+        n: {*of} - {"1"} for n, of in TRUE.items()
+    }
+    deviations = standardised(found)
+    assert max(map(abs, deviations.values())) < WORST, deviations
+
+
+def test_its_instruments_are_checked(guide):
+    """Nothing is planted, and residuals are the noise; what is found is what noise of the gyros adds up to (1e-4 rad/s)."""
+    checked = guide["checked"]
+    assert bool(checked.estimate.successful)
+    for channel in checked.channels:
+        assert channel.after == pytest.approx(NOISE[channel.name], rel=0.08), channel.name
+    assert all(
+        abs(one.value) < 2e-4 for one in checked.errors if one.name in ("input_bias.p", "input_bias.q", "input_bias.r")
+    )
+    assert "instruments" in guide["said"][0]
+
+
+def test_another_flight_is_predicted_to_its_noise(guide):
+    """RMS of errors near the noise, started at a noisy sample: an error of the start as large as the noise makes 1.41 of it, one
+    that is 2.3 of them, which one in fifty is, 2.5."""
+    rms = dict(zip(guide["found"].model.outputs, np.asarray(guide["prediction"].rms), strict=True))
+    assert set(rms) == set(NOISE) - {"altitude"}
+    for name, value in rms.items():
+        assert 0.9 * NOISE[name] < value < 2.5 * NOISE[name], name
+
+
+def test_a_longitudinal_flight_in_text_columns_is_identified(guide):
+    """Mass and size as arguments, angular accelerations from the file, density from qbar, no altitude and no heading."""
+    found = guide["longitudinal"]
+    assert bool(found.estimate.successful), found.estimate.status
+    assert found.model.states == ("u", "w", "q", "pitch")
+    assert set(found.model.inputs) == {*SURFACES, "thrust", "density", "v", "p", "r", "phi"}
+    assert {n: {*one.regression.names} for n, one in found.equations.items()} == {
+        n: {*TRUE[n]} - {"1"} for n in ("CX", "CZ", "Cm")
+    }
+    deviations = standardised(found)
+    assert max(map(abs, deviations.values())) < WORST, deviations

@@ -1,4 +1,4 @@
-"""The report's tables from our own flights: one case through the process, and the pure functions; no number found is held here."""
+"""The report's tables from our own flights: one case through the process, and pure functions; no number found is held here."""
 
 import contextlib
 import importlib

@@ -18,6 +18,7 @@ from jaxid.aircraft.fly import Flight
 from jaxid.aircraft.identification import IdentificationModel
 from jaxid.aircraft.identification_flights import flight_record, from_aircraft
 from jaxid.aircraft.noise_levels import report_instruments
+from jaxid.data import SmoothingSpline, smooth
 from jaxid.data.record import Record
 from jaxid.study import Identification, IdentifyOptions, identify
 
@@ -111,11 +112,12 @@ def fit(
         totals: whether the errors of whole coefficients along the fitted motion are found too.
         overruled: options of `IdentifyOptions` in the place of the setting's.
     """
-    records = [shortened(flight_record(one), seconds) for one in flights]
+    records = [record_of(one, setting, seconds) for one in flights]
     options = IdentifyOptions(**({"add": setting.add, "leave_out": setting.leave_out} | overruled))
     per_record = tuple(f"initial_state.{state}" for state in setting.initial)
     identified = identify(model_of(flights[0], setting), records, options=options, per_record=per_record)
-    whole = total_errors(identified, list(flights)) if totals and seconds is None else [[] for _ in flights]
+    found = bool(jnp.isfinite(identified.estimate.cost)) and totals and seconds is None
+    whole = total_errors(identified, list(flights)) if found else [[] for _ in flights]
     errors = tuple((*total, *part_errors(identified, one)) for total, one in zip(whole, flights, strict=True))
     return CaseResult(name, setting, tuple(flights), identified, _fitted(name, identified), errors)
 
@@ -123,12 +125,20 @@ def fit(
 def model_of(flown: Flight, setting: Setting) -> IdentificationModel:
     """What the analyst starts from: mass, size and nominal instruments of the aircraft that flew, and no coefficient."""
     nominal = eqx.tree_at(lambda one: one.instruments, flown.aircraft, report_instruments())
-    return from_aircraft(nominal, states=setting.states, outputs=setting.outputs)
+    return from_aircraft(nominal, states=setting.states, outputs=setting.outputs, measured=setting.measured)
 
 
-def shortened(record: Record, seconds: float | None) -> Record:
-    """The first seconds of a record, all of it by default."""
-    return record if seconds is None else record.window(0, round(seconds / SAMPLE_TIME))
+def record_of(flown: Flight, setting: Setting, seconds: float | None = None) -> Record:
+    """What the analyst has of a flight: its record, the channels of the setting smoothed.
+
+    Args:
+        flown: the flight.
+        setting: how it is identified.
+        seconds: length that is used; all by default.
+    """
+    record = flight_record(flown)
+    record = record if seconds is None else record.window(0, round(seconds / SAMPLE_TIME))
+    return smooth(record, setting.smoothed, SmoothingSpline()) if setting.smoothed else record
 
 
 def larger_set(base: CaseResult) -> dict[str, Any]:

@@ -42,8 +42,8 @@ class Error(NamedTuple):
 
     Attributes:
         coefficient: which.
-        part: "total" along the fitted motion; "static", without controls and rates, or "d/d aileron" and so on, both at the
-            true angles.
+        part: "total" along the fitted motion, or "at the true motion"; "static", without controls and rates, or "d/d aileron"
+            and so on, both at the true angles.
         rms: root mean square of estimated minus true.
         range: largest minus smallest true value.
         relative: the first over the second.
@@ -101,6 +101,20 @@ def part_errors(identified: Identification, flight: Flight) -> list[Error]:
     return rows
 
 
+def motion_errors(identified: Identification, flight: Flight) -> list[Error]:
+    """Errors of the whole coefficients at the true motion of any flight, with its true controls and rates."""
+    true = {name: np.asarray(flight.truth.channel(name)) for name in ("alpha", "beta", *AT_REST[:3])}
+    V, lengths = np.asarray(flight.truth.channel("V")), np.asarray(flight.aircraft.airframe.lengths)
+    for rate, length in zip("pqr", lengths, strict=True):
+        true[f"{rate}hat"] = np.asarray(flight.truth.channel(rate)) * length / (2.0 * V)
+    rows = []
+    for name in kept(identified):
+        value, deviation = estimated(identified, name, true)
+        found = Estimated(value, deviation, np.asarray(flight.truth.channel(name)))
+        rows.append(error_of(name, "at the true motion", found))
+    return rows
+
+
 def angles(flight: Flight) -> dict[str, np.ndarray]:
     """The true angle of attack and sideslip of a flight, each of shape (time,) [rad]."""
     return {name: np.asarray(flight.truth.channel(name)) for name in ("alpha", "beta")}
@@ -122,16 +136,26 @@ def part(
         at: `alpha` and `beta`, each of shape (time,) [rad]; controls and rates are zero.
         by: signal of the derivative.
     """
-    polynomial = getattr(identified.model.airframe.aerodynamics, coefficient)
-    found = identified.estimate
+    value, deviation = estimated(identified, coefficient, at, by)
+    return Estimated(value, deviation, true_part(aerodynamics, coefficient, at, by))
+
+
+def estimated(
+    identified: Identification, coefficient: str, at: Signals, by: str | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """A coefficient or its derivative by a signal, and its standard deviation, each of shape (time,).
+
+    Args:
+        identified, coefficient, at, by: as in `part`; controls and rates that are given count.
+    """
+    polynomial, found = getattr(identified.model.airframe.aerodynamics, coefficient), identified.estimate
     X = _columns(polynomial, _whole(at), by)
     own = [f"{coefficient}.{term}" for term in polynomial.terms]
     free = [(k, found.names.index(name)) for k, name in enumerate(own) if name in found.names]
     C = np.asarray(found.covariance)[np.ix_([i for _, i in free], [i for _, i in free])]
     X_free = X[:, [k for k, _ in free]]
     variance = np.einsum("ti,ij,tj->t", X_free, C, X_free)
-    value = X @ np.asarray(polynomial.coefficients)
-    return Estimated(value, np.sqrt(np.maximum(variance, 0.0)), true_part(aerodynamics, coefficient, at, by))
+    return X @ np.asarray(polynomial.coefficients), np.sqrt(np.maximum(variance, 0.0))
 
 
 def true_part(aerodynamics: AbstractAerodynamics, coefficient: str, at: Signals, by: str | None = None) -> np.ndarray:

@@ -5,10 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.report_tables.cases import CaseResult
-from benchmarks.report_tables.coefficients import Error, Estimated, angles, part, part_errors
+from benchmarks.report_tables.cases import CaseResult, record_of
+from benchmarks.report_tables.coefficients import Error, Estimated, angles, motion_errors, part, part_errors
 from jaxid.aircraft.fly import Flight
-from jaxid.aircraft.identification_flights import flight_record
 from jaxid.diagnosis import statistics
 
 STEPS = 50
@@ -38,7 +37,7 @@ class Predicted(NamedTuple):
     Attributes:
         t, z, y: times, measured and predicted outputs by name.
         theil, theil_of_fit: Theil's coefficient by output, in the prediction and in the fit itself.
-        errors: of static coefficients and control derivatives at the angles of the flight.
+        errors: of whole coefficients at the true motion of the flight, of static ones and control derivatives at its angles.
     """
 
     t: np.ndarray
@@ -80,7 +79,7 @@ def predicted(result: CaseResult, flight: Flight) -> Predicted:
         flight: to predict.
     """
     identified = result.identified
-    found = identified.predict(flight_record(flight))
+    found = identified.predict(record_of(flight, result.setting))
     outputs = identified.records.outputs
     theil = statistics(found.z, found.y, found.scored, outputs=outputs).theil
     fit, v = identified.records, identified.estimate.residuals
@@ -89,7 +88,7 @@ def predicted(result: CaseResult, flight: Flight) -> Predicted:
         np.asarray(found.t[0]),
         *(dict(zip(outputs, np.asarray(each[0]).T, strict=True)) for each in (found.z, found.y)),
         *(dict(zip(outputs, np.asarray(each).tolist(), strict=True)) for each in (theil, own)),
-        tuple(part_errors(identified, flight)),
+        (*motion_errors(identified, flight), *part_errors(identified, flight)),
     )
 
 
@@ -113,6 +112,23 @@ def curves(results: Mapping[str, CaseResult], coefficient: str = "Cm") -> dict[s
         at = {"alpha": alpha, "beta": np.zeros(STEPS)}
         one = part(result.identified, result.flights[0].aircraft.airframe.aerodynamics, coefficient, at)
         found[name] = {"alpha": alpha, **one._asdict()}
+    return found
+
+
+def on_common_angles(results: Mapping[str, CaseResult], coefficient: str = "Cm") -> dict[str, float]:
+    """Root mean square error of a static coefficient at beta = 0 over the angles of attack that all records cover.
+
+    Args:
+        results: by name, each with this coefficient.
+        coefficient: which.
+    """
+    spans = [angles(one.flights[0])["alpha"] for one in results.values()]
+    alpha = np.linspace(max(map(np.min, spans)), min(map(np.max, spans)), STEPS)
+    at = {"alpha": alpha, "beta": np.zeros(STEPS)}
+    found = {}
+    for name, one in results.items():
+        history = part(one.identified, one.flights[0].aircraft.airframe.aerodynamics, coefficient, at)
+        found[name] = _rms(history.value - history.true)
     return found
 
 

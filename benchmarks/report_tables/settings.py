@@ -36,6 +36,8 @@ class Setting(NamedTuple):
         initial: states whose initial value is estimated.
         add: parameters beside terms and constants.
         leave_out: responses whose equation is left out.
+        measured: inputs beside those that `from_aircraft` takes, such as a thrust that differs from flight to flight.
+        smoothed: channels that a spline smooths first.
     """
 
     states: str
@@ -43,6 +45,8 @@ class Setting(NamedTuple):
     initial: tuple[str, ...]
     add: tuple[str, ...] = ()
     leave_out: tuple[str, ...] = ()
+    measured: tuple[str, ...] = ()
+    smoothed: tuple[str, ...] = ()
 
 
 LATERAL = Setting("lateral", ("beta", "ay", "p", "r"), ("v", "p", "r", "phi"), (BIAS + "beta",))

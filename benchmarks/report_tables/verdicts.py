@@ -8,7 +8,7 @@ from scipy.stats import spearmanr
 
 from benchmarks.report_numbers.claims import CLAIMS, SEPARATE, Claim
 from benchmarks.report_tables.cases import CaseResult
-from benchmarks.report_tables.comparisons import combined, predicted
+from benchmarks.report_tables.comparisons import combined, on_common_angles, predicted
 from benchmarks.report_tables.examples import Small
 from benchmarks.report_tables.reasons import REASONS
 from benchmarks.report_tables.rows import estimated, strongest
@@ -124,14 +124,15 @@ def _gusts(results: Results, _: Examples) -> Finding:
 
 
 def _amplitude(results: Results, _: Examples) -> Finding:
-    cases = ("longitudinal 1", "longitudinal 2")
-    shapes = [results[case].error("Cm").shape for case in cases]
+    cases = {case: results[case] for case in ("longitudinal 1", "longitudinal 2")}
+    errors = {name: one.error("Cm") for name, one in cases.items()}
+    common = on_common_angles(cases)
     said = [
-        f"{case}: shape {results[case].error('Cm').shape:.3f}, whole {results[case].error('Cm').relative:.3f}, "
-        f"d/d stabilator rms {results[case].error('Cm', 'd/d stabilator').rms:.3f} per rad"
-        for case in cases
+        f"{name}: shape {errors[name].shape:.3f}, whole {errors[name].relative:.3f}, rms {errors[name].rms:.4f}, on the "
+        f"angles of both {common[name]:.4f}, d/d stabilator rms {one.error('Cm', 'd/d stabilator').rms:.3f} per rad"
+        for name, one in cases.items()
     ]
-    return shapes[1] < shapes[0], "; ".join(said)
+    return errors["longitudinal 2"].shape < errors["longitudinal 1"].shape, "; ".join(said)
 
 
 def _combined(results: Results, _: Examples) -> Finding:
@@ -159,15 +160,21 @@ def _larger(results: Results, _: Examples) -> Finding:
 def _longer(results: Results, _: Examples) -> Finding:
     names = ("coupled 1", "longitudinal 1", "longitudinal 2", FIRST_10_S)
     errors = {name: results[name].error("Cm").relative for name in names if _has(results[name], "Cm")}
+    fits = {name: results[name] for name in names[:3] if name in errors}
+    common = ", ".join(f"{name} {value:.4f}" for name, value in on_common_angles(fits).items())
     beside = [
         f"{name} {results['coupled 1'].error(name).relative:.3f} beside {results[case].error(name).relative:.3f}"
         for case, names in (("lateral 1", ("CY", "Cl", "Cn")), ("longitudinal 1", ("CZ",)))
         for name in names
         if case in results and _has(results["coupled 1"], name) and _has(results[case], name)
     ]
-    said = ", ".join(f"{name} {value:.3f}" for name, value in errors.items())
+    lost = {
+        name: "" if bool(results[name].identified.estimate.successful) else " (by regression: no fit)"
+        for name in errors
+    }
+    said = ", ".join(f"{name} {value:.3f}{lost[name]}" for name, value in errors.items())
     holds = errors.get("coupled 1", np.inf) < min(errors[case] for case in ("longitudinal 1", "longitudinal 2"))
-    return holds, f"error of Cm: {said}; " + ", ".join(beside)
+    return holds, f"error of Cm: {said}; rms on the angles of all: {common}; " + ", ".join(beside)
 
 
 def _predicts(results: Results, _: Examples) -> Finding:

@@ -188,3 +188,14 @@ def test_a_model_without_pseudo_measurements_is_told_so(record):
 
     with pytest.raises(InputError, match="pseudo-measurements"):
         identify(Silent(), record)
+
+
+def test_a_share_of_the_response_can_be_asked_for(record):
+    """None of the two responses is explained to four nines."""
+    asked = IdentifyOptions(least_F=0.0, least_R2=0.9999)
+    with pytest.raises(
+        InputError, match=r"No equation is left: stiffness left out: overall F .*, and R2 below 0.9999; drift"
+    ):
+        identify(EMPTY, record, options=asked)
+    with pytest.raises(InputError, match="least_R2 is 1"):
+        IdentifyOptions(least_R2=1.0)

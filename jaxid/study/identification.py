@@ -66,7 +66,7 @@ class Parameter(NamedTuple):
         name: in the model.
         regression, regression_F: value and F of the regression.
         start, start_F: value and F at the start of maximum likelihood.
-        value, standard_error, F: of maximum likelihood; a parameter that it did not estimate has none.
+        value, standard_error, coloured_error, F: of maximum likelihood; a parameter that it did not estimate has none.
     """
 
     name: str
@@ -76,6 +76,7 @@ class Parameter(NamedTuple):
     start_F: float  # noqa: N815
     value: float
     standard_error: float
+    coloured_error: float
     F: float
 
 
@@ -123,9 +124,13 @@ class Identification:
         first = dict(zip(self.start.names, zip(self.start.values, self.start.F, strict=True), strict=True))
         found = self.estimate
         last = dict(
-            zip(found.names, np.stack([found.values, found.standard_errors, found.F], axis=1).tolist(), strict=True)
+            zip(
+                found.names,
+                np.stack([found.values, found.standard_errors, found.coloured_errors, found.F], axis=1).tolist(),
+                strict=True,
+            )
         )
-        none = (float("nan"),) * 3
+        none = (float("nan"),) * 4
         return tuple(
             Parameter(
                 name, *regressed.get(name, none[:2]), *map(float, first.get(name, none[:2])), *last.get(name, none)
@@ -172,11 +177,19 @@ class Identification:
         lines += [f"terms are written in {centre}", ""] if centre else [""]
         rows = self.parameters
         width = max([len(row.name) for row in rows] + [9])
-        lines.append(f"{'':<{width}} {'regression':^23} {'start':^10} {'maximum likelihood':^34}")
-        heads = ("value", "F", "F", "value", "std. error", "F")
+        lines.append(f"{'':<{width}} {'regression':^23} {'start':^10} {'maximum likelihood':^46}")
+        heads = ("value", "F", "F", "value", "std. error", "coloured", "F")
         lines.append(f"{'parameter':<{width}} " + " ".join(f"{head:>11}" for head in heads))
         for row in rows:
-            cells = (row.regression, row.regression_F, row.start_F, row.value, row.standard_error, row.F)
+            cells = (
+                row.regression,
+                row.regression_F,
+                row.start_F,
+                row.value,
+                row.standard_error,
+                row.coloured_error,
+                row.F,
+            )
             lines.append(f"{row.name:<{width}} " + " ".join(_cell(value) for value in cells))
         lines += [f"weak: {sentence}" for sentence in self.estimate.weak_directions]
         lines.append(

@@ -20,8 +20,12 @@ from jaxid.aircraft.identification_flights import flight_record, from_aircraft
 from jaxid.aircraft.noise_levels import report_instruments
 from jaxid.data import SmoothingSpline, smooth
 from jaxid.data.record import Record
+from jaxid.estimation import GaussNewton
 from jaxid.study import Identification, IdentifyOptions, identify
 
+SOLVER = GaussNewton(
+    tolerance=1e-3
+)  # standard errors; with unknown noise the last steps shrink slowly, by a tenth each at worst
 LEAST_F = 50.0  # of the terms that the larger set of section 6.4.3 adds
 MORE_BIASES = tuple(BIAS + name for name in ("ay", "p", "r"))
 
@@ -32,7 +36,7 @@ class Fitted(NamedTuple):
     Attributes:
         parameters: how many, initial states and noise not counted.
         J0, Jf: cost before and after, the negative log-likelihood of a sample: `sum ln(sigma) + m/2`, accelerations in g.
-        iterations: until the search ended, at a step of a millionth of the standard errors.
+        iterations: until the whole step left was shorter than a thousandth of a standard error.
         until: iterations until the relative change of cost was that of the report's last one; None where it has no such run.
         status: of the search.
     """
@@ -115,7 +119,7 @@ def fit(
     records = [record_of(one, setting, seconds) for one in flights]
     options = IdentifyOptions(**({"add": setting.add, "leave_out": setting.leave_out} | overruled))
     per_record = tuple(f"initial_state.{state}" for state in setting.initial)
-    identified = identify(model_of(flights[0], setting), records, options=options, per_record=per_record)
+    identified = identify(model_of(flights[0], setting), records, options=options, per_record=per_record, solver=SOLVER)
     found = bool(jnp.isfinite(identified.estimate.cost)) and totals and seconds is None
     whole = total_errors(identified, list(flights)) if found else [[] for _ in flights]
     errors = tuple((*total, *part_errors(identified, one)) for total, one in zip(whole, flights, strict=True))

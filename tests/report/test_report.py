@@ -191,10 +191,12 @@ def test_the_folder_holds_page_numbers_and_figures(study, tmp_path):
     assert folder == tmp_path / "deep" / "out"
     names = sorted(path.name for path in folder.iterdir())
     assert [name for name in names if not name.endswith(".png")] == ["study.html", "study.json"]
-    assert len(names) == 2 + 8  # errors, three records, two residuals, two rounds
+    assert len(names) == 2 + 9  # errors, where it sits, three records, two residuals, two rounds
     assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in names if name.endswith(".png"))
     assert json.loads((folder / "study.json").read_text())["effects"] == ["x^3 in v"]
-    assert "<title>Spring</title>" in (folder / "study.html").read_text(encoding="utf-8")
+    page = (folder / "study.html").read_text(encoding="utf-8")
+    assert "<title>Spring</title>" in page
+    assert '<tr class="added"><td>equation v</td>' in page  # where it sits, among the first
     assert [path.name for path in folder.parent.iterdir()] == ["out"]
 
 

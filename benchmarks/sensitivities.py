@@ -20,8 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks import longitudinal_by_hand as by_hand
-from jaxid.aircraft.longitudinal_flight import NOISE_DEG, NOISE_SI, SPEED, level_trim, manoeuvres, true_aircraft
 from jaxid.aircraft.longitudinal import Longitudinal
+from jaxid.aircraft.longitudinal_flight import NOISE_DEG, NOISE_SI, SPEED, level_trim, manoeuvres, true_aircraft
 from jaxid.models.free import Positions, all_names, insert, leaves_at
 from jaxid.models.names import flatten, read
 from jaxid.sensitivity import value_and_jacobian

@@ -79,7 +79,9 @@ class Problem(eqx.Module):
 
     def solve(self, parameters: Parameters) -> Solution:
         """States and outputs of every record, as the likelihood simulates them."""
-        return jax.vmap(lambda own, case: self.solve_one(own, parameters.shared, case)[0])(parameters.rows, self.cases())
+        return jax.vmap(lambda own, case: self.solve_one(own, parameters.shared, case)[0])(
+            parameters.rows, self.cases()
+        )
 
     def residuals(self, parameters: Parameters) -> Float[Array, "case time output"]:
         """`v = z - y`, zero where there is no valid sample."""

@@ -7,11 +7,9 @@ import pytest
 
 from jaxid.aircraft.longitudinal_flight import CHECK, TEST, TRAIN, longitudinal_flight
 from jaxid.aircraft.simulated_flight import realised_noise
-from jaxid.estimation import OutputError
-from jaxid.models import Augmented, SensorScale
+from jaxid.models import Augmented
 from jaxid.models.names import read
 from jaxid.simulation import RK4, simulate
-from jaxid.study import close_loop
 
 
 @pytest.fixture(scope="module")
@@ -91,19 +89,3 @@ def test_free_are_the_ten_coefficients_and_each_initial_state(flight):
     assert len(flight.free.shared) == 10
     assert flight.free.per_record == tuple(f"initial_state.{name}" for name in flight.model.states)
     assert not isinstance(flight.model, Augmented)
-
-
-def test_the_loop_names_the_planted_effect_and_nothing_else(flight):
-    """With the candidates of the pitching moment and of the instruments' scale; the whole library is the command line's,
-    `python -m jaxid longitudinal`, and takes a minute."""
-    effects = [effect for effect in flight.model.effects() if effect.name.endswith("in Cm")]
-    effects += [SensorScale(channel=name) for name in flight.model.outputs]
-    records = {"train": flight.train, "check": flight.check, "test": flight.test}
-    study = close_loop(flight.model, flight.free, OutputError(), **records, effects=effects, window=50)
-    assert study.effects == ("alpha^3 in Cm",)
-    assert study.outcome == "explained"
-    after = np.array([study.after.rms["test"][name] for name in flight.model.outputs])
-    # Three per cent of the noise that stands in the scored samples, as the command line has it.
-    np.testing.assert_array_less(after, 1.03 * np.asarray(realised_noise(flight, flight.test, skip=50)))
-    assert study.before.rms["test"]["alpha"] > 5 * study.after.rms["test"]["alpha"]
-    assert ("equation", "q") in {(one.kind, one.name) for one in study.where["before"].rivals()}

@@ -14,7 +14,7 @@ from ..models.base import AbstractModel
 from .atmosphere import GRAVITY, SEA_LEVEL_DENSITY, AbstractAtmosphere, true_airspeed
 from .corrections import acceleration_at_cg
 from .first_samples import first_samples
-from .frames import quaternion, rotation, velocity
+from .frames import downwards, euler_rates, quaternion, rotation, velocity
 from .instrument_channels import ANGULAR, FLOW, FORCE, RATES, TABLE, PerChannel, numbers, positions
 from .instrument_geometry import velocity_at
 from .instruments import Instruments
@@ -128,19 +128,13 @@ class Kinematics(AbstractModel):
 
     def rhs(self, t, x, u):
         now, felt = self._state(x), self.true_inputs(u)
-        p, q, r = (felt[name] for name in RATES)
-        sf, cf = jnp.sin(now["phi"]), jnp.cos(now["phi"])
-        st, ct = jnp.sin(now["pitch"]), jnp.cos(now["pitch"])
-        turning = q * sf + r * cf
-        rates = {
-            "u": r * now["v"] - q * now["w"] + felt["ax"] - GRAVITY * st,
-            "v": p * now["w"] - r * now["u"] + felt["ay"] + GRAVITY * ct * sf,
-            "w": q * now["u"] - p * now["v"] + felt["az"] + GRAVITY * ct * cf,
-            "phi": p + turning * st / ct,
-            "pitch": q * cf - r * sf,
-            "psi": turning / ct,
-            "altitude": now["u"] * st - (now["v"] * sf + now["w"] * cf) * ct,
-        }
+        motion, force, omega = (
+            jnp.stack([of[name] for name in names]) for of, names in ((now, "uvw"), (felt, FORCE), (felt, RATES))
+        )
+        down = downwards(now["phi"], now["pitch"])
+        rates = dict(zip("uvw", force + GRAVITY * down - jnp.cross(omega, motion), strict=True))
+        turning = euler_rates(now["phi"], now["pitch"], omega)
+        rates |= dict(zip(("phi", "pitch", "psi"), turning, strict=True)) | {"altitude": -jnp.dot(down, motion)}
         return jnp.stack([rates[name] for name in self.states])
 
     def output(self, t, x, u):

@@ -11,9 +11,8 @@ from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels
 from ..estimation.likelihoods import AbstractLikelihood
-from ..estimation.problem import Limits, Problem
+from ..estimation.problem import Problem
 from ..estimation.result import Estimate
-from ..models.base import canonical
 from ..models.free import Parameters
 from ..sensitivity.information import Information
 from ..sensitivity.jacobian import value_and_jacobian
@@ -70,10 +69,7 @@ def bands(
     """
     records = as_stack(records)
     check_channels(fit.model, records)
-    model, free = canonical(fit.model), canonical(fit.free)
-    problem = Problem(
-        model, free.positions(model), records.anonymous(), canonical(likelihood), Limits.of(free, records.n_cases)
-    )
+    problem, model = Problem.of(fit.model, fit.free, records, likelihood), fit.model
     known = jax.eval_shape(model.signals, records.t[0, 0], jnp.zeros(len(model.states)), records.u[0, 0])
     require_known("signal", signals, known)
     found = _histories(problem, fit.parameters, fit.information, fit.covariance, tuple(signals))

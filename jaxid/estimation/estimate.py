@@ -19,7 +19,7 @@ from ..sensitivity.spectrum import Spectrum, spectrum
 from ..simulation.simulate import explain_divergence
 from .coloured import score_covariance
 from .likelihoods import AbstractLikelihood
-from .problem import Limits, Problem
+from .problem import Problem
 from .result import Estimate
 from .solver import GaussNewton, minimise
 
@@ -81,9 +81,7 @@ def estimate(
     if not isinstance(records.t, Tracer):
         likelihood.check(model, records)
         check_samples(records)
-    problem = Problem(
-        model, free.positions(model), records.anonymous(), canonical(likelihood), Limits.of(free, records.n_cases)
-    )
+    problem = Problem.of(model, free, records, likelihood)
     solver = solver or GaussNewton()
     fit = fit_problem(problem, start(model, problem.positions, problem.records), solver)
     found = Estimate.of(fit, model, free, records, solver.policy.threshold)
@@ -102,10 +100,7 @@ def fit_problem(problem: Problem, begin: Parameters, solver: GaussNewton) -> Fit
         spectrum(information.triangle, information.rhs, problem.limits.scale) if begin.shared.size else _no_spectrum()
     )
     covariance = found.covariance(policy.threshold) if begin.shared.size else jnp.zeros((0, 0))
-    white, count, own = problem.whiten(v, linearised.S), problem.positions.rows.size, information.own
-    # What a record's own unknowns can imitate says nothing of the shared parameters, and must not count for their colour.
-    imitated = jnp.einsum("ctjo,cok,ckp->ctjp", white[..., :count], own.inverse, own.coupling)
-    shared = white[..., count:] - imitated
+    shared = problem.projected(linearised)
     limits = problem.limits
     on_bound = jax.tree.map(lambda x, low, high: (x <= low) | (x >= high), parameters, limits.lower, limits.upper)
     noise = problem.likelihood.noise.cholesky(v, problem.records.mask)
@@ -194,9 +189,8 @@ def failure(problem: Problem, fit: Fit, found: Estimate) -> InputError:
 
 def divergence(model: AbstractModel, free: Free, records: Record, likelihood: AbstractLikelihood) -> InputError:
     """The error for a model whose simulation diverges at its starting values: record, time, state and parameters."""
-    positions = free.positions(model)
-    problem = Problem(model, positions, records, likelihood, Limits.of(free, records.n_cases))
-    begin = start(model, positions, records)
+    problem = Problem.of(model, free, records, likelihood)
+    begin = start(model, problem.positions, records)
     solution = problem.solve(begin)
     case = int(jnp.argmin(solution.finite))
     told = explain_divergence(jax.tree.map(lambda leaf: leaf[case], solution), model, f"record {case}")

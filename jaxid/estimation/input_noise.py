@@ -10,10 +10,10 @@ from .._foundation.checks import require, require_known
 from .._foundation.concrete import require_value
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from ..models.base import AbstractModel, canonical
+from ..models.base import AbstractModel
 from ..models.free import Parameters
 from .likelihoods import AbstractLikelihood
-from .problem import Limits, Problem
+from .problem import Problem
 from .result import Estimate
 
 
@@ -55,9 +55,7 @@ def input_noise_covariance(
         require_value(
             sigma, lambda s: s >= 0, f"The noise of {name!r} is {{}}. Give a standard deviation, zero or more."
         )
-    model, free = canonical(model), canonical(found.free)
-    limits = Limits.of(free, records.n_cases)
-    problem = Problem(model, free.positions(model), records.anonymous(), canonical(likelihood), limits)
+    problem = Problem.of(model, found.free, records, likelihood)
     sigma = jnp.array([noise.get(name, 0.0) for name in model.inputs], float)
     return added_covariance(problem, found.parameters, found.covariance, sigma)
 
@@ -78,7 +76,7 @@ def added_covariance(
         sigma: standard deviation of the white noise of each input.
     """
     linearised = problem.linearise(parameters)
-    weights = projected(problem, linearised) @ jnp.where(jnp.isfinite(covariance), covariance, 0.0)
+    weights = problem.projected(linearised) @ jnp.where(jnp.isfinite(covariance), covariance, 0.0)
 
     def estimated(u):
         y = eqx.tree_at(lambda one: one.records.u, problem, u).outputs(parameters)
@@ -86,15 +84,3 @@ def added_covariance(
 
     followed = jax.jacrev(estimated)(problem.records.u)
     return jnp.einsum("pcti,i,qcti->pq", followed, sigma**2, followed)
-
-
-def projected(problem: Problem, linearised) -> Float[Array, "case time output parameter"]:
-    """Whitened sensitivities to the shared parameters, less what each record's own unknowns can imitate.
-
-    Args:
-        problem: what is solved.
-        linearised: the problem at one set of parameters.
-    """
-    white = problem.whiten(linearised.v, linearised.S)
-    count, own = problem.positions.rows.size, linearised.information.own
-    return white[..., count:] - jnp.einsum("ctjo,cok,ckp->ctjp", white[..., :count], own.inverse, own.coupling)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
-from ..models.base import AbstractModel
+from ..models.base import AbstractModel, canonical
 from ..models.free import Free, Parameters, Positions, flat_vectors, insert
 from ..models.noise import whiten
 from ..sensitivity.information import Information, gather, record_triangles
@@ -73,6 +73,20 @@ class Problem(eqx.Module):
     likelihood: AbstractLikelihood
     limits: Limits
 
+    @classmethod
+    def of(cls, model: AbstractModel, free: Free, records: Record, likelihood: AbstractLikelihood) -> "Problem":
+        """The problem of estimating what is free, without a name in it, so that every one of its shape is compiled once.
+
+        Args:
+            model: with the values that are not free.
+            free: what is free.
+            records: a stack.
+            likelihood: how the misfit is measured.
+        """
+        model, free = canonical(model), canonical(free)
+        limits = Limits.of(free, records.n_cases)
+        return cls(model, free.positions(model), records.anonymous(), canonical(likelihood), limits)
+
     def outputs(self, parameters: Parameters) -> Float[Array, "case time output"]:
         """Model outputs at every sample of every record."""
         return self.solve(parameters).y
@@ -132,6 +146,19 @@ class Problem(eqx.Module):
         """Rows in units of the noise that belongs to these residuals."""
         mask = self.records.mask
         return whiten(self.likelihood.noise.cholesky(v, mask), rows, mask)
+
+    def projected(self, linearised: "Linearised") -> Float[Array, "case time output parameter"]:
+        """Whitened sensitivities to the shared parameters, less what each record's own unknowns can imitate.
+
+        What those imitate says nothing of the shared parameters: it counts neither for the colour of the residuals nor for the
+        noise of the inputs.
+
+        Args:
+            linearised: the problem at one set of parameters.
+        """
+        white = self.whiten(linearised.v, linearised.S)
+        count, own = self.positions.rows.size, linearised.information.own
+        return white[..., count:] - jnp.einsum("ctjo,cok,ckp->ctjp", white[..., :count], own.inverse, own.coupling)
 
     def project(self, parameters: Parameters) -> Parameters:
         """The nearest parameters within the bounds."""

@@ -68,7 +68,6 @@ class Augmented(AbstractModel):
         if not single:
             return jnp.zeros(len(self.model.states))
         gains, states, products = zip(*single, strict=True)
-        signals = signals | {f"|{name}|": jnp.abs(value) for name, value in signals.items()}
         belongs = np.array([[state == name for state in states] for name in self.model.states], float)
         return jnp.asarray(belongs) @ (jnp.stack(gains) * monomials(products, signals))
 

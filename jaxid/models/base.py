@@ -146,6 +146,24 @@ class AbstractModel(eqx.Module):
             )
         return self
 
+    def sensor_errors(self) -> tuple[str, ...]:
+        """Parameters that are errors of instruments and worth trying, for `consistency`: none by default."""
+        return ()
+
+    def corrected(self, record: Record) -> Record:
+        """The record without the errors of instruments that the model's parameters are.
+
+        Args:
+            record: one or a stack, which may hold more channels than the model has.
+
+        Raises:
+            InputError: by default: the model says of no error how it is taken out.
+        """
+        raise InputError(
+            f"{type(self).__name__} does not say how errors are taken out of a record. "
+            "Write its method `corrected(record)`."
+        )
+
     def units(self) -> dict[str, str]:
         """Units by name, of states, inputs, outputs and parameters; a name that is absent has no stated unit."""
         return {}

@@ -98,7 +98,7 @@ def consistency(
 
 def _names(model: AbstractModel, errors: Sequence[str] | None) -> tuple[str, ...]:
     """The errors to try, groups written out."""
-    names: Sequence[str] = getattr(model, "sensor_errors", tuple)() if errors is None else errors
+    names: Sequence[str] = model.sensor_errors() if errors is None else errors
     if errors is None:
         require(
             bool(names),

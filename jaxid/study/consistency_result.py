@@ -2,13 +2,12 @@
 
 import dataclasses
 import re
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import InputError, require, require_known
+from .._foundation.checks import require, require_known
 from ..data.record import Record
 from ..estimation import Estimate
 from ..models.base import AbstractModel
@@ -155,14 +154,7 @@ class Consistency:
             case = self.records.index(record.names[0])
             names = (*names, *own)
             values = np.concatenate([values, np.asarray(self.estimate.own)[case, list(own.values())]])
-        model = with_values(self.model, names, jnp.asarray(values))
-        take_out: Callable[[Record], Record] | None = getattr(model, "corrected", None)
-        if take_out is None:
-            raise InputError(
-                f"{type(self.model).__name__} does not say how its errors are taken out of a record. "
-                "Write its method `corrected(record)`."
-            )
-        return take_out(record)
+        return with_values(self.model, names, jnp.asarray(values)).corrected(record)
 
     def __str__(self) -> str:
         width = max(len(error.name) for error in (*self.errors, SensorError("channel", None, 0, 0, "")))

@@ -15,8 +15,8 @@ from ..diagnosis.bands import Bands, bands
 from ..diagnosis.validation import Prediction, predict
 from ..estimation import Estimate
 from ..estimation.likelihoods import AbstractLikelihood
-from ..estimation.problem import Limits, Problem
-from ..models.base import AbstractModel, canonical
+from ..estimation.problem import Problem
+from ..models.base import AbstractModel
 from ..models.free import Free, start
 from ..models.noise import FixedNoise
 from ..sensitivity.spectrum import spectrum
@@ -208,11 +208,7 @@ def a_priori(model: AbstractModel, free: Free, records: Record, likelihood: Abst
         records: a stack.
         likelihood: how the misfit is measured.
     """
-    model, free = canonical(model), canonical(free)
-    problem = Problem(
-        model, free.positions(model), records.anonymous(), canonical(likelihood), Limits.of(free, records.n_cases)
-    )
-    values, cost, F = _at_start(problem)
+    values, cost, F = _at_start(Problem.of(model, free, records, likelihood))
     return Start(free.shared, np.asarray(values), np.asarray(F), float(cost))
 
 

@@ -244,13 +244,7 @@ class Workbench:
     def _signals(self, fitted: Fitted):
         """Signals of the model over all training records, and the measured outputs, valid samples only."""
         declared = with_values(self.model.model, self.free.shared, jnp.asarray(fitted.values[: len(self.free.shared)]))
-        problem = Problem(
-            declared,
-            self.free.positions(declared),
-            self.records,
-            self.likelihood,
-            Limits.of(self.free, self.records.n_cases),
-        )
+        problem = Problem.of(declared, self.free, self.records, self.likelihood)
         shared = jnp.asarray(fitted.values[: len(self.free.shared)])
         signals, real = _signals_of(problem, Parameters(shared, fitted.fit.parameters.rows))
         real = np.asarray(real)

@@ -6,6 +6,7 @@ has all of the planted terms and no other.
 """
 
 import argparse
+import dataclasses
 import json
 import sys
 import time
@@ -26,7 +27,6 @@ from jaxid.structure import (
     Selection,
     SubsetOptions,
     columns,
-    whole_path,
 )
 from jaxid.structure.problem import Problem, prepare
 from jaxid.structure.stepwise import path
@@ -40,6 +40,7 @@ SIGNALS = ("alpha", "beta", "p", "q", "r", "elevator")
 MANOEUVRES, SAMPLES = 5, 50
 NOISE = (0.01, 0.05, 0.2, 0.5)  # standard deviation of the noise over that of the response without it
 SEED = 1974
+WHOLE = SubsetOptions(direction="there and back")
 CEILINGS = {"limit: right model on the path that only adds": "forward", "limit: right model on the whole path": "whole"}
 NOTES = """Levels of F make paths of their own; the criteria choose from the whole path, there and back. PRESS, AIC and
 cross-validation aim at prediction, which extra terms hardly hurt. At 1 % noise the report's path ends at its R2 of 0.999,
@@ -74,10 +75,10 @@ def paths(problem: Problem, noise_variance: float) -> dict[str, Selection]:
     levels = {"5 %": 0.05, "1 %": 0.01, "0.1 %": 0.001}
     found = {"report": path(problem, REPORT)}
     found |= {name: path(problem, SubsetOptions(level_in=level)) for name, level in levels.items()}
-    found["whole"] = whole_path(problem.X, problem.y, CANDIDATES)
+    found["whole"] = path(problem, WHOLE)
     found["forward"] = Selection(problem, tuple(step for step in found["whole"].steps if step.action == "enter"))
-    known = SubsetOptions(PSE_bound=min(25.0 * noise_variance, problem.SST / problem.samples))
-    found["noise known"] = whole_path(problem.X, problem.y, CANDIDATES, options=known)
+    bound = min(25.0 * noise_variance, problem.SST / problem.samples)
+    found["noise known"] = path(problem, dataclasses.replace(WHOLE, PSE_bound=bound))
     return found
 
 

@@ -5,7 +5,7 @@ What the free parameters could do as well is projected out of the outputs' answe
 # Pyright counts the arguments of functions that equinox and jaxtyping wrap in its own way; the tests execute them.
 # pyright: reportCallIssue=false
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -18,9 +18,8 @@ from .._foundation.types import Array, Float, Int
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels
 from ..estimation.likelihoods import OutputError
-from ..estimation.problem import Limits, Problem
+from ..estimation.problem import Problem
 from ..estimation.result import Estimate
-from ..models.base import canonical
 from ..models.free import Parameters
 from ..models.library import uncertain_equations
 from ..models.noise import FixedNoise
@@ -139,19 +138,14 @@ def where(
     check_channels(fit.model, records)
     require(knots is None or knots >= 2, f"There are {knots} knots in each record; free-form means two at least.")
     require(len(kinds) > 0, "No kind of place is asked about. Name one of equation, input, output, parameter.")
-    model, free = canonical(fit.model), canonical(fit.free)
-    likelihood = OutputError() if likelihood is None else likelihood
-    limits = Limits.of(free, records.n_cases)
-    problem = Problem(model, free.positions(model), records.anonymous(), canonical(likelihood), limits)
+    problem = Problem.of(fit.model, fit.free, records, OutputError() if likelihood is None else likelihood)
     if equations is None:
-        equations = uncertain_equations(model, np.asarray(problem.positions.shared))
-    require_known("state (in `equations`)", equations, model.states)
-    knots, rows = resolution(records, fit.residuals) if knots is None else (knots, records.t.shape[-1])
-    found = search(problem, fit.parameters, fit.noise, knots, rows, tuple(kinds), tuple(equations))
-    names = {"equation": tuple(equations), "input": model.inputs, "output": model.outputs, "parameter": free.shared}
-    places: list[tuple[Kind, str]] = [(kind, name) for kind in kinds for name in names[kind]]
-    variables = (*model.states, *model.inputs, *model.outputs)
-    return ranked(found, places, variables, (knots, rows), isinstance(likelihood.noise, FixedNoise))
+        equations = uncertain_equations(problem.model, np.asarray(problem.positions.shared))
+    require_known("state (in `equations`)", equations, fit.model.states)
+    hats = resolution(records, fit.residuals) if knots is None else (knots, records.t.shape[-1])
+    places = {"equation": tuple(equations), "input": fit.model.inputs, "output": fit.model.outputs}
+    places |= {"parameter": fit.free.shared}
+    return located(problem, fit.parameters, fit.noise, hats, {kind: places[kind] for kind in kinds})
 
 
 def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[int, int]:
@@ -188,31 +182,35 @@ class Found(NamedTuple):
     samples: Float[Array, ""]
 
 
-def ranked(
-    found: Found,
-    places: Sequence[tuple[Kind, str]],
-    variables: Sequence[str],
+def located(
+    problem: Problem,
+    parameters: Parameters,
+    noise: Float[Array, "output output"],
     hats: tuple[int, int],
-    noise_known: bool,
+    places: Mapping[Kind, tuple[str, ...]],
 ) -> Where:
-    """Put names to the arrays.
+    """`where` for a problem and its solution.
 
     Args:
-        found: from `search`.
-        places, variables: kinds and names, in its order.
-        hats: their number and rows.
-        noise_known: whether the whitened sum of squares says how much there is beyond the noise.
+        problem, parameters: what was solved, and its solution.
+        noise: R.
+        hats: how many in each record, and over how many of its rows.
+        places: names by kind: of states, and all inputs, outputs, or shared parameters of the problem.
     """
+    found = search(problem, parameters, noise, *hats, tuple(places), places.get("equation", ()))
     squares, samples = float(found.squares), float(found.samples)
+    noise_known = isinstance(problem.likelihood.noise, FixedNoise)
     power = squares - samples if noise_known else squares
     power = power if power > 0 else float("nan")
     by_chance = 1.0 if noise_known else squares / samples
+    names = [(kind, name) for kind, of in places.items() for name in of]
     rows = [
         Place(*place, score, int(dof), (score - by_chance * dof) / power, disturbance, deviation)
         for place, score, dof, disturbance, deviation in zip(
-            places, *(np.asarray(one).tolist() for one in found[:2]), *map(np.asarray, found[2:4]), strict=True
+            names, *(np.asarray(one).tolist() for one in found[:2]), *map(np.asarray, found[2:4]), strict=True
         )
     ]
+    variables = (*problem.model.states, *problem.model.inputs, *problem.model.outputs)
     named = {name: np.asarray(found.variables[..., k]) for k, name in enumerate(variables)}
     return Where(tuple(sorted(rows, key=lambda one: -one.score + one.dof)), np.asarray(found.knots), named, hats, power)
 

@@ -11,7 +11,7 @@ from .regressors import columns
 from .resampling import Stability, stability
 from .rules import AbstractRule, CrossValidation, FirstMaximumF, LastStep, MaximumF, Minimum, choose
 from .selection import Selection, Step
-from .stepwise import stepwise, stepwise_each, whole_path
+from .stepwise import stepwise, stepwise_each
 
 __all__ = [
     "REPORT",
@@ -41,6 +41,5 @@ __all__ = [
     "stepwise_each",
     "strong",
     "total_least_squares",
-    "whole_path",
     "with_coloured_errors",
 ]

@@ -22,6 +22,9 @@ class SubsetOptions:
         tolerance: least share of a column that the terms inside leave unexplained, for it to enter (section B.3).
         R2_stop: nothing more enters when the multiple correlation R2 has reached this; 1 never stops.
         direction: `"forward"` only adds terms, `"backward"` only removes them, `"both"` checks for removal before each entry.
+            `"there and back"` adds terms until none is left and removes them again, whatever their F: for rules that judge
+            models by a criterion, as a term that entered early in place of others leaves on the way back, and the right
+            model is among these more often.
         force_in: terms that enter first, in this order, and stay.
         force_out: terms that never enter.
         max_terms: most terms in a model; no limit by default.
@@ -37,7 +40,7 @@ class SubsetOptions:
     level_out: float | None = None
     tolerance: float = 0.01
     R2_stop: float = 1.0
-    direction: Literal["both", "forward", "backward"] = "both"
+    direction: Literal["both", "forward", "backward", "there and back"] = "both"
     force_in: tuple[str, ...] = ()
     force_out: tuple[str, ...] = ()
     max_terms: int | None = None
@@ -53,8 +56,12 @@ class SubsetOptions:
         )
         require(0 < self.R2_stop <= 1, f"R2_stop is {self.R2_stop}; it lies above 0 and is at most 1.")
         require(
-            self.direction in ("both", "forward", "backward"),
-            f"The direction is {self.direction!r}. Choose 'both', 'forward' or 'backward'.",
+            self.direction in ("both", "forward", "backward", "there and back"),
+            f"The direction is {self.direction!r}. Choose 'both', 'forward', 'backward' or 'there and back'.",
+        )
+        require(
+            self.direction != "there and back" or not (numbers or levels),
+            "There and back no level of F decides. Leave the levels out, or choose another direction.",
         )
         require_unique("term in force_in and force_out", (*self.force_in, *self.force_out))
         most, forced = self.max_terms, len(self.force_in)

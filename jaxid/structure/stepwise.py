@@ -59,37 +59,6 @@ def stepwise(
     return path(problem, options)
 
 
-def whole_path(
-    X: Float[Numbers, "time term"],
-    y: Float[Numbers, " time"],
-    names: Sequence[str],
-    *,
-    options: SubsetOptions = DEFAULTS,
-    weights: Float[Numbers, " time"] | None = None,
-    deviations: Float[Numbers, " time"] | None = None,
-    constant: bool = True,
-    response: str = "y",
-) -> Selection:
-    """Add terms until none is left and, from all that tolerance admits, remove them until none is left, whatever their F.
-
-    For rules that judge models by a criterion (`Minimum`, `CrossValidation`): a term that entered early in place of others leaves
-    on the way back, so that the right model is among these more often than on a path that only adds.
-
-    Args:
-        X, y, names, weights, deviations, constant, response: as in `stepwise`.
-        options: tolerance, terms forced in or out, limits; levels of F and the direction are not used.
-
-    Raises:
-        InputError: as `stepwise` does.
-    """
-    problem = prepare(X, y, names, weights=weights, deviations=deviations, constant=constant, response=response)
-    given = {"F_in": 0.0, "F_out": 0.0, "level_in": None, "level_out": None}
-    there = path(problem, dataclasses.replace(options, **given, direction="forward"))
-    given |= {"F_in": float("inf"), "F_out": float("inf")}
-    back = path(problem, dataclasses.replace(options, **given, direction="backward"))
-    return Selection(problem, (*there.steps, *back.steps))
-
-
 def stepwise_each(
     responses: Mapping[str, Float[Numbers, " time"]],
     candidates: Mapping[str, Sequence[str]],
@@ -126,6 +95,10 @@ def stepwise_each(
 def path(problem: Problem, options: SubsetOptions = DEFAULTS) -> Selection:
     """`stepwise` for a problem that is prepared already."""
     options.check(problem.names)
+    if options.direction == "there and back":
+        there = dataclasses.replace(options, direction="forward", F_in=0.0, F_out=0.0)
+        back = dataclasses.replace(options, direction="backward", F_in=float("inf"), F_out=float("inf"))
+        return Selection(problem, (*path(problem, there).steps, *path(problem, back).steps))
     steps, active = _start(problem, options)
     barred = {one.name for one in steps if one.action == "bar"}
     while True:

@@ -16,7 +16,7 @@ from ..models.free import Free, free
 from ..models.polynomial import Polynomial
 from ..models.pseudo import PseudoMeasurements
 from ..models.replace import with_polynomials
-from ..structure import Regression, Selection, choose, columns, least_squares, stepwise, strong
+from ..structure import Regression, choose, columns, least_squares, stepwise_each, strong
 from .identification import Equation, Identification, a_priori
 from .identify_options import IdentifyOptions
 
@@ -87,9 +87,18 @@ def _regressions(
     candidates = dict(measured[0].candidates)
     require_known("response (in `options`)", options.named, responses)
     centre = {name: float(np.mean(signals[name])) for name in measured[0].centred}
+    chosen = {name: y for name, y in responses.items() if name not in options.terms}
+    subsets = {name: options.subset_of(name) for name in chosen}
+    selections = stepwise_each(chosen, candidates, signals, centre=centre, options=subsets) if chosen else {}
     equations = {}
     for name, y in responses.items():
-        selection, regression = _regression(name, y, candidates[name], signals, centre, options)
+        selection = selections.get(name)
+        terms = tuple(options.terms.get(name, ()))
+        regression = (
+            least_squares(columns(terms, signals, centre), y, terms, response=name)
+            if selection is None
+            else choose(selection, options.rule)
+        )
         kept, why = _decision(name, regression, options)
         estimated = _estimated(name, regression, options) if kept else ()
         equations[name] = Equation(selection, regression, kept, why, estimated)
@@ -107,24 +116,6 @@ def _gathered(measured: Sequence[PseudoMeasurements]):
         return np.concatenate(parts)
 
     return tuple({name: joined(kind, name) for name in getattr(measured[0], kind)} for kind in ("responses", "signals"))
-
-
-def _regression(
-    name: str,
-    y: Float[np.ndarray, " sample"],
-    candidates: Sequence[str],
-    signals: Mapping[str, Float[np.ndarray, " sample"]],
-    centre: Mapping[str, float],
-    options: IdentifyOptions,
-) -> tuple[Selection | None, Regression]:
-    """The selection of one response and the model taken of it; no selection where the terms were given."""
-    if name in options.terms:
-        terms = tuple(options.terms[name])
-        return None, least_squares(columns(terms, signals, centre), y, terms, response=name)
-    selection = stepwise(
-        columns(candidates, signals, centre), y, candidates, options=options.subset_of(name), response=name
-    )
-    return selection, choose(selection, options.rule)
 
 
 def _decision(name: str, regression: Regression, options: IdentifyOptions) -> tuple[bool, str]:

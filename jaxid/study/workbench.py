@@ -12,7 +12,7 @@ from ..data.record import Record
 from ..diagnosis.free_form import Kind
 from ..diagnosis.scores import Scores, score_test
 from ..diagnosis.validation import Prediction, predict_stack
-from ..diagnosis.where import Where, ranked, resolution, search
+from ..diagnosis.where import Where, located, resolution
 from ..estimation.estimate import Fit, fit_problem
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Limits, Problem
@@ -131,8 +131,7 @@ class Workbench:
             *declared,
             *(self.column[name] for effect in effects for name in own_parameters(self.effects[effect])),
         ]
-        width = len(declared) + WIDTH * max(1, -(-(len(chosen) - len(declared)) // WIDTH))
-        problem, shared = self._problem(chosen, width, values, records)
+        problem, shared = self._problem(chosen, self._width(chosen), values, records)
         begin = start(problem.model, problem.positions, problem.records)
         found = fit_problem(problem, Parameters(shared, begin.rows if rows is None else rows), self.solver)
         new = np.array(values)
@@ -154,19 +153,17 @@ class Workbench:
             fitted: a fit to the training records.
             like: an earlier answer, of which the hats are taken.
         """
-        knots, rows = resolution(self.records, fitted.fit.residuals) if like is None else like.hats
-        width = len(self.free.shared) + WIDTH * max(1, -(-(len(fitted.columns) - len(self.free.shared)) // WIDTH))
-        problem, shared = self._problem(fitted.columns, width, fitted.values, None)
+        problem, shared = self._problem(fitted.columns, self._width(fitted.columns), fitted.values, None)
         declared = np.array([self.position[name] for name in self.free.shared], int)
         equations = uncertain_equations(self.model, declared)
-        equations = tuple(state for state in equations if state in self.model.model.states)
-        parameters = Parameters(shared, fitted.fit.parameters.rows)
-        kinds: tuple[Kind, ...] = ("equation", "input", "output")
-        found = search(problem, parameters, _regular(fitted.fit.noise), knots, rows, kinds, equations)
-        channels = {"equation": equations, "input": self.model.inputs, "output": self.model.outputs}
-        places: list[tuple[Kind, str]] = [(kind, name) for kind in kinds for name in channels[kind]]
-        variables = (*self.model.states, *self.model.inputs, *self.model.outputs)
-        return ranked(found, places, variables, (knots, rows), isinstance(self.likelihood.noise, FixedNoise))
+        places: dict[Kind, tuple[str, ...]] = {
+            "equation": tuple(state for state in equations if state in self.model.model.states),
+            "input": self.model.inputs,
+            "output": self.model.outputs,
+        }
+        hats = resolution(self.records, fitted.fit.residuals) if like is None else like.hats
+        noise = _regular(fitted.fit.noise)
+        return located(problem, Parameters(shared, fitted.fit.parameters.rows), noise, hats, places)
 
     def rehearse(self, records: Record, window: int | None) -> None:
         """Score and predict once at the starting values and throw the answers away: what is compiled thereby is kept.
@@ -196,6 +193,11 @@ class Workbench:
             self.columns[column]: (float(fitted.values[column]), float(deviation[index]))
             for index, column in enumerate(fitted.columns)
         }
+
+    def _width(self, chosen: Sequence[int]) -> int:
+        """In how many columns so many parameters are fitted."""
+        declared = len(self.free.shared)
+        return declared + WIDTH * max(1, -(-(len(chosen) - declared) // WIDTH))
 
     def _problem(self, chosen, width, values, records):
         """The problem with the chosen columns free, padded to a width, and their starting values."""

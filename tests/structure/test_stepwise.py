@@ -14,7 +14,6 @@ from jaxid.structure import (
     columns,
     stepwise,
     stepwise_each,
-    whole_path,
 )
 from jaxid.structure.criteria import critical_F
 
@@ -129,7 +128,7 @@ def test_forward_never_removes_and_backward_never_adds():
 
 def test_the_whole_path_goes_there_and_back():
     X, y = planted(1, 0.3)
-    path = whole_path(X, y, TERMS, options=SubsetOptions(tolerance=1e-6, force_in=("q",)))
+    path = stepwise(X, y, TERMS, options=SubsetOptions(direction="there and back", tolerance=1e-6, force_in=("q",)))
     sizes = [len(step.terms) for step in path.models]
     assert sizes == [*range(11), *range(10, 0, -1)]
     assert all("q" in step.terms for step in path.models[1:])
@@ -142,7 +141,7 @@ def test_the_whole_path_finds_what_a_path_that_only_adds_misses(seed):
     X = draw.normal(size=(80, 5))
     X[:, 4] = X[:, 0] + X[:, 1] + 0.3 * X[:, 4]
     y = X[:, 0] + X[:, 1] + 0.1 * draw.normal(size=80)
-    path = whole_path(X, y, ("a", "b", "c", "d", "sum"))
+    path = stepwise(X, y, ("a", "b", "c", "d", "sum"), options=SubsetOptions(direction="there and back"))
     assert path.models[1].terms == ("sum",)
     assert set(choose(path, Minimum("BIC")).names) == {"a", "b"}
 

@@ -168,7 +168,7 @@ def test_effects_serve_as_errors_too(record):
     cart = jaxid.Augmented(PERFECT, (jaxid.SensorScale("speed"), jaxid.SensorBias("place")))
     found = jaxid.consistency(cart, record, ("scale of speed.gain", "bias.force"))
     assert found.verdict.startswith("speed shows 1")
-    with pytest.raises(InputError, match="does not say how its errors are taken out"):
+    with pytest.raises(InputError, match="Augmented does not say how errors are taken out"):
         found.corrected(record)
     with pytest.raises(InputError, match="proposes no errors"):
         jaxid.consistency(cart, record)

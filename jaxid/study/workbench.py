@@ -257,9 +257,10 @@ class Workbench:
 
 @eqx.filter_jit
 def _signals_of(problem: Problem, parameters: Parameters) -> tuple[dict[str, Array], Bool[Array, "case time"]]:
-    """Every signal of the model at every sample, and which samples are real time."""
+    """Every signal of the model at every sample, the time with them, and which samples are real time."""
     solutions = problem.solve(parameters)
     signals = jax.vmap(jax.vmap(problem.model.signals))(solutions.t, solutions.x, problem.records.u)
+    signals = {"t": solutions.t} | signals
     moving = jnp.diff(problem.records.t, axis=1) > 0
     return signals, jnp.concatenate([jnp.ones((moving.shape[0], 1), bool), moving], axis=1)
 

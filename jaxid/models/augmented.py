@@ -4,14 +4,16 @@ import itertools
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import require_unique
+from .._foundation.checks import require_known, require_unique
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from .base import AbstractModel
 from .effects import Effect
+from .effects_parameter import all_additions, shifted
 from .effects_sensor import SensorEffect, alike, read_together
 from .polynomial import monomials
 
@@ -49,18 +51,32 @@ class Augmented(AbstractModel):
         self.inputs, self.outputs = model.inputs, model.outputs
 
     def rhs(self, t, x, u):
-        own, extra, acting = self._take_apart(x, u)
-        rates, signals = self.model.rhs_and_signals(t, own, acting)
+        own, extra, arriving, acting = self._take_apart(x, u)
+        rates, signals = self._declared(t).rhs_and_signals(t, own, acting)
         signals = signals | extra
         rates = rates + self._terms(signals)
         dx = dict(zip(self.model.states, rates, strict=True))
-        recorded = dict(zip(self.inputs, u, strict=True))
         for effect in self.effects_in:
             for state, addition in effect.equations(dx, signals).items():
                 dx[state] = dx[state] + addition
-        for effect in self.effects_in:
-            dx |= effect.extra_rates(extra, recorded, signals)
+        moving = dx | self._rates_of_signals(t, own, acting, dx)
+        for effect, arrived in zip(self.effects_in, arriving, strict=True):
+            if effect.extra_states:
+                dx |= effect.extra_rates(extra, dict(zip(self.inputs, arrived, strict=True)), signals, moving)
         return jnp.stack([dx[state] for state in self.states])
+
+    def _rates_of_signals(self, t, own, acting, dx):
+        """Rates of the signals that effects ask for and that are no states, by the chain rule from those of the states."""
+        asked = sorted({name for effect in self.effects_in for name in effect.rates_of} - set(self.model.states))
+        if not asked:
+            return {}
+
+        def signals(t, x):
+            found = self._declared(t).signals(t, x, acting)
+            require_known("signal with a rate", asked, [name for name in found if name not in self.inputs])
+            return {name: found[name] for name in asked}
+
+        return jax.jvp(signals, (t, own), (jnp.ones(()), jnp.stack([dx[state] for state in self.model.states])))[1]
 
     def _terms(self, signals) -> Float[Array, " own_state"]:
         """What all effects that are single terms add to the model's own equations."""
@@ -75,16 +91,22 @@ class Augmented(AbstractModel):
         return self.output_given(t, x, u, self.rhs(t, x, u))
 
     def output_given(self, t, x, u, dx):
-        own, _, acting = self._take_apart(x, u)
-        return self.model.output_given(t, own, acting, dx[: own.size])
+        own, _, _, acting = self._take_apart(x, u)
+        return self._declared(t).output_given(t, own, acting, dx[: own.size])
+
+    def _declared(self, t) -> AbstractModel:
+        """The declared model, with what effects add to its parameters."""
+        return shifted(self.model, all_additions(self.effects_in, t))
 
     def _take_apart(self, x, u):
-        """The model's own state, the effects' states by name, and the input that acts on the plant."""
+        """The model's own state, the effects' states by name, the input as each effect finds it, and as the plant does."""
         own = x[: len(self.model.states)]
         extra = dict(zip(self.states[own.size :], x[own.size :], strict=True))
+        arriving = []
         for effect in self.effects_in:
+            arriving.append(u)
             u = effect.input(u, extra, self.inputs)
-        return own, extra, u
+        return own, extra, arriving, u
 
     def observe(self, t, y):
         y = self.model.observe(t, y)
@@ -100,11 +122,13 @@ class Augmented(AbstractModel):
 
     def initial_state(self, record: Record) -> Float[Array, " state"]:
         own = self.model.initial_state(record)
-        return jnp.concatenate([own, jnp.zeros(len(self.states) - own.size)])
+        known = {state: value for effect in self.effects_in for state, value in effect.initial(record).items()}
+        extra = [jnp.asarray(known.get(state, 0.0), float) for state in self.states[own.size :]]
+        return jnp.concatenate([own, jnp.stack(extra)]) if extra else own
 
     def signals(self, t, x, u):
-        own, extra, acting = self._take_apart(x, u)
-        return self.model.signals(t, own, acting) | extra
+        own, extra, _, acting = self._take_apart(x, u)
+        return self._declared(t).signals(t, own, acting) | extra
 
     def input_path(self, path):
         path = self.model.input_path(path)
@@ -125,4 +149,5 @@ class Augmented(AbstractModel):
         return self.model.equations_with_terms()
 
     def units(self):
-        return self.model.units()
+        gains = {f"{effect.name}.gain": effect.unit for effect in self.effects_in if effect.unit}
+        return self.model.units() | gains

@@ -9,6 +9,7 @@ import numpy as np
 from equinox import AbstractVar
 
 from .._foundation.types import Array, Float
+from ..data.record import Record
 
 Signals = dict[str, Float[Array, ""]]
 
@@ -49,6 +50,11 @@ class Effect(eqx.Module):
         return "model"
 
     @property
+    def unit(self) -> str:
+        """Unit of the gain; empty where none is stated."""
+        return ""
+
+    @property
     def complexity(self) -> int:
         """How much it asks one to believe: the number of factors of a term, or of its shape parameters and one. Of effects
         that predict equally well the simplest is preferred."""
@@ -82,7 +88,7 @@ class Effect(eqx.Module):
         """The same effect with its shape set from the signals of the training records.
 
         Args:
-            signals: states, inputs and what the model adds, as simulated, every valid sample.
+            signals: time `t`, states, inputs and what the model adds, as simulated, every valid sample.
             measured: measured outputs, every valid sample.
             step: typical time between two samples [s].
         """
@@ -92,7 +98,20 @@ class Effect(eqx.Module):
 
     @property
     def extra_states(self) -> tuple[str, ...]:
-        """Names of the states that the effect brings with it; they start at zero."""
+        """Names of the states that the effect brings with it."""
+        return ()
+
+    def initial(self, record: Record) -> Signals:
+        """Its own states at the first sample of a record; one that is not named starts at zero.
+
+        Args:
+            record: a single one.
+        """
+        return {}
+
+    @property
+    def rates_of(self) -> tuple[str, ...]:
+        """Signals whose rates `extra_rates` needs, beside those of the states."""
         return ()
 
     def input_path(self, path, inputs: tuple[str, ...]):
@@ -102,6 +121,10 @@ class Effect(eqx.Module):
     def input(self, u: Float[Array, " input"], extra: Signals, inputs: tuple[str, ...]) -> Float[Array, " input"]:
         """Acts on the value of the input at an instant."""
         return u
+
+    def declared(self, t: Float[Array, ""]) -> Signals:
+        """Acts on the parameters of the declared model: returns what is to be added at a time, by dotted name."""
+        return {}
 
     def equations(self, dx: Signals, signals: Signals) -> Signals:
         """Acts on the state derivatives: returns what is to be added, by state."""
@@ -115,8 +138,15 @@ class Effect(eqx.Module):
         """
         return ()
 
-    def extra_rates(self, extra: Signals, u: Signals, signals: Signals) -> Signals:
-        """Time derivatives of the effect's own states, from them, the recorded input and the signals."""
+    def extra_rates(self, extra: Signals, u: Signals, signals: Signals, rates: Signals) -> Signals:
+        """Time derivatives of the effect's own states.
+
+        Args:
+            extra: the states that effects brought.
+            u: the input as it arrives at this effect, which `input` may then change.
+            signals: states and all that the model computes of them.
+            rates: of the model's states and of the signals in `rates_of`, with all that effects add.
+        """
         return {}
 
     def observe(

@@ -68,7 +68,7 @@ class InputLag(Effect):
 
         d(lagged)/dt = (u - lagged) / time,    u -> u + gain (lagged - u)
 
-    A gain of one is the whole lag.
+    A gain of one is the whole lag. The actuator begins at rest, where the record's first input holds it.
 
     Args:
         channel: name of the input.
@@ -109,6 +109,9 @@ class InputLag(Effect):
         index = inputs.index(self.channel)
         return u.at[index].add(self.gain * (extra[self.extra_states[0]] - u[index]))
 
-    def extra_rates(self, extra, u, signals):
+    def initial(self, record):
+        return {self.extra_states[0]: record.channel(self.channel)[0]}
+
+    def extra_rates(self, extra, u, signals, rates):
         lagged = self.extra_states[0]
         return {lagged: (u[self.channel] - extra[lagged]) / self.time}

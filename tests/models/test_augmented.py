@@ -130,9 +130,9 @@ def test_what_a_model_does_to_its_whole_signal_comes_before_the_effects():
     np.testing.assert_allclose(found, 2.0 * simulate(CART, T, U, start).y + np.array([[0.5, 0.0]]), rtol=1e-13)
 
 
-def test_extra_states_start_at_zero_behind_the_models_own():
-    data = record(T, U, np.stack([0.3 + T, 0 * T], axis=1), inputs=("u",), outputs=("x", "a"))
-    np.testing.assert_array_equal(Augmented(CART, EFFECTS).initial_state(data), [0.3, 0.0, 0.0])
+def test_extra_states_stand_behind_the_models_own_and_a_lag_begins_at_rest():
+    data = record(T, 0.7 + U, np.stack([0.3 + T, 0 * T], axis=1), inputs=("u",), outputs=("x", "a"))
+    np.testing.assert_array_equal(Augmented(CART, EFFECTS).initial_state(data), [0.3, 0.0, 1.7])
 
 
 def test_names_that_clash_are_refused():

@@ -1,11 +1,16 @@
 """What a dynamic model is, which of its parameters are free, and which effects it may lack."""
 
+from .acting import Acting
 from .augmented import Augmented
 from .base import AbstractModel
 from .effects import Effect
+from .effects_actuator import InputDeadZone, InputPositionLimit, InputRateLimit
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
 from .effects_input import InputBetweenSamples, InputDelay, InputLag
+from .effects_memory import Hysteresis, LaggedSignal
 from .effects_sensor import SensorBias, SensorDelay, SensorLag, SensorSaturation, SensorScale
+from .effects_sensor_more import SensorCrossTalk, SensorDrift, SensorQuantisation
+from .effects_shape import DeadBand, Hinge, Saturating
 from .free import Free, Parameters, free, with_values
 from .library import general_effects
 from .linear import LinearModel
@@ -18,23 +23,35 @@ from .tables import Table, outside, require_inside
 
 __all__ = [
     "AbstractModel",
+    "Acting",
     "Augmented",
+    "DeadBand",
     "DiagonalNoise",
     "DryFriction",
     "Effect",
     "FixedNoise",
     "Free",
     "FullNoise",
+    "Hinge",
+    "Hysteresis",
     "InputBetweenSamples",
+    "InputDeadZone",
     "InputDelay",
     "InputLag",
+    "InputPositionLimit",
+    "InputRateLimit",
+    "LaggedSignal",
     "LinearModel",
     "Parameters",
     "Polynomial",
     "QuadraticDrag",
+    "Saturating",
     "SensorBias",
+    "SensorCrossTalk",
     "SensorDelay",
+    "SensorDrift",
     "SensorLag",
+    "SensorQuantisation",
     "SensorSaturation",
     "SensorScale",
     "StateLimit",

@@ -7,6 +7,7 @@ import numpy as np
 from .._foundation.types import Array, Float
 from .effects import Effect, zero
 from .polynomial import factors
+from .starts import level_in
 
 
 class Term(Effect):
@@ -174,9 +175,3 @@ class StateLimit(Effect):
     def equations(self, dx, signals):
         spill = self.gain * jnp.maximum(signals[self.state] - self.level, 0.0)
         return {self.state: -spill, self.into: self.share * spill}
-
-
-def level_in(signal: Float[np.ndarray, " sample"], fraction: float) -> Float[Array, ""]:
-    """The level at a fraction of a signal's range."""
-    low, high = np.min(signal), np.max(signal)
-    return jnp.asarray(low + fraction * (high - low))

@@ -1,0 +1,130 @@
+"""General effects with a memory of their own: a signal that acts with a lag, and hysteresis."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .._foundation.types import Array, Float
+from .acting import Acting, ActingEffect
+from .effects import zero
+from .effects_input import NO_LAG_YET
+from .starts import reach_of, time_scale_of
+
+NO_WIDTH_YET = 1e6  # wide against any signal in SI units: z stands still until `start` sets the width
+SHORTEST = 2.0  # steps between samples: a lag starts no shorter, which a fixed step could not follow
+
+
+class LaggedSignal(ActingEffect):
+    """What a signal does lags behind it (quasi-unsteady): `gain (lagged - signal)` is added.
+
+        d(lagged)/dt = (signal - lagged) / time,    e = lagged - signal
+        de/dt = -e/time - d(signal)/dt,             scalar += gain e
+
+    The state that is carried is `e`. It starts at zero: the lagged signal begins at the signal itself, wherever that is, and also
+    where the first state is estimated. The signal is a state, or made of states; an input has no known rate (`InputLag`).
+
+    Args:
+        acting: where it acts.
+        signal: what is late.
+        multiple: where the time starts, as a multiple of the signal's own time scale, its standard deviation over that of its
+            rate.
+        gain: what acts with the lag [unit of the scalar over that of the signal].
+    """
+
+    acting: Acting = eqx.field(static=True)
+    signal: str = eqx.field(static=True)
+    multiple: float = eqx.field(static=True, default=1.0)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    time: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(NO_LAG_YET))
+
+    @property
+    def name(self):
+        return f"{self.family} (from {self.multiple:g} times its own time)"
+
+    @property
+    def family(self):
+        return f"lagged {self.signal} in {self.acting.name}"
+
+    @property
+    def sentence(self):
+        return f"{self.signal} acts {self.acting.words} with a lag"
+
+    @property
+    def bounds(self):
+        return {"time": (1e-6, float("inf"))}
+
+    def start(self, signals, measured, step):
+        time = self.multiple * time_scale_of(signals[self.signal], signals, step)
+        return eqx.tree_at(lambda effect: effect.time, self, jnp.asarray(max(time, SHORTEST * step)))
+
+    @property
+    def extra_states(self):
+        return (f"error of {self.name}",)
+
+    @property
+    def rates_of(self):
+        return (self.signal,)
+
+    def scalar(self, signals):
+        return signals[self.extra_states[0]]
+
+    def extra_rates(self, extra, u, signals, rates):
+        error = self.extra_states[0]
+        return {error: -extra[error] / self.time - rates[self.signal]}
+
+
+class Hysteresis(ActingEffect):
+    """Hysteresis in a signal, after Bouc and Wen, in normalised form with exponent two.
+
+        width dz/dt = ds/dt - (|ds/dt| |z| z + ds/dt z^2) / 2,    scalar += gain z
+
+    From rest `z = tanh(s / width)`, which tends to one; on the way back it first falls by `1 / width`, a straight line, so that a
+    cycle encloses an area. A small width is dry friction of the signal's motion. The signal is a state, or made of states.
+
+    Args:
+        acting: where it acts.
+        signal: in which there is hysteresis.
+        fraction: where the width starts, as a fraction of how far the signal goes from its centre.
+        gain: half the height of the loop [unit of the scalar].
+
+    Source: Wen, Method for Random Vibration of Hysteretic Systems, J. Eng. Mech. Div. ASCE 102 (1976), pp. 249-263, with
+        A = 1, beta = gamma = 1/2, n = 2.
+    """
+
+    acting: Acting = eqx.field(static=True)
+    signal: str = eqx.field(static=True)
+    fraction: float = eqx.field(static=True, default=0.2)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    width: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(NO_WIDTH_YET))
+
+    @property
+    def name(self):
+        return f"hysteresis of {self.signal} in {self.acting.name}"
+
+    @property
+    def sentence(self):
+        return f"hysteresis of {self.signal} {self.acting.words}"
+
+    @property
+    def bounds(self):
+        return {"width": (1e-9, float("inf"))}
+
+    def start(self, signals, measured, step):
+        return eqx.tree_at(
+            lambda effect: effect.width, self, jnp.asarray(self.fraction * reach_of(signals[self.signal]))
+        )
+
+    @property
+    def extra_states(self):
+        return (f"z of {self.name}",)
+
+    @property
+    def rates_of(self):
+        return (self.signal,)
+
+    def scalar(self, signals):
+        return signals[self.extra_states[0]]
+
+    def extra_rates(self, extra, u, signals, rates):
+        # |z| <= 1 by its equation; where a step is too long for that, the clip keeps it finite.
+        z, rate = jnp.clip(extra[self.extra_states[0]], -1.0, 1.0), rates[self.signal]
+        return {self.extra_states[0]: (rate - 0.5 * (jnp.abs(rate) * jnp.abs(z) * z + rate * z**2)) / self.width}

@@ -1,0 +1,139 @@
+"""General effects of a shape that no polynomial has: a dead band, a saturation, a hinge."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .._foundation.types import Array, Float
+from .acting import Acting, ActingEffect
+from .effects import zero
+from .starts import centre_of, level_in, reach_of
+
+
+class DeadBand(ActingEffect):
+    """What acts only beyond a dead band: nothing within `width` of the centre, a straight line on either side.
+
+        scalar += gain (d - clip(d, -width, width)),    d = signal - centre
+
+    Play in a joint is the pattern. The centre stays: zero where the signal moves about zero, else its median.
+
+    Args:
+        acting: where it acts.
+        signal: of which it is made.
+        fraction: where the width starts, as a fraction of how far the signal goes from its centre.
+        gain: slope beyond the band [unit of the scalar over that of the signal].
+    """
+
+    acting: Acting = eqx.field(static=True)
+    signal: str = eqx.field(static=True)
+    fraction: float = eqx.field(static=True, default=0.4)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    width: Float[Array, ""] = eqx.field(default_factory=zero)
+    centre: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"dead band of {self.signal} in {self.acting.name}"
+
+    @property
+    def sentence(self):
+        return f"{self.signal} acts {self.acting.words} only beyond a dead band"
+
+    @property
+    def fixed(self):
+        return ("centre",)
+
+    @property
+    def bounds(self):
+        return {"width": (0.0, float("inf"))}
+
+    def start(self, signals, measured, step):
+        shape = jnp.asarray(self.fraction * reach_of(signals[self.signal])), centre_of(signals[self.signal])
+        return eqx.tree_at(lambda effect: (effect.width, effect.centre), self, shape)
+
+    def scalar(self, signals):
+        away = signals[self.signal] - self.centre
+        return away - jnp.clip(away, -self.width, self.width)
+
+
+class Saturating(ActingEffect):
+    """What acts up to a level on either side of its centre and no further.
+
+        scalar += gain clip(d, -level, level),    d = signal - centre
+
+    Where the equation has a free linear term in the signal, a dead band of the opposite sign is the same.
+
+    Args:
+        acting: where it acts.
+        signal: of which it is made.
+        fraction: where the level starts, as a fraction of how far the signal goes from its centre.
+        gain: slope below the level [unit of the scalar over that of the signal].
+    """
+
+    acting: Acting = eqx.field(static=True)
+    signal: str = eqx.field(static=True)
+    fraction: float = eqx.field(static=True, default=0.4)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    level: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.ones(()))
+    centre: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"saturation of {self.signal} in {self.acting.name}"
+
+    @property
+    def sentence(self):
+        return f"{self.signal} acts {self.acting.words} up to a level and no further"
+
+    @property
+    def fixed(self):
+        return ("centre",)
+
+    @property
+    def bounds(self):
+        return {"level": (0.0, float("inf"))}
+
+    def start(self, signals, measured, step):
+        shape = jnp.asarray(self.fraction * reach_of(signals[self.signal])), centre_of(signals[self.signal])
+        return eqx.tree_at(lambda effect: (effect.level, effect.centre), self, shape)
+
+    def scalar(self, signals):
+        return jnp.clip(signals[self.signal] - self.centre, -self.level, self.level)
+
+
+class Hinge(ActingEffect):
+    """One knot of a linear spline: nothing up to a level, a straight line beyond.
+
+        scalar += gain max(signal - level, 0)
+
+    A stop that is met, a spring that is slack on one side and a flow that separates all bend in this way.
+
+    Args:
+        acting: where it acts.
+        signal: of which it is made.
+        fraction: where the level starts, as a fraction of the signal's range on the training records.
+        gain: change of slope at the level [unit of the scalar over that of the signal].
+    """
+
+    acting: Acting = eqx.field(static=True)
+    signal: str = eqx.field(static=True)
+    fraction: float = eqx.field(static=True, default=0.5)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    level: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"{self.family} (from {self.fraction:.0%})"
+
+    @property
+    def family(self):
+        return f"hinge of {self.signal} in {self.acting.name}"
+
+    @property
+    def sentence(self):
+        return f"the slope of {self.signal} {self.acting.words} changes at a level"
+
+    def start(self, signals, measured, step):
+        return eqx.tree_at(lambda effect: effect.level, self, level_in(signals[self.signal], self.fraction))
+
+    def scalar(self, signals):
+        return jnp.maximum(signals[self.signal] - self.level, 0.0)

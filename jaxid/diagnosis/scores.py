@@ -51,7 +51,6 @@ class Scores(eqx.Module):
         return jax.scipy.stats.chi2.sf(self.significance, 1)
 
 
-@eqx.filter_jit
 def score_test(problem: Problem, parameters: Parameters, is_free: Bool[Array, " column"]) -> Scores:
     """Score every column of a problem that is not free.
 
@@ -63,9 +62,29 @@ def score_test(problem: Problem, parameters: Parameters, is_free: Bool[Array, " 
     Returns:
         Scores, expected gains and overlaps.
     """
-    count = problem.positions.rows.size
+    return scores_of(*white_columns(problem, parameters), is_free)
+
+
+@eqx.filter_jit
+def white_columns(
+    problem: Problem, parameters: Parameters
+) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
+    """Residuals and sensitivities in units of the noise, each record's own unknowns in the first columns."""
     v, S = problem.sensitivities(parameters)
-    v, S = problem.whiten(v, v), problem.whiten(v, S)
+    return problem.whiten(v, v), problem.whiten(v, S)
+
+
+@eqx.filter_jit
+def scores_of(
+    v: Float[Array, "case time output"], S: Float[Array, "case time output column"], is_free: Bool[Array, " shared"]
+) -> Scores:
+    """The score test of columns that are there already.
+
+    Args:
+        v, S: residuals and sensitivities whose noise is white with variance one, as `white_columns` gives them.
+        is_free: of the last columns of S, the shared ones, which are free.
+    """
+    count = S.shape[-1] - is_free.size
     triangles = record_triangles(S[..., :count], S[..., count:], v)
     nothing = jnp.zeros((1, is_free.size + 1))
     information = gather(triangles, nothing, jnp.zeros((v.shape[0], count), bool), jnp.zeros(is_free.size, bool))

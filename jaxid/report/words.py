@@ -15,8 +15,11 @@ OUTCOMES = {
     "measurement noise. So something else, or something more, is missing: take them as stand-ins for it, not as the "
     "cause.",
     "unexplained": "The error is more than measurement noise, and no candidate that was tried lowers it on the records "
-    "that decided. So something is missing that is not among the candidates; no cause is named. More candidates, or a "
-    "model with random disturbances such as gusts, are the next things to try.",
+    "that decided. So something is missing that is not among the candidates; no cause is named. "
+    "More candidates are the next thing to try.",
+    "process noise": "What the declared model leaves is more than measurement noise, but nothing predicts it: once a filter "
+    "knows of random forces in the equations, what is left is noise, and neither a candidate nor any simple function of the "
+    "signals explains any part of it. So no term is missing that these records could show, and nothing was added.",
     "nothing missing": "Already the declared model leaves no more than measurement noise, and no candidate explains "
     "any part of it. Nothing was added.",
 }

@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.stats import chi2
 
 from .._foundation.checks import require, require_float64
 from .._foundation.grid import is_uniform
@@ -28,7 +27,8 @@ from ..models.noise import FixedNoise
 from ..sensitivity.spectrum import spectrum
 from .options import LoopOptions
 from .search import Search
-from .study import Round, Side, Study
+from .study import Side, Study
+from .verdict import conclude, verdict
 from .workbench import Fitted, Workbench, own_parameters, starting_states
 
 SOLVER = GaussNewton(tolerance=1e-4, least_fall=1e-3, max_steps=60)  # a decision needs no more
@@ -107,6 +107,8 @@ def close_loop(
         found, rounds = search.run(declared)
         progress("where the residual sits")
         where = {"before": before.result()}
+    conclusion = conclude(search, rounds, declared, found, where["before"])
+    found = declared if conclusion.process_noise else found
     where["after"] = bench.where(found, like=where["before"]) if found.effects else where["before"]
     if whole is not None:
         progress("estimate on the whole of the training records")
@@ -114,7 +116,7 @@ def close_loop(
         found = bench.fit(found.effects, found.values, records=whole.anonymous())
     progress("prediction of the test records")
     used = train if whole is None else whole
-    return _study(bench, search, declared, found, rounds, where, tests, used)
+    return _study(bench, search, declared, found, rounds, where, tests, used, conclusion)
 
 
 def _started(bench: Workbench) -> Fitted:
@@ -155,17 +157,16 @@ def _tests(test, check: Record) -> dict[str, Record]:
 
 
 def _study(
-    bench: Workbench, search: Search, declared, found, rounds, where: dict[str, Where], tests, used: Record
+    bench: Workbench, search: Search, declared, found, rounds, where: dict[str, Where], tests, used: Record, conclusion
 ) -> Study:
     effects = tuple(bench.effects[name] for name in found.effects)
     before, after = _side(bench, search, declared, tests, used), _side(bench, search, found, tests, used)
     known = isinstance(bench.likelihood.noise, FixedNoise)
     deviation = np.sqrt(np.diagonal(np.asarray(found.fit.noise)))
-    outcome = _outcome(rounds, found, search, bench)
     sentences = tuple(effect.sentence for effect in effects)
     return Study(
-        verdict=_verdict(outcome, sentences, rounds, where["after"]),
-        outcome=outcome,
+        verdict=verdict(conclusion, sentences, rounds, where["after"]),
+        outcome=conclusion.outcome,
         effects=found.effects,
         sentences=sentences,
         rounds=rounds,
@@ -174,6 +175,7 @@ def _study(
         after=after,
         noise=dict(zip(used.outputs, map(float, deviation), strict=True)),
         noise_known=known,
+        process_noise=conclusion.process_noise,
         outputs=used.outputs,
         output_units=used.output_units,
         tests=tests,
@@ -221,36 +223,3 @@ def _unpadded(fitted: Fitted) -> Fit:
             spectrum(information.triangle, information.rhs),
         ),
     )
-
-
-def _outcome(rounds: tuple[Round, ...], found: Fitted, search: Search, bench: Workbench) -> str:
-    """Whether the residual is consistent with noise after what was added (the gate of a claim)."""
-    last = rounds[-1]
-    fires = any(min(one.score, one.significance) > last.threshold for one in last.candidates)
-    coloured = not search.looks_like_noise(last.predictable)
-    if isinstance(bench.likelihood.noise, FixedNoise):
-        coloured = coloured or _above_known_noise(found, bench, search.options.level)
-    if found.effects:
-        return "proxies" if coloured or fires else "explained"
-    return "unexplained" if coloured or fires else "nothing missing"
-
-
-def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:
-    """Whether the residual's whitened sum of squares is larger than known noise allows (chi-square)."""
-    mask = np.asarray(bench.records.mask)
-    deviation = np.sqrt(np.diagonal(np.asarray(found.fit.noise)))
-    white = np.asarray(found.fit.residuals) / deviation
-    return bool(chi2.sf(np.sum(white[mask] ** 2), int(mask.sum()) - len(found.columns)) < level)
-
-
-def _verdict(outcome: str, sentences: tuple[str, ...], rounds: tuple[Round, ...], left: Where) -> str:
-    what = "; ".join(sentences)
-    rivals = sorted({rival for one in rounds for rival in one.rivals})
-    also = f" (these records cannot tell it from: {', '.join(rivals)})" if rivals else ""
-    sits = f" It sits in the {' or the '.join(f'{one.kind} {one.name}' for one in left.rivals())}."
-    return {
-        "nothing missing": "Nothing is missing: the residual is consistent with noise, and no candidate explains any of it.",
-        "explained": f"The model lacked: {what}{also}. With it the residual is consistent with noise.",
-        "proxies": f"Something is missing; the best proxies are: {what}{also}. What stays after them is more than noise.",
-        "unexplained": f"Something is missing here, and nothing in the library explains it.{sits}",
-    }[outcome]

@@ -14,6 +14,7 @@ class LoopOptions(eqx.Module):
             while the residual is still predictable, so that no significance is known.
         harm: rise of the same error that an effect may cause on check records that hardly excite it.
         refits: how many of the best-scored candidates are refitted in each round.
+        pairs: how many of the best-scored pairs are refitted where no single candidate helps.
         max_rounds: how many effects may be added.
         predictable: share of the residual's power that its own past may explain, up to which it counts as noise.
 
@@ -25,12 +26,14 @@ class LoopOptions(eqx.Module):
     material: float = eqx.field(static=True, default=0.02)
     harm: float = eqx.field(static=True, default=0.001)
     refits: int = eqx.field(static=True, default=8)
+    pairs: int = eqx.field(static=True, default=3)
     max_rounds: int = eqx.field(static=True, default=8)
     predictable: float = eqx.field(static=True, default=0.03)
 
     def __check_init__(self):
         for name in ("level", "material", "predictable"):
             require(0 < getattr(self, name) < 1, f"{name} is {getattr(self, name)}; it must lie between 0 and 1.")
-        require(self.harm >= 0, f"harm is {self.harm}; it must not be negative.")
+        for name in ("harm", "pairs"):
+            require(getattr(self, name) >= 0, f"{name} is {getattr(self, name)}; it must not be negative.")
         for name in ("refits", "max_rounds"):
             require(getattr(self, name) >= 1, f"{name} is {getattr(self, name)}; it must be at least 1.")

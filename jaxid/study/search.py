@@ -1,6 +1,6 @@
 """The search for effects: score, refit the best, keep what predicts, drop what has become insignificant, and again."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +15,8 @@ from .options import LoopOptions
 from .study import Candidate, Round
 from .workbench import Fitted, Workbench
 
+ALIKE = 0.99  # overlap up to which two effects are tried as a pair: beyond it their gains run away against each other
+MOST_PAIRS = 20  # that are looked at
 COLLINEAR = 0.9999  # overlap from which on two candidates are one and the same to the data
 INSEPARABLE = 6.0  # fits whose chi-squares differ by less, price included, are rivals that the data cannot tell apart
 Progress = Callable[[str], None]
@@ -97,6 +99,10 @@ class Search:
             refits[candidate.name] = refit
         kept = {one.name: one for one in told if one.verdict == "kept"}
         if not kept:
+            pairs = self.refit_pairs(fitted, candidates, scores, before, refits, number)
+            told = sorted([*told, *pairs], key=lambda one: -one.score)
+            kept = {one.name: one for one in pairs if one.verdict == "kept"}
+        if not kept:
             return None, None, (), tuple(told)
         winner, rivals = self.choose(kept, refits)
         rivals += tuple(name for name, same in twins.items() if same == winner)
@@ -111,6 +117,27 @@ class Search:
         told = [_replaced(one, verdict=verdicts.get(one.name, one.verdict)) for one in told]
         return winner, refits[winner], rivals, tuple(told)
 
+    def refit_pairs(self, fitted, candidates, scores, before, refits: dict[str, Fitted], number) -> list[Candidate]:
+        """Refit the pairs that score best together, for effects that hide each other: weak alone, strong together.
+
+        The joint score of two columns follows from their own and their overlap `rho`, with `b` the signed root of a score,
+
+            score = (b_1^2 + b_2^2 - 2 rho b_1 b_2) / (1 - rho^2)    chi-square with two degrees of freedom
+        """
+        pairs = pairs_of(candidates, scores, self.bench.gains)
+        count = len(candidates) * (len(candidates) - 1) // 2
+        threshold = -2.0 * float(
+            np.log(self.options.level / max(count, 1))
+        )  # exceeded by chance with two degrees of freedom
+        told = []
+        for pair in pairs[: self.options.pairs]:
+            if min(pair.score, pair.significance) <= threshold:
+                continue
+            self.progress(f"round {number}: refit with {pair.name}")
+            refits[pair.name] = self.refit(fitted, pair)
+            told.append(self.judge(fitted, refits[pair.name], pair, before, threshold))
+        return told
+
     def choose(self, kept: dict[str, Candidate], refits: dict[str, Fitted]) -> tuple[str, tuple[str, ...]]:
         """The winner and its rivals.
 
@@ -121,11 +148,12 @@ class Search:
         best = max(kept.values(), key=_check_fall)
         error = self.check_uncertainty(refits[best.name])
         equals = [one for one in kept.values() if _check_fall(one) >= _check_fall(best) - error]
-        simplest = min(self.bench.effects[one.name].complexity for one in equals)
+        complexity = {one.name: sum(self.bench.effects[part].complexity for part in one.parts) for one in equals}
+        simplest = min(complexity.values())
         price = {
             one.name: one.cost_fall - np.log(self.samples) * len(refits[one.name].columns) for one in kept.values()
         }
-        simple = [one.name for one in equals if self.bench.effects[one.name].complexity == simplest]
+        simple = [name for name, asked in complexity.items() if asked == simplest]
         winner = max(simple, key=lambda name: price[name])
         inseparable = [
             one.name for one in equals if one.name != winner and price[winner] - price[one.name] < INSEPARABLE
@@ -151,9 +179,10 @@ class Search:
         return unseen.union(chosen), {name: same for name, same in twins.items() if name not in unseen}
 
     def refit(self, fitted: Fitted, candidate: Candidate) -> Fitted:
-        """All parameters together with one effect more."""
-        effects, values = (*fitted.effects, candidate.name), np.array(fitted.values)
-        values[self.bench.gains[candidate.name]] = self.bench.effects[candidate.name].begin
+        """All parameters together with one effect more, or a pair."""
+        effects, values = (*fitted.effects, *candidate.parts), np.array(fitted.values)
+        for name in candidate.parts:
+            values[self.bench.gains[name]] = self.bench.effects[name].begin
         return self.bench.fit(effects, values, fitted.fit.parameters.rows)
 
     def judge(self, fitted: Fitted, refit: Fitted, candidate: Candidate, before: float, threshold: float) -> Candidate:
@@ -233,6 +262,32 @@ class Search:
         """Share of the training residual that its own past predicts, per channel."""
         share = predictable_share(fitted.fit.residuals, self.bench.records.mask)
         return dict(zip(self.bench.records.outputs, map(float, share), strict=True))
+
+
+def pairs_of(candidates: tuple[Candidate, ...], scores: Scores, gains: Mapping[str, int]) -> tuple[Candidate, ...]:
+    """All pairs of different families, the best joint score first, whose parts the data can tell apart.
+
+    Args:
+        candidates: single ones.
+        scores: of all columns.
+        gains: column of each candidate's gain.
+    """
+    at = np.array([gains[one.name] for one in candidates], int)
+    b = np.sign(np.asarray(scores.expected)[at]) * np.sqrt(np.asarray(scores.score)[at])
+    rho = np.asarray(scores.overlap)[np.ix_(at, at)]
+    apart = np.abs(rho) < ALIKE
+    joint = (b[:, None] ** 2 + b[None] ** 2 - 2.0 * rho * b[:, None] * b[None]) / np.where(apart, 1.0 - rho**2, 1.0)
+    colour = np.maximum(np.asarray(scores.inflation)[at][:, None], np.asarray(scores.inflation)[at][None])
+    rows, columns = np.triu_indices(len(candidates), 1)
+    order = np.argsort(-joint[rows, columns], kind="stable")
+    found = []
+    for i, j in zip(rows[order], columns[order], strict=True):
+        one, other = candidates[i], candidates[j]
+        if apart[i, j] and one.family != other.family and joint[i, j] > 0:
+            found.append(one.with_other(other, float(joint[i, j]), float(joint[i, j] / colour[i, j])))
+        if len(found) == MOST_PAIRS:
+            break
+    return tuple(found)
 
 
 def _check_fall(candidate: Candidate) -> float:

@@ -15,7 +15,7 @@ from ..models.base import AbstractModel
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """One candidate of one round.
+    """One candidate of one round, or a pair of them, whose name is `one + other`.
 
     Attributes:
         name, family, place, sentence: what it is and where it acts.
@@ -26,6 +26,7 @@ class Candidate:
         cost_fall: fall of the training cost in a refit, twice (chi-square); None where it was not refitted.
         check_fall: fall of the check records' error, mean over channels of its logarithm; None likewise.
         verdict: what became of it, in words.
+        pair: the names of both effects where it is a pair.
     """
 
     name: str
@@ -39,6 +40,26 @@ class Candidate:
     cost_fall: float | None = None
     check_fall: float | None = None
     verdict: str = "not refitted"
+    pair: tuple[str, ...] = ()
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The names of its effects: its own, or both of a pair."""
+        return self.pair or (self.name,)
+
+    def with_other(self, other: "Candidate", score: float, significance: float) -> "Candidate":
+        """The pair of two candidates, with their joint score."""
+        both = {name: " and ".join((getattr(self, name), getattr(other, name))) for name in ("place", "sentence")}
+        return Candidate(
+            f"{self.name} + {other.name}",
+            f"{self.family} + {other.family}",
+            **both,
+            score=score,
+            significance=significance,
+            expected=float("nan"),
+            left=min(self.left, other.left),
+            pair=(self.name, other.name),
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,6 +86,11 @@ class Round:
     predictable: dict[str, float]
     threshold: float
 
+    @property
+    def came_in(self) -> tuple[str, ...]:
+        """The names of the effects that were added: none, one, or a pair."""
+        return next((one.parts for one in self.candidates if one.name == self.added), ())
+
 
 @dataclasses.dataclass(frozen=True)
 class Side:
@@ -84,19 +110,44 @@ class Side:
 
 
 @dataclasses.dataclass(frozen=True)
+class RandomForces:
+    """Process noise: forces that no signal predicts, such as those of turbulence.
+
+    Attributes:
+        equations: where they act, as far as the records tell.
+        force: standard deviation of the random force in each uncertain equation [rate of the state].
+        time: their correlation time [s].
+        gain: twice the rise of the log-likelihood over noise of the instruments alone.
+    """
+
+    equations: tuple[str, ...]
+    force: dict[str, float]
+    time: float
+    gain: float
+
+    def __str__(self) -> str:
+        sizes = ", ".join(f"{self.force[name]:.3g} in d({name})/dt" for name in self.equations)
+        return (
+            f"random forces (process noise, as of turbulence) of standard deviation {sizes} and correlation time "
+            f"{self.time:.2g} s explain the residual. Estimates by output error suffer from them; fit by filter error next."
+        )
+
+
+@dataclasses.dataclass(frozen=True)
 class Study:
     """The result of `close_loop`.
 
     Attributes:
         verdict: in a sentence.
         outcome: `nothing missing`, `explained`, `proxies` (something is missing, and what was added is not its cause for
-            certain) or `unexplained`.
+            certain), `process noise` (unpredictable forces, and nothing is added) or `unexplained`.
         effects: names of the effects that were added and kept, in the order of their finding.
         sentences: the same in words.
         rounds: what happened.
         where: where the training residual sits, of the declared model (`before`) and of the one with the effects (`after`).
         before, after: the declared model and the one with the effects, on the test records.
         noise: standard deviation of the noise by channel, known or estimated from the last fit.
+        process_noise: the random forces where these explain the residual, else None.
         noise_known: whether the noise was given, so that the residual was held against it, or estimated.
         outputs, output_units: names and units of the channels.
         tests: the test records by name.
@@ -112,6 +163,7 @@ class Study:
     after: Side
     noise: dict[str, float]
     noise_known: bool
+    process_noise: RandomForces | None
     outputs: tuple[str, ...]
     output_units: tuple[str, ...]
     tests: dict[str, Record]
@@ -128,6 +180,7 @@ class Study:
             "after": pick(self.after.rms),
             "noise": self.noise,
             "noise_known": self.noise_known,
+            "process_noise": dataclasses.asdict(self.process_noise) if self.process_noise else None,
             "tests": {name: {"before": self.before.rms[name], "after": self.after.rms[name]} for name in self.tests},
             "parameters": _parameters(self.after.estimate),
             "declared": _parameters(self.before.estimate),

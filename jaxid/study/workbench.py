@@ -10,7 +10,8 @@ import numpy as np
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..diagnosis.free_form import Kind
-from ..diagnosis.scores import Scores, score_test
+from ..diagnosis.process_noise import ProcessNoise, process_noise
+from ..diagnosis.scores import Scores, scores_of, white_columns
 from ..diagnosis.validation import Prediction, predict_stack
 from ..diagnosis.where import Where, located, resolution
 from ..estimation.estimate import Fit, fit_problem
@@ -165,6 +166,25 @@ class Workbench:
         noise = _regular(fitted.fit.noise)
         return located(problem, Parameters(shared, fitted.fit.parameters.rows), noise, hats, places)
 
+    def filtered(self, fitted: Fitted, where: Where) -> tuple[ProcessNoise, Scores]:
+        """The residual of a fit as the work of unpredictable forces, and the scores of what is absent among innovations.
+
+        Args:
+            fitted: a fit to the training records.
+            where: the places in which a force could act, and how large it would be.
+        """
+        places = {place.name: place for place in where.places if place.kind == "equation"}
+        force = jnp.array([np.sqrt(np.mean(place.disturbance**2)) for place in places.values()])
+        problem, shared = self._problem(fitted.columns, self._width(fitted.columns), fitted.values, None)
+        _, S = self._white_columns(fitted.values, fitted.fit.parameters.rows)
+        known = isinstance(self.likelihood.noise, FixedNoise)
+        parameters = Parameters(shared, fitted.fit.parameters.rows)
+        floor = 1e-3 * jnp.max(force) + jnp.finfo(float).tiny
+        is_free = self._is_free(fitted.columns)
+        noise = process_noise(problem, parameters, S, is_free, jnp.maximum(force, floor), tuple(places), known)
+        columns = jnp.concatenate([noise.S, noise.probes], axis=-1)
+        return noise, scores_of(noise.v, columns, jnp.pad(is_free, (0, noise.probes.shape[-1])))
+
     def rehearse(self, records: Record, window: int | None) -> None:
         """Score and predict once at the starting values and throw the answers away: what is compiled thereby is kept.
 
@@ -176,11 +196,15 @@ class Workbench:
         self._score(values, rows, tuple(range(len(self.free.shared))))
 
     def _score(self, values, rows, columns) -> Scores:
-        everything = range(len(self.columns))
-        problem, shared = self._problem(everything, len(self.columns), values, None)
-        is_free = np.zeros(len(self.columns), bool)
-        is_free[list(columns)] = True
-        return score_test(problem, Parameters(shared, rows), jnp.asarray(is_free))
+        return scores_of(*self._white_columns(values, rows), self._is_free(columns))
+
+    def _white_columns(self, values, rows):
+        """Residuals and sensitivities to all columns, in units of the noise."""
+        problem, shared = self._problem(range(len(self.columns)), len(self.columns), values, None)
+        return white_columns(problem, Parameters(shared, rows))
+
+    def _is_free(self, columns) -> Bool[Array, " column"]:
+        return jnp.zeros(len(self.columns), bool).at[np.array(columns, int)].set(True)
 
     def _predict(self, values, noise, records, window) -> Prediction:
         known = eqx.tree_at(lambda likelihood: likelihood.noise, self.likelihood, FixedNoise(_regular(noise)))

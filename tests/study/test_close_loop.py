@@ -10,7 +10,10 @@ import pytest
 from jaxid import AbstractModel, Augmented, LoopOptions, OutputError, close_loop, free, record, simulate
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.types import Array
+from jaxid.diagnosis import Scores
 from jaxid.models import FixedNoise, InputDelay, SensorBias, SensorSaturation, SensorScale, Term
+from jaxid.study.search import pairs_of
+from jaxid.study.study import Candidate
 
 SIGMA = 0.02
 WINDOW = 60
@@ -114,6 +117,55 @@ def test_no_cause_is_named_when_the_true_effect_is_not_in_the_library():
     found = study(PLANTED["x^3 in v"], seed=1, effects=library)
     assert found.outcome in ("proxies", "unexplained")
     assert found.verdict.startswith("Something is missing")
+
+
+def shaken(seed, samples=300):
+    """A record of the spring with a random force of 0.1 1/s^2 and 0.5 s in it, in steps of a twentieth of a sample."""
+    rng = np.random.default_rng(seed)
+    t, u = 0.1 * np.arange(samples), np.convolve(rng.normal(size=samples), np.ones(8) / 2.5, "same")
+    keep, h = np.exp(-0.005 / 0.5), 0.005
+    d, x, y = 0.1 * rng.normal(), np.zeros(2), []
+    for i in range(samples):
+        y.append(x[0])
+        for part in range(20):
+            force = u[i] + part / 20 * (u[min(i + 1, samples - 1)] - u[i])
+            d = keep * d + np.sqrt(1 - keep**2) * 0.1 * rng.normal()
+            x = x + h * np.array([x[1], force - 1.5 * x[0] - 0.2 * x[1] + d])
+    z = np.array(y)[:, None] + SIGMA * rng.normal(size=(samples, 1))
+    return record(t, u[:, None], z, inputs=("force",), outputs=("x",), name=f"record {seed}")
+
+
+def test_a_random_force_is_told_as_such_and_nothing_is_added():
+    flown = [shaken(10 + index) for index in range(7)]
+    train, check, test = ([flown[index] for index in part] for part in (TRAIN, CHECK, TEST))
+    model = Spring(1.0, 0.1)
+    chosen = free(model, "k", "c", per_record=("initial_state",))
+    found = close_loop(
+        model, chosen, OutputError(), train=train, check=check, test=test, effects=LIBRARY, window=WINDOW
+    )
+    assert (found.outcome, found.effects) == ("process noise", ())
+    assert found.process_noise.equations == ("v",)
+    # Found from 90 s of record, or 90 independent stretches, and below the noise at the fast end: within a half.
+    assert found.process_noise.force["v"] == pytest.approx(0.1, rel=0.5)
+    assert "random forces" in found.verdict
+
+
+def test_pairs_score_together_what_their_parts_hide():
+    """The joint score is the fall of the sum of squares in a regression on both columns."""
+    rng = np.random.default_rng(5)
+    A = rng.normal(size=(200, 3))
+    A[:, 1] = 0.95 * A[:, 0] + 0.3 * A[:, 1]
+    A = A / np.linalg.norm(A, axis=0)
+    y = 40.0 * (A[:, 0] - A[:, 1]) + rng.normal(size=200)
+    toward = A.T @ y
+    scores = Scores(*map(jnp.asarray, (toward**2, np.ones(3), toward, np.ones(3), A.T @ A)))
+    names = ("a", "b", "c")
+    single = tuple(Candidate(one, one, "", one, float(toward[i] ** 2), 0.0, 0.0, 1.0) for i, one in enumerate(names))
+    best = pairs_of(single, scores, {"a": 0, "b": 1, "c": 2})[0]
+    assert best.parts == ("a", "b")
+    rest = y - A[:, :2] @ np.linalg.lstsq(A[:, :2], y, rcond=None)[0]
+    assert best.score == pytest.approx(y @ y - rest @ rest, rel=1e-10)
+    assert best.score > 2.0 * max(one.score for one in single)
 
 
 def test_known_noise_is_held_against_the_residual():

@@ -1,0 +1,91 @@
+"""What a loop may claim: the gate between an effect that explains and one that only helps, and the words for it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jax.scipy.stats import chi2
+
+from ..diagnosis.predictable import predictable_share
+from ..diagnosis.where import Where
+from ..models.noise import FixedNoise
+from .search import Search, critical
+from .study import RandomForces, Round
+from .workbench import Fitted, Workbench
+
+
+class Conclusion(NamedTuple):
+    """The outcome of a loop, and the random forces where these are it."""
+
+    outcome: str
+    process_noise: RandomForces | None
+
+
+def conclude(search: Search, rounds: tuple[Round, ...], declared: Fitted, found: Fitted, where: Where) -> Conclusion:
+    """Whether the residual is consistent with noise after what was added, and if not, whether with random forces alone.
+
+    Args:
+        search: with its workbench and options.
+        rounds: what was tried.
+        declared, found: the declared model's fit, and the one with what was added.
+        where: the places of the declared model's residual.
+    """
+    last = rounds[-1]
+    fires = any(min(one.score, one.significance) > last.threshold for one in last.candidates)
+    coloured = not search.looks_like_noise(last.predictable)
+    if isinstance(search.bench.likelihood.noise, FixedNoise):
+        coloured = coloured or _above_known_noise(found, search.bench, search.options.level)
+    if not (coloured or fires):
+        return Conclusion("explained" if found.effects else "nothing missing", None)
+    forces = _random_forces(search, declared, where)
+    if forces is not None:
+        return Conclusion("process noise", forces)
+    return Conclusion("proxies" if found.effects else "unexplained", None)
+
+
+def _random_forces(search: Search, declared: Fitted, where: Where) -> RandomForces | None:
+    """The forces, where a filter that knows of them leaves noise, and nothing absent scores among its innovations."""
+    equations = tuple(place.name for place in where.rivals() if place.kind == "equation")
+    if not equations:
+        return None
+    search.progress("whether random forces explain the residual")
+    noise, scores = search.bench.filtered(declared, where)
+    share = predictable_share(noise.v, search.bench.records.mask)
+    outputs = dict(zip(search.bench.records.outputs, map(float, share), strict=True))
+    significance = np.asarray(scores.significance)
+    strongest = float(np.max(significance, initial=0.0))
+    tried = int(np.sum(np.asarray(scores.left) > 0))
+    if not search.looks_like_noise(outputs) or strongest > critical(search.options.level / max(tried, 1)):
+        return None
+    places = [place.name for place in where.places if place.kind == "equation"]
+    force = dict(zip(places, map(float, noise.force), strict=True))
+    return RandomForces(equations, force, float(noise.time), float(noise.gain))
+
+
+def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:
+    """Whether the residual's whitened sum of squares is larger than known noise allows (chi-square)."""
+    mask = np.asarray(bench.records.mask)
+    deviation = np.sqrt(np.diagonal(np.asarray(found.fit.noise)))
+    white = np.asarray(found.fit.residuals) / deviation
+    return bool(chi2.sf(np.sum(white[mask] ** 2), int(mask.sum()) - len(found.columns)) < level)
+
+
+def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rounds: tuple[Round, ...], left: Where) -> str:
+    """The outcome in a sentence or two.
+
+    Args:
+        conclusion: what may be claimed.
+        sentences: of the effects that are in.
+        rounds: what was tried.
+        left: where what is left sits.
+    """
+    what = "; ".join(sentences)
+    rivals = sorted({rival for one in rounds for rival in one.rivals})
+    also = f" (these records cannot tell it from: {', '.join(rivals)})" if rivals else ""
+    sits = " or the ".join(f"{one.kind} {one.name}" for one in left.rivals())
+    return {
+        "nothing missing": "Nothing is missing: the residual is consistent with noise, and no candidate explains any of it.",
+        "explained": f"The model lacked: {what}{also}. With it the residual is consistent with noise.",
+        "proxies": f"Something is missing; the best proxies are: {what}{also}. What stays after them is more than noise.",
+        "unexplained": f"Something is missing here, and nothing in the library explains it. It sits in the {sits}.",
+        "process noise": f"No term is missing that these records could show: {conclusion.process_noise}",
+    }[conclusion.outcome]

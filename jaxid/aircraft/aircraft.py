@@ -4,12 +4,14 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from .._foundation.checks import require, require_known
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from ..models.base import AbstractModel
+from ..models.base import AbstractModel, canonical
+from ..models.names import parameter_names
 from .aerodynamics import COEFFICIENTS
 from .airframe import Airframe, aerodynamic_loads
 from .atmosphere import GRAVITY, AbstractAtmosphere, StandardAtmosphere, true_airspeed
@@ -17,10 +19,11 @@ from .buffet import Buffet
 from .controls import SURFACES, AbstractControls, ControlSystem, standard_actuators
 from .effectiveness import MOVED, effectiveness
 from .effects import lacking_terms
+from .effects_library import usual_effects
 from .engine import ConstantThrust, Engine, loads
 from .first_samples import first_samples
 from .flow import flow
-from .frames import euler, quaternion, quaternion_rate, rotation, velocity
+from .frames import air_angles, euler, quaternion, quaternion_rate, rotation, velocity
 from .instruments import Instruments
 from .rigid_body import accelerations, specific_force
 from .turbulence import GUSTS
@@ -118,8 +121,9 @@ class Aircraft(AbstractModel):
 
         Returns:
             Inputs and states, the flow (`alpha`, `beta`, `V`, `mach`, `qbar`, `phat`, `qhat`, `rhat` and the rest),
-            surfaces [rad], `thrust` [N], the six coefficients with all that acts on them, the accelerations, and by how much
-            the rate of a state grows with a coefficient, `p_per_Cl` and so on, for those in `MOVED`.
+            surfaces [rad], `thrust` [N], the six coefficients with all that acts on them, the accelerations, by how much
+            the rate of a state grows with a coefficient, `p_per_Cl` and so on, for those in `MOVED`, and `alphadot_hat` and
+            `betadot_hat`, the rates of alpha and beta by these equations times `cbar/2V` and `b/2V`, gusts taken as steady [rad].
         """
         return self.rhs_and_signals(t, x, u)[1]
 
@@ -132,6 +136,7 @@ class Aircraft(AbstractModel):
         signals |= dict(zip(COEFFICIENTS, self._coefficients(signals), strict=True))
         vdot, omegadot = self._accelerations(rigid, engine_states, signals)
         signals |= self._felt(rigid, vdot, omegadot) | self._effectiveness(signals)
+        signals |= self._rates_of_angles(rigid, vdot, signals)
         moving = self.controls.rates(t, control_states, pilot, signals)
         pushing = [
             engine.source.rates(own, lever, signals)
@@ -177,8 +182,11 @@ class Aircraft(AbstractModel):
         return self.flight_state(ground, jnp.stack([at["p"], at["q"], at["r"]]), e, place)
 
     def effects(self):
-        """Terms that the coefficients may lack beside what the airframe has: `beta^2 in Cm` and so on."""
-        return lacking_terms(self.airframe.aerodynamics.terms, MOVED)
+        """Terms that the coefficients may lack beside what the airframe has, `beta^2 in Cm` and so on, and what else an
+        aircraft lacks most often: unsteady and separated flow, mass, thrust, wind, places of instruments. `aircraft_effects`
+        knows more."""
+        terms = lacking_terms(self.airframe.aerodynamics.terms, MOVED)
+        return (*terms, *usual_effects(parameter_names(canonical(self)), MOVED))
 
     def equations_with_terms(self):
         """No equation takes general terms: what an equation of motion may lack stands in its coefficient."""
@@ -305,6 +313,17 @@ class Aircraft(AbstractModel):
         """Specific force at the centre of gravity and angular acceleration, by name."""
         felt = specific_force(vdot, rigid[:3], rigid[3:6], self._gravity(rigid))
         return dict(zip(("ax", "ay", "az", "pdot", "qdot", "rdot"), jnp.concatenate([felt, omegadot]), strict=True))
+
+    def _rates_of_angles(self, rigid, vdot, signals: Signals) -> Signals:
+        """The reduced rates of alpha and beta in air whose motion over ground is steady."""
+        velocity = jnp.stack([signals[name] for name in ("u_air", "v_air", "w_air")])
+        change = vdot + jnp.cross(rigid[3:6], rigid[:3] - velocity)  # a steady wind turns in body axes
+        _, (_, alphadot, betadot) = jax.jvp(air_angles, (velocity,), (change,))
+        reduced = 1.0 / (2.0 * signals["V"])
+        return {
+            "alphadot_hat": alphadot * self.airframe.cbar * reduced,
+            "betadot_hat": betadot * self.airframe.b * reduced,
+        }
 
     @staticmethod
     def _gravity(rigid) -> Float[Array, "3"]:

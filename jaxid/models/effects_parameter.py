@@ -1,4 +1,6 @@
 """Effects on the parameters of the declared model: one that is not as declared, drifts with time, or changes at a moment."""
+# Pyright counts equinox's abstract fields as arguments of the constructor; at run time they are none.
+# pyright: reportCallIssue=false, reportArgumentType=false
 
 from collections.abc import Mapping, Sequence
 

@@ -1,0 +1,312 @@
+"""The library of effects that an aircraft may lack, by group, made from the names of its parameters and of its own terms."""
+# Pyright counts equinox's abstract fields as arguments of the constructor; at run time they are none.
+# pyright: reportCallIssue=false, reportArgumentType=false
+
+from collections.abc import Callable, Mapping, Sequence
+
+from .._foundation.checks import require_known
+from ..models.acting import Acting
+from ..models.base import AbstractModel, canonical
+from ..models.effects import Effect
+from ..models.effects_memory import LaggedSignal
+from ..models.effects_parameter import MOMENTS, ParameterDrift, ParameterShift, ParameterStep
+from ..models.names import flatten, parameter_names
+from .effects import CoefficientTerm
+from .effects_flow import CoefficientGradient, GroundEffect, in_coefficient
+from .effects_separation import Separation, StaticSeparation
+
+GROUPS = ("coefficients", "unsteady", "mass", "thrust", "air", "instruments")
+Moved = Mapping[str, tuple[str, ...]]
+
+RATE_TERMS = {  # beside each other damping in pitch and yaw acts on the rate of the angle, not on that of the body
+    **{"CZ": ("alphadot_hat",), "Cm": ("alphadot_hat",)},
+    **{"CY": ("betadot_hat",), "Cl": ("betadot_hat",), "Cn": ("betadot_hat",)},
+}
+WITH_MACH = (("CX", "1"), ("CZ", "alpha"), ("Cm", "1"), ("Cm", "alpha"), ("Cn", "beta"))
+MORE_WITH_MACH = (("CX", "alpha^2"), ("CY", "beta"), ("Cl", "beta"))
+WITH_QBAR = (("Cm", "stabilator"), ("Cl", "aileron"), ("Cn", "rudder"))  # surfaces that bend the airframe
+LAGGED = {"alpha": ("CX", "CZ", "Cm"), "beta": ("CY", "Cl", "Cn")}
+SEPARATED = ("CX", "CZ", "Cm")
+
+INERTIA = {
+    **{name: f"moment of inertia {name}" for name in ("Ix", "Iy", "Iz")},
+    "Ixz": "product of inertia Ixz",
+}
+MORE_INERTIA = {name: f"product of inertia {name}" for name in ("Ixy", "Iyz")}
+PLACES = ("alpha.x", "beta.x", "ax.z", "ay.x", "az.x")  # of each instrument the co-ordinate that is felt most
+SKEW = ("p.theta", "r.theta", "ax.theta", "ay.phi")
+
+
+def usual_effects(names: Sequence[str], moved: Moved) -> tuple[Effect, ...]:
+    """What an aircraft lacks most often, beside terms of its coefficients: the few that are tried by default.
+
+    Args:
+        names: of its parameters; effects on those that it does not have are left out.
+        moved: the states that each coefficient moves.
+    """
+    return (
+        *rate_terms(moved),
+        *gradients(WITH_MACH, "mach", moved),
+        *separations(moved, static=(0.7, 0.9), lagging=(0.8,)),
+        *shifts(names, {"mass": "mass"}, "kg"),
+        *changes_of_mass(names, (0.25, 0.5, 0.75)),
+        *shifts(names, INERTIA, "kg*m^2"),
+        *centre_of_gravity(names, "xy"),
+        *thrust(names),
+        *shifts(names, {"wind.down": "downward wind"}, "m/s"),
+        *places(names, PLACES),
+        *skewed(names, SKEW),
+    )
+
+
+def aircraft_effects(
+    model: AbstractModel, *, groups: Sequence[str] = GROUPS, ground: float | None = None
+) -> tuple[Effect, ...]:
+    """All effects that are known of aircraft, by group; many, so that a study with all of them compiles long.
+
+    Args:
+        model: an `Aircraft`, or another model with the same names of parameters and signals.
+        groups: of them
+
+            - "coefficients": terms, and terms that vary with Mach, dynamic pressure and altitude;
+            - "unsteady": terms with the rates of alpha and beta, lagged angles, separated flow;
+            - "mass": mass, its drift (fuel) and step (a store is dropped), centre of gravity, inertia;
+            - "thrust": of all engines, asymmetry, line of action, angular momentum;
+            - "air": steady wind, its shear, temperature;
+            - "instruments": places and axes.
+        ground: altitude of the ground for a flight near it [m]; without it there is no ground effect.
+
+    Returns:
+        The effects, all absent; give them to `close_loop` as `effects`, with those of `jaxid.models.general_effects`.
+
+    Raises:
+        InputError: for a group that does not exist.
+    """
+    require_known("group of effects", groups, GROUPS)
+    names = parameter_names(canonical(model))
+    terms = tuple(effect for effect in model.effects() if isinstance(effect, CoefficientTerm))
+    moved = {term.coefficient: term.moved for term in terms}
+    makers: dict[str, Callable[[], Sequence[Effect]]] = {
+        "coefficients": lambda: _coefficients(model, terms, moved, ground),
+        "unsteady": lambda: _unsteady(terms, moved),
+        "mass": lambda: _mass(names),
+        "thrust": lambda: (*thrust(names), *_all_engines(names, "up", "tilt of the thrust line", "rad")),
+        "air": lambda: _air(names),
+        "instruments": lambda: (
+            *places(names, _below(names, "position")),
+            *skewed(names, _below(names, "misalignment")),
+        ),
+    }
+    return tuple(effect for group in groups for effect in makers[group]())
+
+
+# Coefficients ---------------------------------------------------------------------------------------------------------
+
+
+def _coefficients(model: AbstractModel, terms, moved: Moved, ground: float | None) -> tuple[Effect, ...]:
+    rates = {name for products in RATE_TERMS.values() for name in products}
+    varying = (*WITH_MACH, *MORE_WITH_MACH)
+    return (
+        *(term for term in terms if term.product not in rates),
+        *gradients(varying, "mach", moved),
+        *gradients((*varying, *WITH_QBAR), "qbar", moved),
+        *gradients(WITH_MACH, "altitude", moved),
+        *_ground_effects(model, moved, ground),
+    )
+
+
+def _ground_effects(model: AbstractModel, moved: Moved, ground: float | None) -> tuple[Effect, ...]:
+    span = dict(zip(parameter_names(model), map(float, flatten(model)[0]), strict=True)).get("b")
+    if ground is None or span is None:
+        return ()
+    return tuple(GroundEffect(in_coefficient(name, moved[name]), ground, span) for name in SEPARATED if name in moved)
+
+
+def gradients(varying: Sequence[tuple[str, str]], signal: str, moved: Moved) -> tuple[Effect, ...]:
+    """Terms that vary with a signal.
+
+    Args:
+        varying: coefficient and product of each.
+        signal: with what.
+        moved: the states that each coefficient moves.
+    """
+    return tuple(
+        CoefficientGradient(in_coefficient(name, moved[name]), signal, product)
+        for name, product in varying
+        if name in moved
+    )
+
+
+# Unsteady aerodynamics ------------------------------------------------------------------------------------------------
+
+
+def _unsteady(terms, moved: Moved) -> tuple[Effect, ...]:
+    own = tuple(term for term in terms if term.product in RATE_TERMS.get(term.coefficient, ()))
+    late = tuple(
+        LaggedSignal(in_coefficient(name, moved[name]), angle)
+        for angle, names in LAGGED.items()
+        for name in names
+        if name in moved
+    )
+    return (*own, *late, *separations(moved, (0.5, 0.6, 0.7, 0.8, 0.9), (0.5, 0.65, 0.8, 0.95)))
+
+
+def rate_terms(moved: Moved) -> tuple[Effect, ...]:
+    """Terms with the rates of alpha and beta, `alphadot_hat in Cm` and so on.
+
+    Args:
+        moved: the states that each coefficient moves.
+    """
+    return tuple(
+        CoefficientTerm(coefficient=name, product=product, moved=moved[name])
+        for name, products in RATE_TERMS.items()
+        for product in products
+        if name in moved
+    )
+
+
+def separations(moved: Moved, static: Sequence[float], lagging: Sequence[float]) -> tuple[Effect, ...]:
+    """Separated flow with several starts of its angle.
+
+    Args:
+        moved: the states that each coefficient moves; without CZ there is none.
+        static, lagging: fractions of the range of alpha.
+    """
+    acting: tuple[Acting, ...] = tuple(in_coefficient(name, moved[name]) for name in SEPARATED if name in moved)
+    if "CZ" not in moved:
+        return ()
+    return (
+        *(StaticSeparation(acting, fraction) for fraction in static),
+        *(Separation(acting, fraction) for fraction in lagging),
+    )
+
+
+# Parameters -----------------------------------------------------------------------------------------------------------
+
+
+def _mass(names: Sequence[str]) -> tuple[Effect, ...]:
+    return (
+        *shifts(names, {"mass": "mass"}, "kg"),
+        *changes_of_mass(names, MOMENTS),
+        *shifts(names, INERTIA | MORE_INERTIA, "kg*m^2"),
+        *centre_of_gravity(names, "xyz"),
+    )
+
+
+def _air(names: Sequence[str]) -> tuple[Effect, ...]:
+    steady = {f"wind.{name}": f"{word} wind" for name, word in (("north", "northward"), ("east", "eastward"))}
+    shear = {f"wind.{name}_shear": f"shear of the {name} wind" for name in ("north", "east", "down")}
+    return (
+        *shifts(names, steady | {"wind.down": "downward wind"}, "m/s"),
+        *shifts(names, shear, "1/s"),
+        *shifts(names, {"atmosphere.warmer": "temperature of the air"}, "K"),
+    )
+
+
+def shifts(names: Sequence[str], called: Mapping[str, str], unit: str) -> tuple[Effect, ...]:
+    """Parameters that are not the declared ones.
+
+    Args:
+        names: of all parameters; others are left out.
+        called: words by dotted name.
+        unit: of all of them.
+    """
+    return tuple(ParameterShift(name, called=words, unit=unit) for name, words in called.items() if name in names)
+
+
+def changes_of_mass(names: Sequence[str], moments: Sequence[float]) -> tuple[Effect, ...]:
+    """Mass that burns, and mass that is dropped.
+
+    Args:
+        names: of all parameters.
+        moments: starts of the time of a drop, as fractions of the records' time.
+    """
+    if "mass" not in names:
+        return ()
+    return (ParameterDrift("mass", unit="kg"), *(ParameterStep("mass", moment, unit="kg") for moment in moments))
+
+
+def centre_of_gravity(names: Sequence[str], axes: str) -> tuple[Effect, ...]:
+    """The centre of gravity in another place: reference point, engines and instruments all move the other way.
+
+    A positive gain moves them forward, to the right and down, and so the centre of gravity aft, to the left and up.
+
+    Args:
+        names: of all parameters.
+        axes: "x", "y", "z".
+    """
+    found = []
+    for axis in axes:
+        parts = [
+            name
+            for name in names
+            if name.endswith(f".{axis}") and ("position." in name or name.startswith("reference."))
+        ]
+        if f"reference.{axis}" in parts:
+            along = tuple((name, 1.0) for name in parts if not name.startswith("reference."))
+            called = f"place of the centre of gravity along {axis}"
+            found.append(ParameterShift(f"reference.{axis}", along, called=called, unit="m"))
+    return tuple(found)
+
+
+def thrust(names: Sequence[str]) -> tuple[Effect, ...]:
+    """Push of all engines, its asymmetry, its height, and their angular momentum.
+
+    With one engine the thrust line passes to the side; with several the first pushes more and the last less.
+
+    Args:
+        names: of all parameters.
+    """
+    own = _engines(names, "share")
+    asymmetry: tuple[Effect, ...] = ()
+    if len(own) > 1:
+        asymmetry = (ParameterShift(own[0], ((own[-1], -1.0),), called="symmetry of thrust"),)
+    elif own:
+        asymmetry = shifts(names, {"engines.0.position.y": "sideways place of the thrust line"}, "m")
+    return (
+        *_all_engines(names, "share", "thrust", ""),
+        *asymmetry,
+        *_all_engines(names, "position.z", "height of the thrust line", "m"),
+        *_all_engines(names, "momentum", "angular momentum of the engines", "kg*m^2/s"),
+    )
+
+
+def places(names: Sequence[str], which: Sequence[str]) -> tuple[Effect, ...]:
+    """Instruments that stand elsewhere.
+
+    Args:
+        names: of all parameters.
+        which: channels and co-ordinates, such as "alpha.x".
+    """
+    called = {f"instruments.position.{one}": f"place of the sensor of {one.replace('.', ' along ')}" for one in which}
+    return shifts(names, called, "m")
+
+
+def skewed(names: Sequence[str], which: Sequence[str]) -> tuple[Effect, ...]:
+    """Instruments whose axis points askew.
+
+    Args:
+        names: of all parameters.
+        which: channels and angles, such as "p.theta".
+    """
+    called = {f"instruments.misalignment.{one}": f"axis of the sensor of {one.replace('.', ' in ')}" for one in which}
+    return shifts(names, called, "rad")
+
+
+def _all_engines(names: Sequence[str], part: str, called: str, unit: str) -> tuple[Effect, ...]:
+    """One number of all engines together."""
+    own = _engines(names, part)
+    if not own:
+        return ()
+    return (ParameterShift(own[0], tuple((name, 1.0) for name in own[1:]), called=called, unit=unit),)
+
+
+def _engines(names: Sequence[str], part: str) -> tuple[str, ...]:
+    """Dotted names of one number of each engine."""
+    return tuple(name for name in names if name.startswith("engines.") and name.endswith(f".{part}"))
+
+
+def _below(names: Sequence[str], part: str) -> tuple[str, ...]:
+    """Channels and parts of what instruments hold."""
+    prefix = f"instruments.{part}."
+    return tuple(name.removeprefix(prefix) for name in names if name.startswith(prefix))

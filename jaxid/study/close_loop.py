@@ -1,7 +1,6 @@
 """`close_loop`: from the residual to the effect that the model lacks, and to the error before and after."""
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -97,16 +96,11 @@ def close_loop(
 
     bench = Workbench(model, free, library, likelihood, train, solver)
     progress("estimate of the declared model")
-    with ThreadPoolExecutor(1) as beside:
-        rehearsal = beside.submit(bench.rehearse, check, window)
-        declared = _started(bench)
-        rehearsal.result()
-        declared = bench.set_shapes(declared)
-        before = beside.submit(bench.where, declared)
-        search = Search(bench, check, tests, window, options, progress)
-        found, rounds = search.run(declared)
-        progress("where the residual sits")
-        where = {"before": before.result()}
+    declared = bench.set_shapes(_started(bench))
+    progress("where the residual sits")
+    where = {"before": bench.where(declared)}
+    search = Search(bench, check, tests, window, options, progress)
+    found, rounds = search.run(declared)
     conclusion = conclude(search, rounds, declared, found, where["before"])
     found = declared if conclusion.process_noise else found
     where["after"] = bench.where(found, like=where["before"]) if found.effects else where["before"]

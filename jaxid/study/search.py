@@ -15,6 +15,7 @@ from .options import LoopOptions
 from .study import Candidate, Round
 from .workbench import Fitted, Workbench
 
+DETERMINED = 2.0  # standard errors that a gain must stand off zero to be told at all
 ALIKE = 0.99  # overlap up to which two effects are tried as a pair: beyond it their gains run away against each other
 MOST_PAIRS = 20  # that are looked at
 COLLINEAR = 0.9999  # overlap from which on two candidates are one and the same to the data
@@ -196,11 +197,19 @@ class Search:
         material = fall > threshold and check_fall > self.options.material
         if not np.isfinite(check_fall) or check_fall < -self.options.harm:
             verdict = "predicts the check records worse"
+        elif not self.determined(refit, candidate):
+            verdict = "its size is not determined"
         elif not (significant or material):
             verdict = "not significant"
         else:
             verdict = "kept"
         return _replaced(candidate, cost_fall=fall, check_fall=float(check_fall), verdict=verdict)
+
+    def determined(self, refit: Fitted, candidate: Candidate) -> bool:
+        """Whether each gain stands two standard errors off zero, the colour of what is left accounted for."""
+        errors = self.bench.standard_errors(refit)
+        gains = [errors[f"{name}.gain"] for name in candidate.parts]
+        return all(abs(value) > DETERMINED * error for value, error in gains)
 
     def prune(self, fitted: Fitted) -> tuple[Fitted, tuple[str, ...]]:
         """Take out earlier effects that the latest has made superfluous."""

@@ -27,7 +27,6 @@ from ..models.free import (
     Parameters,
     Positions,
     all_names,
-    flat_vectors,
     leaves_at,
     start,
     with_values,
@@ -184,16 +183,6 @@ class Workbench:
         noise = process_noise(problem, parameters, S, is_free, jnp.maximum(force, floor), tuple(places), known)
         columns = jnp.concatenate([noise.S, noise.probes], axis=-1)
         return noise, scores_of(noise.v, columns, jnp.pad(is_free, (0, noise.probes.shape[-1])))
-
-    def rehearse(self, records: Record, window: int | None) -> None:
-        """Score and predict once at the starting values and throw the answers away: what is compiled thereby is kept.
-
-        XLA compiles outside of Python's lock, so that this costs little time beside the first fit.
-        """
-        values = np.asarray(flatten(self.model)[0])[self.at]
-        self._predict(values, jnp.eye(len(self.records.outputs)), records, window)
-        rows = flat_vectors(self.model, self.records)[:, self.rows]
-        self._score(values, rows, tuple(range(len(self.free.shared))))
 
     def _score(self, values, rows, columns) -> Scores:
         return scores_of(*self._white_columns(values, rows), self._is_free(columns))

@@ -1,0 +1,118 @@
+"""Does the loop find what a model lacks: `python -m benchmarks.missing_effects [--json] [--systems spring,ship] [--log FILE]`."""
+
+import argparse
+import importlib
+import itertools
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+# Studies run two programs at once, and XLA's pool of as many threads as cores can lock up with two.
+os.environ.setdefault("NPROC", str(max(8, os.cpu_count() or 1)))
+
+import jax
+
+from benchmarks.missing_effects.judge import goals, rows
+from benchmarks.missing_effects.measure import measure
+from benchmarks.missing_effects.scenarios import Scenario, System
+from benchmarks.missing_effects.table import text
+
+SYSTEMS = ("spring", "ship")
+Task = tuple[System, Scenario, int, bool]
+
+
+def tasks(systems: list[System], options: argparse.Namespace) -> Iterator[Task]:
+    """Every study that is asked for: seeds outside, so that a run that is broken off has a bit of everything."""
+    for system in systems:
+        chosen = [one for one in system.scenarios if not options.scenarios or one.name in options.scenarios]
+        for seed in range(options.seeds):
+            for one in chosen:
+                yield system, one, seed, False
+                if one.planted and not options.no_removed:
+                    yield system, one, seed, True
+    yield from _controls(systems, options)
+
+
+def _controls(systems: list[System], options: argparse.Namespace) -> Iterator[Task]:
+    """The many controls, drawn in turn over the cheap systems, beyond the seeds of the others."""
+    kinds = [
+        [(system, one) for one in system.scenarios if one.kind == "control" and _wanted(one, options)]
+        for system in systems
+        if system.cheap
+    ]
+    everywhere = [pair for group in itertools.zip_longest(*kinds) for pair in group if pair is not None]
+    total = sum(1 for system in systems for one in system.scenarios if one.kind == "control" and _wanted(one, options))
+    for number in range(max(options.controls - total * options.seeds, 0) if everywhere else 0):
+        system, one = everywhere[number % len(everywhere)]
+        yield system, one, options.seeds + number // len(everywhere), False
+
+
+def _wanted(one: Scenario, options: argparse.Namespace) -> bool:
+    return not options.scenarios or one.name in options.scenarios
+
+
+def key_of(one: dict[str, Any]) -> tuple:
+    """What tells one study from another."""
+    return one["system"], one["scenario"], one["seed"], one["removed"]
+
+
+def run(options: argparse.Namespace) -> list[dict[str, Any]]:
+    """Do every study that the log does not hold yet, system by system."""
+    log = Path(options.log) if options.log else None
+    done = {key_of(one): one for one in map(json.loads, log.read_text().splitlines())} if log and log.exists() else {}
+    systems = [importlib.import_module(f"benchmarks.missing_effects.{name}").system() for name in options.systems]
+    wanted = sorted(tasks(systems, options), key=lambda task: options.systems.index(task[0].name))
+    results, begin = [], time.perf_counter()
+    for number, (system, scenario, seed, removed) in enumerate(wanted, 1):
+        result = done.get((system.name, scenario.name, seed, removed))
+        if result is None:
+            result = measure(system, scenario, seed, removed=removed)
+            told = result["failed"] or f"{result['outcome']}: {', '.join(result['effects']) or '-'}"
+            where = f"{number}/{len(wanted)} {time.perf_counter() - begin:.0f} s, {system.name}, {scenario.name}"
+            print(f"{where}{', removed' if removed else ''}, seed {seed}: {told}", file=sys.stderr, flush=True)
+            if log:
+                with log.open("a") as file:
+                    file.write(json.dumps(result) + "\n")
+        results.append(result)
+    return results
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the benchmark; 0 where every study ran."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.missing_effects", description=__doc__.splitlines()[0])
+
+    def names(value: str) -> list[str]:
+        return value.split(",")
+
+    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    parser.add_argument("--seeds", type=int, default=10, help="of each scenario (default: 10)")
+    parser.add_argument("--systems", type=names, default=list(SYSTEMS), help=f"(default: {','.join(SYSTEMS)})")
+    parser.add_argument("--scenarios", nargs="+", metavar="NAME", help="only these (default: all)")
+    parser.add_argument("--controls", type=int, default=500, help="control studies in all (default: 500)")
+    parser.add_argument("--no-removed", action="store_true", help="not also with the effect left out of the library")
+    parser.add_argument("--log", metavar="FILE", help="append each study here, and skip those that it holds")
+    options = parser.parse_args(arguments)
+    jax.config.update("jax_enable_x64", True)
+    begin = time.perf_counter()
+    results = run(options)
+    if options.json:
+        status = "measured" if not any(one["failed"] for one in results) else "some studies failed"
+        told = {
+            "status": status,
+            "seconds": time.perf_counter() - begin,
+            "goals": [one._asdict() | {"interval": one.share.interval} for one in goals(results)],
+            "scenarios": [one._asdict() for one in rows(results)],
+            "studies": results,
+        }
+        print(json.dumps(told))
+    else:
+        print(text(results))
+    return int(any(one["failed"] for one in results))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

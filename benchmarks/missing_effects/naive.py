@@ -1,0 +1,103 @@
+"""The naive way: stepwise regression of the residual itself on the signals of the same candidates."""
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from benchmarks.missing_effects.reference import Reference
+from jaxid.estimation.problem import Problem
+from jaxid.models.effects import Effect
+from jaxid.models.free import Parameters, with_values
+from jaxid.structure import SubsetOptions, columns, stepwise
+
+LEVEL = 0.01  # of one false term among all, as in the loop
+
+
+class Naive(NamedTuple):
+    """What a regression of the residual says.
+
+    Attributes:
+        first: the signal that enters first, in the channel in which its F is the largest; None where nothing enters.
+        names: candidates that have this signal.
+        terms: how many signals enter, all channels together.
+    """
+
+    first: str | None
+    names: tuple[tuple[str, str], ...]
+    terms: int
+
+
+def naive(found: Reference, library: Iterable[Effect]) -> Naive:
+    """Regress each channel's training residual of the declared model on the signals of all candidates.
+
+    Terms have their product, a sensor's scale its output, what is late or lags a rate of change; a constant is a bias. The
+    signals are those of the declared model's own simulation.
+    """
+    signals, residuals, mask, steps = _simulated(found)
+    named: dict[str, list[tuple[str, str]]] = {}
+    table: dict[str, np.ndarray] = {}
+    for effect in library:
+        for key, column in _signal(effect, signals, steps):
+            table[key] = column
+            named.setdefault(key, []).append((effect.name, effect.family))
+    X = np.stack([table[key].reshape(-1) for key in table], axis=1)
+    moving = np.ptp(X, axis=0) > 0
+    keys, X = [key for key, varies in zip(table, moving, strict=True) if varies], X[:, moving]
+    best, first, terms = 0.0, None, 0
+    options = SubsetOptions(level_in=LEVEL / len(keys))
+    for channel in range(residuals.shape[-1]):
+        seen = mask[..., channel].reshape(-1)
+        path = stepwise(X[seen], residuals[..., channel].reshape(-1)[seen], keys, options=options)
+        terms += len(path.models[-1].terms)
+        entered = next((step for step in path.steps if step.action == "enter"), None)
+        if entered is not None and entered.partial_F > best:
+            best, first = entered.partial_F, entered.name
+    return Naive(first, tuple(named[first]) if first else (), terms)
+
+
+def _simulated(found: Reference):
+    """Signals by name, residuals, mask, each of shape (case, time, ...), and the time between samples."""
+    bench, declared = found.bench, found.declared
+    shared = jnp.asarray(declared.values[: len(bench.free.shared)])
+    model = with_values(bench.model.model, bench.free.shared, shared)
+    problem = Problem.of(model, bench.free, bench.records, bench.likelihood)
+    signals, y = _signals_of(problem, Parameters(shared, declared.fit.parameters.rows))
+    signals = {name: np.asarray(signal) for name, signal in signals.items()}
+    signals |= {f"output {name}": np.asarray(y[..., i]) for i, name in enumerate(bench.records.outputs)}
+    signals |= {f"input {name}": np.asarray(bench.records.u[..., i]) for i, name in enumerate(bench.records.inputs)}
+    steps = np.diff(np.asarray(bench.records.t), axis=1)
+    return signals, np.asarray(declared.fit.residuals), np.asarray(bench.records.mask), float(np.median(steps))
+
+
+@eqx.filter_jit
+def _signals_of(problem: Problem, parameters: Parameters):
+    solutions = problem.solve(parameters)
+    return jax.vmap(jax.vmap(problem.model.signals))(solutions.t, solutions.x, problem.records.u), solutions.y
+
+
+def _signal(effect: Effect, signals: Mapping[str, np.ndarray], step: float):
+    """Key and history of the signal that a candidate goes by; none for one that has no such signal."""
+    kind, channel = type(effect).__name__, getattr(effect, "channel", None)
+    shape = next(iter(signals.values())).shape
+    for _, product in effect.terms[:1]:
+        flat = {name: signal.reshape(-1) for name, signal in signals.items() if " " not in name}
+        bare = " ".join(factor for factor in product.split() if "_per_" not in factor) or "1"
+        yield bare, columns((bare,), flat)[:, 0].reshape(shape)
+    if kind == "DryFriction":
+        yield f"sign({effect.speed})", np.sign(signals[effect.speed])
+    elif kind == "SensorBias":
+        yield f"constant in {channel}", np.ones(shape)
+    elif kind == "SensorScale":
+        yield f"output {channel}", signals[f"output {channel}"]
+    elif kind in ("SensorDelay", "SensorLag"):
+        yield f"rate of {channel}", np.gradient(signals[f"output {channel}"], step, axis=1)
+    elif kind == "SensorSaturation":
+        output = signals[f"output {channel}"]
+        at = 0.7 * (np.max(output) if effect.end == "upper" else np.min(output))
+        yield f"{effect.end} end of {channel}", np.maximum((output - at) * (1 if effect.end == "upper" else -1), 0.0)
+    elif kind in ("InputDelay", "InputLag"):
+        yield f"rate of {channel}", np.gradient(signals[f"input {channel}"], step, axis=1)

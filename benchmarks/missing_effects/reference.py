@@ -1,0 +1,69 @@
+"""What could be attained: the true model fitted to the same records, and whether they determine the planted effect at all."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.missing_effects.scenarios import Flown, Scenario
+from jaxid import LoopOptions, OutputError
+from jaxid.estimation.estimate import as_stack
+from jaxid.models.effects import Effect
+from jaxid.study.close_loop import SOLVER
+from jaxid.study.search import critical
+from jaxid.study.workbench import Fitted, Workbench, own_parameters
+
+
+class Reference(NamedTuple):
+    """The true model on the records of a study.
+
+    Attributes:
+        bench, declared: the workbench, and the declared model's fit.
+        chi_square: by how much the effects together lower the training cost, twice.
+        gains: chi-square of each planted gain, for coloured residuals.
+        identifiable: whether each is significant at the study's threshold.
+        error: mean over the channels of the logarithm of the error on the test records.
+    """
+
+    bench: Workbench
+    declared: Fitted
+    chi_square: float
+    gains: tuple[float, ...]
+    identifiable: tuple[bool, ...]
+    error: float
+
+
+def reference(scenario: Scenario, flown: Flown, library: tuple[Effect, ...], window: int) -> Reference:
+    """Fit the declared model and the true one, the latter from the true values of what is planted.
+
+    Args:
+        scenario: with what is planted.
+        flown: its records.
+        library: the candidates of the study, so that nothing is compiled for the reference alone.
+        window: samples in which initial states are fitted.
+    """
+    bench = Workbench(flown.model, flown.free, library, OutputError(), as_stack(list(flown.train)), SOLVER)
+    declared = bench.set_shapes(bench.base())
+    names, values = [], np.array(declared.values)
+    for one in scenario.planted:
+        name = next((effect.name for effect in library if effect.family == one.effect.family), None)
+        if name is None:
+            raise ValueError(f"the library of candidates has no {one.effect.family}")
+        names.append(name)
+        for dotted in own_parameters(bench.effects[name]):
+            values[bench.column[dotted]] = float(getattr(one.effect, dotted.rpartition(".")[2]))
+    fitted = bench.fit(names, values, declared.fit.parameters.rows) if names else declared
+    errors = bench.standard_errors(fitted)
+    gains = tuple(_chi_square(*errors[f"{name}.gain"]) for name in names)
+    threshold = critical(LoopOptions().level / len(library))
+    rms = bench.predict(fitted, as_stack(list(flown.test)), window).rms
+    fall = 2.0 * (declared.cost - fitted.cost)
+    return Reference(bench, declared, fall, gains, tuple(one > threshold for one in gains), mean_log(rms))
+
+
+def mean_log(rms) -> float:
+    """Mean over the channels of the logarithm of their errors."""
+    return float(np.mean(np.log(np.asarray(list(rms.values()) if isinstance(rms, dict) else rms))))
+
+
+def _chi_square(value: float, error: float) -> float:
+    return float((value / error) ** 2) if error > 0 and np.isfinite(error) else 0.0

@@ -1,0 +1,130 @@
+"""The results as text: goals, scenarios, and what went wrong in each."""
+
+from collections.abc import Sequence
+
+from benchmarks.missing_effects.judge import Goal, Result, Row, Share, goals, identifiable, names_no_cause, rows
+
+NOTES = """chi2: median fall of twice the cost that the true model brings. id: the planted effect is significant in that fit;
+first, top 3 and found count these studies only. wrong: effects added that are none of the planted. ratio: error on test records
+over what the true model attains; before: that of the declared model. place, quiet: with the effect left out of the library,
+where it sits is right, and no cause is named. naive: a stepwise regression of the residual begins with the right signal; terms:
+how many it ends with."""
+
+
+def text(results: Sequence[Result]) -> str:
+    """Everything, for reading."""
+    parts = [goal_table(goals(results)), row_table(rows(results)), NOTES, controls_table(rows(results))]
+    return "\n\n".join(part for part in (*parts, shortfalls(results)) if part)
+
+
+def goal_table(found: Sequence[Goal]) -> str:
+    """Figures beside their goals."""
+    lines = [f"{'':<54} {'found':>7} {'95 % interval':>16} {'goal':>8}"]
+    for one in found:
+        low, high = one.share.interval
+        sign = "<=" if one.at_most else ">="
+        told = "" if one.met else "  SHORT"
+        counts = f"({one.share.count} of {one.share.of})"
+        lines.append(
+            f"{one.name:<54} {one.share.value:>7.1%} {f'{low:.1%} - {high:.1%}':>16} {sign:>3}{one.goal:>5.0%}"
+            f"{told} {counts}"
+        )
+    return "\n".join(lines)
+
+
+def row_table(found: Sequence[Row]) -> str:
+    """One line for each scenario with something in it."""
+    head = (
+        "chi2",
+        "id",
+        "first",
+        "top 3",
+        "found",
+        "wrong",
+        "ratio",
+        "before",
+        "place",
+        "quiet",
+        "naive",
+        "terms",
+        "s",
+    )
+    width = max([len(one.scenario) for one in found] + [8])
+    lines = [f"{'system':<13}{'scenario':<{width}}" + "".join(f"{name:>8}" for name in head) + "  outcomes"]
+    for one in found:
+        if one.kind == "control":
+            continue
+        cells = (
+            f"{one.chi_square:.3g}",
+            *map(_of, (one.identifiable, one.first, one.top, one.found)),
+            f"{one.wrong:.1f}",
+            f"{one.ratio[0]:.3f}",
+            f"{one.ratio[1]:.3g}",
+            *map(_of, (one.place, one.no_cause, one.naive)),
+            f"{one.naive_terms:.1f}",
+            f"{one.seconds:.1f}",
+        )
+        lines.append(f"{one.system:<13}{one.scenario:<{width}}" + "".join(f"{c:>8}" for c in cells) + _outcomes(one))
+    return "\n".join(lines)
+
+
+def controls_table(found: Sequence[Row]) -> str:
+    """One line for each control."""
+    controls = [one for one in found if one.kind == "control"]
+    if not controls:
+        return ""
+    lines = [f"{'system':<13}{'nothing missing':<34}{'studies':>8}{'wrong':>8}{'naive terms':>13}{'s':>7}  outcomes"]
+    for one in controls:
+        numbers = f"{one.studies:>8}{one.wrong:>8.2f}{one.naive_terms:>13.1f}{one.seconds:>7.1f}"
+        lines.append(f"{one.system:<13}{one.scenario:<34}{numbers}{_outcomes(one)}")
+    return "\n".join(lines)
+
+
+def shortfalls(results: Sequence[Result]) -> str:
+    """Every study that falls short, with what won instead."""
+    lines = []
+    for one in results:
+        why = shortfall(one)
+        if why:
+            left_out = ", not in the library" if one["removed"] else ""
+            lines.append(f"{one['system']}, {one['scenario']}{left_out}, seed {one['seed']}: {why}")
+    return "\n".join(["Studies that fall short:", *lines]) if lines else ""
+
+
+def shortfall(one: Result) -> str:
+    """Why a study falls short, empty where it does not."""
+    if one["failed"]:
+        return f"failed, {one['failed']}"
+    added = ", ".join(one["effects"]) or "nothing"
+    if one["removed"]:
+        words = [f"{one['outcome']}: {added}"] * (not names_no_cause(one))
+        return "; ".join(words + [f"place told: {', '.join(one['where'])}"] * (not one["place_right"]))
+    if one["kind"] == "control":
+        return f"false: {added} ({one['outcome']})" if one["effects"] else ""
+    if one["kind"] == "process":
+        return "" if one["outcome"] == "process noise" else f"{one['outcome']}: {added}"
+    if not identifiable(one):
+        return ""
+    words = []
+    if not all(one["in"]) or (one["kind"] == "single" and not one["first_right"]):
+        words.append(f"{added} ({one['outcome']}; {_leading(one)})")
+    if one["ratio"] >= 1.05:
+        words.append(f"ratio {one['ratio']:.3f}" + ("" if words else f" with {added} ({one['outcome']})"))
+    return "; ".join(words)
+
+
+def _leading(one: Result) -> str:
+    """The first round's leading candidates, with chi-squares of score and refit."""
+    told = []
+    for name, score, _, fall, check, verdict in one["rounds"][0]["candidates"]:
+        if fall is not None and len(told) < 4:
+            told.append(f"{name} {score:.0f}/{fall:.0f}, check {check:+.3f}, {verdict}")
+    return f"truth {one['chi_square']:.0f}; " + "; ".join(told)
+
+
+def _of(one: Share) -> str:
+    return f"{one.count}/{one.of}" if one.of else "-"
+
+
+def _outcomes(one: Row) -> str:
+    return "  " + ", ".join(f"{name} {count}" for name, count in sorted(one.outcomes.items()))

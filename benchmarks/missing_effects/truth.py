@@ -1,0 +1,136 @@
+"""The truth of the cheap systems: their equations in plain NumPy, integrated by SciPy's DOP853, all records side by side.
+
+Nothing of `jaxid`'s equations, effects or steppers is used.
+"""
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import DOP853
+
+from benchmarks.missing_effects.truth_effects import Inputs, Signals, force, kind, memories, read, recorded
+
+RTOL, ATOL = 1e-9, 1e-11
+
+
+class Plant(NamedTuple):
+    """A declared model in NumPy.
+
+    Attributes:
+        states, inputs, outputs: names of the channels.
+        rates: rates of the states from the signals, by name.
+        shown: outputs from the signals and the rates, by name.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    rates: Callable[[Signals], Signals]
+    shown: Callable[[Signals, Signals], Signals]
+
+
+def fly(
+    plant: Plant,
+    effects: Sequence,
+    t: np.ndarray,
+    u: Signals,
+    x0: Signals,
+    disturbance: Mapping[str, np.ndarray] | None = None,
+) -> np.ndarray:
+    """Outputs without noise, shape (record, time, output).
+
+    Args:
+        plant: the equations.
+        effects: what else acts.
+        t: uniform sample times [s].
+        u: inputs by name, shape (record, time).
+        x0: starts by state, shape (record,).
+        disturbance: forces that nobody recorded, by state, shape (record, time), in straight lines between samples.
+    """
+    inputs, hidden, carried = Inputs(t, u, effects), Inputs(t, dict(disturbance or {})), memories(effects, x0, u)
+    at = {id(one.effect): index for index, one in enumerate(carried)}
+    start = np.stack([*(x0[name] for name in plant.states), *(one.start for one in carried)])
+
+    def parts(time, x):
+        """Signals, the effects' own states, the inputs on their way to the plant, and the plant's rates."""
+        own, on_the_way = x[len(plant.states) :], inputs.acting(time)
+        signals = dict(zip(plant.states, x, strict=False)) | on_the_way
+        for one, value in zip(carried, own, strict=True):
+            if kind(one.effect) == "InputLag":
+                name = one.effect.channel
+                signals[name] = signals[name] + float(one.effect.gain) * (value - signals[name])
+        rates = dict(plant.rates(signals))
+        added = [force(one, signals, own[at[id(one)]] if id(one) in at else None) for one in effects]
+        added += [(state, hidden.recorded(state, time)) for state in hidden.u]
+        for state, addition in filter(None, added):
+            rates[state] = rates[state] + addition
+        return signals, own, on_the_way, rates
+
+    def right_hand_side(time, flat):
+        signals, own, on_the_way, rates = parts(time, flat.reshape(start.shape))
+        memory = [one.rate(value, on_the_way, signals, rates) for one, value in zip(carried, own, strict=True)]
+        return np.concatenate([*(rates[name] for name in plant.states), *memory])
+
+    shown = []
+    for time, flat in zip(t, integrated(right_hand_side, t, start.reshape(-1)), strict=True):
+        signals, _, _, rates = parts(time, flat.reshape(start.shape))
+        outputs = plant.shown(signals, rates)
+        shown.append([outputs[name] for name in plant.outputs])
+    return read(effects, t, np.moveaxis(np.array(shown), 2, 0), plant.outputs)
+
+
+def integrated(right_hand_side: Callable, t: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """States at the sample times, the integration begun anew at each of them, as the inputs bend there."""
+    states = [start]
+    for begin, end in itertools.pairwise(t):
+        solver = DOP853(right_hand_side, begin, states[-1], end, rtol=RTOL, atol=ATOL, first_step=end - begin)
+        while solver.status == "running":
+            solver.step()
+        if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
+            raise ValueError(f"the truth cannot be integrated beyond {begin:g} s")
+        states.append(solver.y)
+    return np.array(states)
+
+
+def measured(
+    plant: Plant,
+    effects: Sequence,
+    generator: np.random.Generator,
+    setting: Mapping,
+    t: np.ndarray,
+    u: Signals,
+    x0: Signals,
+    noise: Sequence[float],
+) -> np.ndarray:
+    """Outputs as they are recorded, shape (record, time, output), NaN where a sample is missing.
+
+    Args:
+        plant, effects, t, u, x0: as in `fly`.
+        generator: of noise, gusts and gaps.
+        setting: `memory` colours the noise, from sample to sample; `gust` has the sizes of forces that nobody recorded by
+            state, and `gust_time` their memory [s]; `bias` the sizes of offsets by output; `gaps` is the share of missing
+            samples.
+        noise: standard deviations.
+    """
+    shape = (*next(iter(u.values())).shape, len(plant.outputs))
+    error = _coloured(generator, shape, setting.get("memory", 0.0))
+    keep = np.exp(-(t[1] - t[0]) / setting.get("gust_time", 1.0))
+    gusts = {name: size * _coloured(generator, shape[:2], keep) for name, size in setting.get("gust", {}).items()}
+    clean = fly(plant, effects, t, u, x0, gusts)
+    for name, size in setting.get("bias", {}).items():
+        clean[..., plant.outputs.index(name)] += size * generator.normal()
+    z = recorded(effects, clean + np.asarray(noise) * error, plant.outputs)
+    if "gaps" in setting:
+        z[generator.uniform(size=z.shape) < setting["gaps"]] = np.nan
+    return z
+
+
+def _coloured(generator: np.random.Generator, shape: tuple[int, ...], memory: float) -> np.ndarray:
+    """Noise of unit variance that remembers itself from sample to sample, along the second axis."""
+    white = generator.normal(size=shape)
+    found = np.array(white)
+    for i in range(1, shape[1] if memory else 0):
+        found[:, i] = memory * found[:, i - 1] + np.sqrt(1.0 - memory**2) * white[:, i]
+    return found

@@ -14,7 +14,8 @@ class DeadBand(ActingEffect):
 
         scalar += gain (d - clip(d, -width, width)),    d = signal - centre
 
-    Play in a joint is the pattern. The centre stays: zero where the signal moves about zero, else its median.
+    Play in a joint is the pattern. Where the equation has a free linear term in the signal, a saturation is the same with a gain
+    of the opposite sign. The centre stays: zero where the signal moves about zero, else its median.
 
     Args:
         acting: where it acts.
@@ -36,7 +37,7 @@ class DeadBand(ActingEffect):
 
     @property
     def sentence(self):
-        return f"{self.signal} acts {self.acting.words} only beyond a dead band"
+        return f"{self.signal} has a dead band or a saturation {self.acting.words}: its slope there is another about the centre"
 
     @property
     def fixed(self):
@@ -60,7 +61,7 @@ class Saturating(ActingEffect):
 
         scalar += gain clip(d, -level, level),    d = signal - centre
 
-    Where the equation has a free linear term in the signal, a dead band of the opposite sign is the same.
+    Where the equation has a free linear term in the signal, a dead band with a gain of the opposite sign is the same.
 
     Args:
         acting: where it acts.

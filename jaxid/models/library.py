@@ -9,22 +9,31 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .acting import Acting
 from .base import AbstractModel, canonical
 from .effects import Effect
+from .effects_actuator import InputDeadZone, InputPositionLimit, InputRateLimit
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
 from .effects_input import InputBetweenSamples, InputDelay, InputLag
+from .effects_memory import Hysteresis, LaggedSignal
 from .effects_sensor import SensorBias, SensorDelay, SensorLag, SensorSaturation, SensorScale
+from .effects_sensor_more import SensorCrossTalk, SensorDrift, SensorQuantisation
+from .effects_shape import DeadBand, Hinge
 from .free import Positions, insert, leaves_at
 from .names import flatten
 
 MOST_SIGNALS_FOR_CUBIC_PRODUCTS = 3
+MOST_PAIRS_FOR_SHAPES = 12  # of an equation and a state, from which on bends in each would be too many candidates
+MOST_PAIRS_FOR_MEMORY = 6  # and states of effects too many to simulate
+MOST_OF_ONE_KIND = 3
 LEVELS = (0.6, 0.75, 0.9)  # starts of a limit within the range of its signal
+KNOTS = (0.3, 0.7)  # starts of a knot within the range of its signal
 
 
 def general_effects(
     model: AbstractModel, equations: tuple[str, ...] | None = None, *, uniform: bool = True
 ) -> tuple[Effect, ...]:
-    """Candidates that make sense for any model: terms, friction, limits, inputs and sensors.
+    """Candidates that make sense for any model: terms, friction, limits, bends and memory, inputs and sensors.
 
     Args:
         model: the model whose channels are named.
@@ -36,18 +45,53 @@ def general_effects(
     """
     if equations is None:
         equations = uncertain_equations(canonical(model), np.arange(flatten(canonical(model))[0].size))
+    effects = [*_in_equations(model, equations), *_in_inputs(model, uniform), *_in_outputs(model)]
+    return tuple(sorted(effects, key=lambda effect: effect.name))
+
+
+def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effect]:
+    """Terms, friction and limits; shapes that no polynomial has, and memory, where there are few equations and states."""
     effects: list[Effect] = []
+    pairs = len(equations) * len(model.states)
     for state in equations:
-        signals = model.states + model.inputs
-        effects += [Term(state, term) for term in products(signals)]
+        acting = Acting.equation(state)
+        effects += [Term(state, term) for term in products(model.states + model.inputs)]
         effects += [DryFriction(state, state), QuadraticDrag(state, state)]  # of the equation's own speed
         effects += [StateLimit(state, into, start) for into in equations if into != state for start in LEVELS]
+        for signal in model.states if pairs <= MOST_PAIRS_FOR_SHAPES else ():
+            effects += [DeadBand(acting, signal), *(Hinge(acting, signal, fraction) for fraction in KNOTS)]
+        for signal in model.states if pairs <= MOST_PAIRS_FOR_MEMORY else ():
+            effects += [LaggedSignal(acting, signal), Hysteresis(acting, signal)]
+    return effects
+
+
+def _in_inputs(model: AbstractModel, uniform: bool) -> list[Effect]:
+    """Delay, lag, limits and a dead zone of every input."""
+    effects: list[Effect] = []
     for channel in model.inputs:
         effects += [InputDelay(channel), InputLag(channel)] + [InputBetweenSamples(channel)] * uniform
+        effects += [InputRateLimit(channel), InputDeadZone(channel)]
+        effects += [InputPositionLimit(channel, end) for end in ("upper", "lower")]
+    return effects
+
+
+def _in_outputs(model: AbstractModel) -> list[Effect]:
+    """Errors of every instrument, and cross-talk between those of one kind."""
+    effects: list[Effect] = []
     for channel in model.outputs:
         effects += [SensorBias(channel), SensorScale(channel), SensorDelay(channel), SensorLag(channel)]
         effects += [SensorSaturation(channel, end) for end in ("upper", "lower")]
-    return tuple(sorted(effects, key=lambda effect: effect.name))
+        effects += [SensorDrift(channel), SensorQuantisation(channel)]
+    return effects + [SensorCrossTalk(into, source) for into, source in _of_one_kind(model)]
+
+
+def _of_one_kind(model: AbstractModel) -> tuple[tuple[str, str], ...]:
+    """Ordered pairs of outputs in which cross-talk is likely: of two or three with one unit, as three gyros are."""
+    units = {name: model.units().get(name, "") for name in model.outputs}
+    kinds = [
+        tuple(name for name in model.outputs if units[name] == unit) for unit in dict.fromkeys(units.values()) if unit
+    ]
+    return tuple(pair for kind in kinds if len(kind) <= MOST_OF_ONE_KIND for pair in itertools.permutations(kind, 2))
 
 
 def products(signals: tuple[str, ...]) -> tuple[str, ...]:

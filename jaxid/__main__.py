@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import sys
 from collections.abc import Callable
 from contextlib import contextmanager
 from enum import StrEnum
@@ -23,17 +24,38 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 from ._foundation.checks import InputError  # noqa: E402
 from ._foundation.types import Array  # noqa: E402
+from .aircraft import model_of  # noqa: E402
 from .aircraft.coupled_flight import coupled_flight  # noqa: E402
 from .aircraft.longitudinal_flight import longitudinal_flight  # noqa: E402
 from .aircraft.simulated_flight import SimulatedFlight, realised_noise  # noqa: E402
+from .data.io_study import read_study  # noqa: E402
 from .estimation import OutputError  # noqa: E402
 from .measured import emps, silverbox, tanks  # noqa: E402
 from .report import require_new, write_json, write_study  # noqa: E402
 from .study import Study, close_loop  # noqa: E402
+from .study.from_file import BuiltIn, case_of  # noqa: E402
 
 app = typer.Typer(add_completion=False, no_args_is_help=False, pretty_exceptions_enable=False)
 console = Console(stderr=True)
 
+# What a study file may set of `aircraft.model_of`: all that TOML can write.
+SETTINGS = (
+    "mass",
+    "Ix",
+    "Iy",
+    "Iz",
+    "Ixz",
+    "S",
+    "b",
+    "cbar",
+    "reference",
+    "check",
+    "states",
+    "frame",
+    "measured",
+    "held",
+)
+BUILT_IN = {"aircraft": BuiltIn(model_of, (*SETTINGS, "outputs", "airspeed", "beta"))}
 FLIGHT_WINDOW = 50  # samples, two seconds, in which a flight's initial state is fitted
 
 
@@ -123,6 +145,36 @@ def dataset(
             progress=progress,
         )
     _deliver(study, f"{case.data.name}: {case.data.citation}", json, out)
+
+
+@app.command("close-loop")
+def study_file(
+    path: Annotated[
+        Path, typer.Argument(metavar="STUDY.toml", help="The study file; docs/study_file.md has its keys.")
+    ],
+    json: Json = None,
+    out: Out = None,
+) -> None:
+    """The same on your own records and model, which a study file names."""
+    _require_new(json, out)
+    sys.path.insert(0, str(path.resolve().parent))  # modules beside the file
+    with _told() as progress:
+        progress("reading")
+        file = read_study(path)
+        case = case_of(file, BUILT_IN, progress)
+        study = close_loop(
+            case.model,
+            case.free,
+            case.likelihood,
+            train=case.train,
+            check=case.check,
+            test=case.test,
+            effects=case.effects,
+            window=case.window,
+            options=case.options,
+            progress=progress,
+        )
+    _deliver(study, file.title, json, out)
 
 
 def _require_new(*paths: Path | None) -> None:

@@ -2,15 +2,19 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+GUIDE = Path(__file__).resolve().parent.parent / "docs" / "study_file.md"
 
-def run(arguments, folder, timeout=600):
+
+def run(arguments, folder, timeout=600, program=("-m", "jaxid")):
     environment = {name: value for name, value in os.environ.items() if name not in ("JAX_ENABLE_X64", "JAXID_DATA")}
-    command = [sys.executable, "-m", "jaxid", *map(str, arguments)]
+    command = [sys.executable, *program, *map(str, arguments)]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout)
 
 
@@ -31,9 +35,29 @@ def test_a_flight_names_the_planted_effect_and_reaches_the_noise(tmp_path):
     assert "http://" not in page.replace("http://www.w3.org", "")
 
 
+def test_a_study_file_runs_as_the_guide_prints_it(tmp_path):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    named = re.findall(r"^```(?:python|toml)\n# (\S+)\n(.*?)^```", GUIDE.read_text(encoding="utf-8"), re.M | re.S)
+    for name, text in named:
+        (folder / name).write_text(text, encoding="utf-8")
+    simulated = run([], folder, program=("records.py",))
+    assert simulated.returncode == 0, simulated.stderr
+    done = run(["close-loop", "mine/study.toml", "--json", "out.json"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    figures = json.loads((tmp_path / "out.json").read_text())
+    assert (figures["outcome"], figures["effects"]) == ("explained", ["x^3 in v"])
+    assert "soft stop" in [one["name"] for one in figures["rounds"][0]["candidates"]]
+    # 10 mm of noise in 380 scored samples, within 12 %: three standard deviations of its RMS.
+    assert figures["after"]["x"] == pytest.approx(0.01, rel=0.12)
+    assert figures["before"]["x"] > 0.1
+    assert "A spring" in (tmp_path / "jaxid-study" / "study.html").read_text()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["close-loop", "taken.json"], "taken.json is no TOML file"),
         (["dataset", "tanks"], "JAXID_DATA"),
         (["dataset", "silverbox", "nowhere"], "SNLS80mV.mat"),
         (["--json", "taken.json"], "taken.json"),
@@ -53,4 +77,5 @@ def test_help_tells_of_the_jobs(tmp_path):
     assert done.returncode == 0
     assert "dataset" in done.stdout
     assert "longitudinal" in done.stdout
+    assert "close-loop" in done.stdout
     assert "--json" in done.stdout

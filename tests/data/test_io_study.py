@@ -1,0 +1,116 @@
+"""Study files: what they say is read, and what they say wrong is refused with the file, the section and the key."""
+
+import numpy as np
+import pytest
+
+from jaxid._foundation.checks import InputError
+from jaxid.data.io_study import read_study
+
+GOOD = """
+title = "A spring"
+
+[model]
+use = "springs:Spring"
+parameters = { k = 1.0, c = 1 }
+
+[free]
+parameters = ["k"]
+bounds = { k = [0.0, inf] }
+
+[records]
+inputs = ["force"]
+outputs = ["x"]
+time = "s"
+units = { x = "mm" }
+constants = { mass = 2.0 }
+derivatives = { x = "speed" }
+train = ["a.csv", "more/b.csv"]
+test = { slow = ["c.csv"], fast = ["d.csv"] }
+
+[noise]
+x = "0.5 mm"
+
+[loop]
+window = 3
+
+[library]
+leave_out = ["x^2 in v"]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Four records of a second, x = 1000 sin(2 pi t) mm."""
+    (tmp_path / "more").mkdir()
+    t = 0.02 * np.arange(51)
+    rows = np.column_stack([t, t, 1000 * np.sin(2 * np.pi * t)])
+    for name in ("a", "more/b", "c", "d"):
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="s,force,x", comments="")
+    return tmp_path
+
+
+def read(folder, text):
+    (folder / "study.toml").write_text(text, encoding="utf-8")
+    return read_study(folder / "study.toml")
+
+
+def test_everything_that_is_said_is_read(folder):
+    file = read(folder, GOOD)
+    assert (file.title, file.path.name) == ("A spring", "study.toml")
+    assert file.model == {"use": "springs:Spring", "parameters": {"k": 1.0, "c": 1}}
+    assert file.free == {"parameters": ["k"], "bounds": {"k": [0.0, np.inf]}}
+    assert (file.noise, file.loop, file.library) == ({"x": "0.5 mm"}, {"window": 3}, {"leave_out": ["x^2 in v"]})
+    assert [record.names[0] for record in file.train] == ["a", "b"]
+    assert file.check is None
+    assert {name: part[0].names for name, part in file.test.items()} == {"slow": ("c",), "fast": ("d",)}
+    for record in (*file.train, *file.test["slow"]):
+        assert (record.outputs, record.output_units) == (("x", "speed"), ("m", "m/s"))
+        assert float(record.constants["mass"]) == 2.0
+    t, speed = np.asarray(file.train[0].t), np.asarray(file.train[0].channel("speed"))
+    # Of a whole period of a sine the derivative is exact but for the smoother's ends.
+    np.testing.assert_allclose(speed[10:-10], 2 * np.pi * np.cos(2 * np.pi * t)[10:-10], rtol=0.05, atol=0.1)
+
+
+def test_only_model_and_records_are_needed(folder):
+    file = read(folder, '[model]\nuse = "m:C"\n[records]\ninputs=["force"]\noutputs=["x"]\ntime="s"\ntrain=["a.csv"]\n')
+    assert (file.title, file.free, file.noise, file.loop, file.library) == ("study", {}, {}, {}, {})
+    assert (file.check, file.test) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[free]", "[fre]", r"study.toml: There is no section 'fre'. Did you mean 'free'"),
+        ('title = "A spring"', "title = 5", r"study.toml, title: found 5, and a text is wanted"),
+        ('title = "A spring"', "title = ", r"study.toml is no TOML file: .*line 2"),
+        ("[noise]", "noise = 5\n[other]", r"There is no section 'other'"),
+        ('use = "springs:Spring"', "", r"study.toml, \[model\]: the key 'use' is missing. Give a text"),
+        ('use = "springs:Spring"', "use = 3", r"\[model\] use: found 3, and a text is wanted"),
+        ("parameters = { k", "parameter = { k", r"\[model\]: There is no key 'parameter'. Did you mean 'parameters'"),
+        ('parameters = ["k"]', 'parameters = "k"', r"\[free\] parameters: found 'k', and a list of texts"),
+        (
+            "[0.0, inf]",
+            "[0.0]",
+            r"\[free\] bounds: .* a table of pairs is wanted, such as bounds = { k = \[0.0, inf\] }",
+        ),
+        ("window = 3", 'window = "3"', r"\[loop\] window: found '3', and a number is wanted"),
+        ("window = 3", "window = true", r"\[loop\] window: found True"),
+        ('"0.5 mm"', '"little"', r"\[noise\] x: found 'little'"),
+        ("[library]", "[[library]]", r"`library` is .* and a section is wanted"),
+        ('["a.csv", "more/b.csv"]', "[]", r"\[records\] train: found \[\], and a list of files is wanted"),
+        ('"more/b.csv"', '"b.csv"', r"\[records\] train: There is no file .*b.csv"),
+        ('["d.csv"]', '["more/../a.csv"]', r"\[records\] test: 'more/../a.csv' stands in 'train' already"),
+        ('x = "mm"', 'x = "mn"', r"\[records\] train: .*'mn'"),
+        ('x = "speed"', 'y = "speed"', r"\[records\] derivatives: There is no channel 'y'"),
+        ('["force"]', '["forces"]', r"\[records\] train: There is no column in a.csv 'forces'"),
+    ],
+)
+def test_what_is_wrong_is_refused_where_it_stands(old, new, words, folder):
+    assert old in GOOD
+    with pytest.raises(InputError, match=words):
+        read(folder, GOOD.replace(old, new, 1))
+
+
+def test_a_file_that_is_not_there_is_told(tmp_path):
+    with pytest.raises(InputError, match="There is no file"):
+        read_study(tmp_path / "none.toml")

@@ -1,0 +1,218 @@
+"""From a study file to the model, its free parameters and candidates; what does not exist is refused where it stands."""
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from written_flight import MASS, SIZE, TRUE, flight
+
+from jaxid import LoopOptions
+from jaxid._foundation.checks import InputError
+from jaxid.aircraft import model_of
+from jaxid.data.io_study import read_study
+from jaxid.models import DiagonalNoise
+from jaxid.models.names import read
+from jaxid.study.from_file import BuiltIn, case_of
+
+GUIDE = Path(__file__).resolve().parent.parent.parent / "docs" / "study_file.md"
+SETTINGS = ("mass", "Iy", "S", "b", "cbar", "states", "held")
+BUILT_IN = {"aircraft": BuiltIn(model_of, SETTINGS)}
+
+MODULE = """
+import jax
+import jax.numpy as jnp
+import jaxid
+from jaxid.models import SensorBias, Term
+
+
+class Spring(jaxid.AbstractModel):
+    k: jax.Array
+    c: jax.Array
+    states, inputs, outputs = ("x", "v"), ("force",), ("x",)
+
+    def rhs(self, t, x, u):
+        return jnp.stack([x[1], u[0] - self.k * x[0] - self.c * x[1]])
+
+    def output(self, t, x, u):
+        return x[:1]
+
+
+def stiff(k, c=0.5):
+    return Spring(100.0 * k, c)
+
+
+def text(k, c):
+    return "a spring"
+
+
+def own(model):
+    return (Term("v", "x^5"), SensorBias("x"))
+
+
+def wrong(model):
+    return ("x^5",)
+
+
+NUMBER = 5
+"""
+GOOD = """
+[model]
+use = "own_springs:Spring"
+parameters = { k = 1.0, c = 2 }
+[free]
+parameters = ["k"]
+bounds = { k = [0.0, inf] }
+[records]
+inputs = ["spare", "force"]
+outputs = ["x", "y"]
+train = ["a.csv"]
+[noise]
+x = "5 mm"
+[loop]
+window = 3
+level = 0.05
+[library]
+general = false
+effects = ["own_springs:own"]
+leave_out = ["bias of x"]
+"""
+
+
+@pytest.fixture
+def said(tmp_path, monkeypatch):
+    """A function that reads a study file with some of its text changed."""
+    (tmp_path / "own_springs.py").write_text(MODULE, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "own_springs", raising=False)
+    t = 0.1 * np.arange(20)
+    header = "t,spare,force,x [mm],y [V]"
+    np.savetxt(tmp_path / "a.csv", np.column_stack([t] * 5), delimiter=",", header=header, comments="")
+
+    def made(*changes):
+        text = GOOD
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new, 1)
+        (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+        return case_of(read_study(tmp_path / "study.toml"), BUILT_IN)
+
+    return made
+
+
+def test_a_class_beside_the_file_is_made_and_declared(said):
+    case = said()
+    assert (float(case.model.k), float(case.model.c)) == (1.0, 2.0)
+    assert (case.free.shared, case.free.per_record) == (("k",), ("initial_state.x", "initial_state.v"))
+    assert (float(case.free.lower["k"]), float(case.free.upper["k"])) == (0.0, np.inf)
+    assert (case.train[0].inputs, case.train[0].outputs) == (("force",), ("x",))
+    assert case.likelihood.noise.R.tolist() == [[pytest.approx(25e-6, rel=1e-12)]]
+    assert [effect.name for effect in case.effects] == ["x^5 in v"]
+    assert (case.window, case.options.level, case.options.refits) == (3, 0.05, LoopOptions().refits)
+    assert (case.check, case.test) == (None, None)
+
+
+def test_defaults_are_those_of_the_loop(said):
+    loop, library = "[loop]\nwindow = 3\nlevel = 0.05", GOOD[GOOD.index("[library]") :]
+    case = said(("Spring", "stiff"), ("c = 2", "c = 1"), ('[noise]\nx = "5 mm"', ""), (loop, ""), (library, ""))
+    assert float(case.model.k) == 100.0  # of the function
+    assert isinstance(case.likelihood.noise, DiagonalNoise)
+    assert (case.window, case.effects) == (None, None)
+    assert said(("general = false", "")).effects != said().effects
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("own_springs:Spring", "own_springs", r"\[model\] use: found 'own_springs', and `module:name`.*: aircraft"),
+        ("own_springs:Spring", "nowhere:Spring", r"\[model\] use: there is no module 'nowhere' beside the file"),
+        (
+            "own_springs:Spring",
+            "own_springs:Sprin",
+            r"There is no name in the module .* 'Sprin'. Did you mean 'Spring'",
+        ),
+        ("own_springs:Spring", "own_springs:NUMBER", r"own_springs:NUMBER is no class"),
+        ("own_springs:Spring", "own_springs:text", r"\[model\] use: own_springs:text gives a str"),
+        ("c = 2", "d = 2", r"\[model\] parameters: There is no parameter of own_springs:Spring 'd'"),
+        (", c = 2", "", r"\[model\] parameters: c must have a starting value. Give c = 1.0"),
+        ("[free]", "terms = { Cm = [] }\n[free]", r"\[model\] terms: it belongs to a built-in model"),
+        ('parameters = ["k"]', 'parameters = ["kk"]', r"\[free\]: There is no parameter 'kk'"),
+        ('parameters = ["k"]', "", r"\[free\]: `parameters` is missing"),
+        ("k = [0.0", "k = [2.0", r"\[free\]: The starting value of 'k'"),
+        ('"x", "y"', '"y"', r"\[noise\]|\[records\]: There is no channel"),
+        ('x = "5 mm"', 'z = "5 mm"', r"\[noise\]: There is no output 'z'"),
+        ("5 mm", "5 V", r"\[noise\]: x = '5 V' is no number with a unit of this channel"),
+        ('"5 mm"', "0.0", r"\[noise\]: the standard deviation of x is 0.0"),
+        ("level = 0.05", "levels = 0.05", r"\[loop\]: There is no key 'levels'. Did you mean 'level'"),
+        ("level = 0.05", "level = 5", r"\[loop\]: level is 5.0; it must lie between 0 and 1"),
+        ("level = 0.05", "refits = 2.5", r"\[loop\] refits: found 2.5, and a whole number is wanted"),
+        ("own_springs:own", "own_springs:wrong", r"\[library\] effects: own_springs:wrong gives something that is no"),
+        ("bias of x", "bias of z", r"\[library\] leave_out: There is no candidate or family 'bias of z'"),
+        ('["bias of x"]', '["bias of x", "x^5 in v"]', r"\[library\]: no candidate is left"),
+    ],
+)
+def test_what_does_not_exist_is_refused_where_it_stands(old, new, words, said):
+    with pytest.raises(InputError, match=words):
+        said((old, new))
+
+
+# The guide's aircraft ---------------------------------------------------------------------------------------------------
+
+SI = {"deg": np.pi / 180, "deg/s": np.pi / 180, "kt": 1852 / 3600, "ft": 0.3048, "g0": 9.80665}
+
+
+@pytest.fixture(scope="module")
+def aircraft_file(tmp_path_factory):
+    """The guide's file for an aircraft, beside one simulated flight under the five names that it has."""
+    folder = tmp_path_factory.mktemp("aircraft")
+    (text,) = re.findall(r'^```toml\n(\[model\]\nuse = "aircraft".*?)^```', GUIDE.read_text("utf-8"), re.M | re.S)
+    said = tomllib.loads(text)
+    settings, records = said["model"]["aircraft"], said["records"]
+    assert {name: settings[name] for name in ("mass", "Iy", *SIZE)} == {"mass": MASS["mass"], "Iy": MASS["Iy"], **SIZE}
+    measured = flight(seconds=16.0, which=("stabilator",), seed=3)
+    names, units = ("t", *records["inputs"], *records["outputs"]), records["units"]
+    table = np.column_stack([measured[name] / SI.get(units.get(name), 1.0) for name in names])
+    for file in ("doublets", "3211", "pulls", "slow", "sweep"):
+        np.savetxt(folder / f"{file}.csv", table, delimiter=",", header=",".join(names), comments="")
+    return folder, text
+
+
+def read_aircraft(aircraft_file, old="", new=""):
+    folder, text = aircraft_file
+    assert old in text
+    (folder / "study.toml").write_text(text.replace(old, new, 1), encoding="utf-8")
+    return case_of(read_study(folder / "study.toml"), BUILT_IN)
+
+
+def test_an_aircraft_starts_at_a_first_estimate_of_its_terms(aircraft_file):
+    case = read_aircraft(aircraft_file)
+    assert case.model.states == ("u", "w", "q", "pitch")
+    assert case.window == 25
+    assert [*case.test] == ["slow", "sweep"]
+    expected = {f"{name}.{term}" for name in ("CX", "CZ", "Cm") for term in ("1", *TRUE[name])}
+    assert set(case.free.shared) == expected
+    # Two copies of one flight: the strong derivatives come within some standard errors, of about 1 %.
+    for name in ("CZ.alpha", "Cm.alpha", "Cm.qhat", "Cm.stabilator"):
+        coefficient, term = name.split(".")
+        assert float(read(case.model, (name,))[0]) == pytest.approx(TRUE[coefficient][term], rel=0.05), name
+    assert all(bool(jnp.all(record.mask)) for record in case.train)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("mass = 5000.0", "masses = 5000.0", r"\[model\] aircraft: There is no setting 'masses'"),
+        ("mass = 5000.0", "", r"\[model\] aircraft: Record 'doublets' does not say mass"),
+        ('Cm = ["alpha"', 'Cm = ["alfa"', r"\[model\] terms: .*'alfa'"),
+        ("Cm = [", "CY = [", r"\[model\] terms: There is no coefficient 'CY'"),
+        ('derivatives = { q = "qdot" }', "", r"\[model\] terms: .*needs 'qdot'"),
+        ("[loop]", '[free]\nparameters = ["Cm.beta"]\n[loop]', r"\[free\]: There is no parameter 'Cm.beta'"),
+        ("[loop]", "[noise]\nq = 0.1\n[loop]", r"\[noise\]: .* has no standard deviation"),
+    ],
+)
+def test_what_an_aircraft_lacks_is_refused_before_it_is_fitted(old, new, words, aircraft_file):
+    with pytest.raises(InputError, match=words):
+        read_aircraft(aircraft_file, old, new)

@@ -24,6 +24,12 @@ from .controls import MeasuredSurfaces as MeasuredSurfaces
 from .controls import standard_actuators as standard_actuators
 from .corrections import corrected_accelerations as corrected_accelerations
 from .corrections import corrected_angles as corrected_angles
+from .effects_flow import CoefficientGradient as CoefficientGradient
+from .effects_flow import GroundEffect as GroundEffect
+from .effects_flow import in_coefficient as in_coefficient
+from .effects_library import aircraft_effects as aircraft_effects
+from .effects_separation import Separation as Separation
+from .effects_separation import StaticSeparation as StaticSeparation
 from .engine import ConstantThrust as ConstantThrust
 from .engine import Engine as Engine
 from .engine_turbofan import Turbofan as Turbofan

@@ -8,6 +8,7 @@ from .effects_actuator import InputDeadZone, InputPositionLimit, InputRateLimit
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
 from .effects_input import InputBetweenSamples, InputDelay, InputLag
 from .effects_memory import Hysteresis, LaggedSignal
+from .effects_parameter import ParameterDrift, ParameterShift, ParameterStep, not_free, parameter_effects
 from .effects_sensor import SensorBias, SensorDelay, SensorLag, SensorSaturation, SensorScale
 from .effects_sensor_more import SensorCrossTalk, SensorDrift, SensorQuantisation
 from .effects_shape import DeadBand, Hinge, Saturating
@@ -42,6 +43,9 @@ __all__ = [
     "InputRateLimit",
     "LaggedSignal",
     "LinearModel",
+    "ParameterDrift",
+    "ParameterShift",
+    "ParameterStep",
     "Parameters",
     "Polynomial",
     "QuadraticDrag",
@@ -60,7 +64,9 @@ __all__ = [
     "Term",
     "free",
     "general_effects",
+    "not_free",
     "outside",
+    "parameter_effects",
     "parameter_names",
     "polynomials_of",
     "require_inside",

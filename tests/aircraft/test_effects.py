@@ -1,0 +1,347 @@
+"""Effects of aircraft: what each does, absent at zero with the sensitivity that it should have, and a dropped mass found."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.integrate
+from small_airframe import small_airframe
+
+from jaxid._foundation.checks import InputError
+from jaxid.aircraft import Aircraft, ConstantThrust, Engine, Instruments, MeasuredSurfaces, Wind
+from jaxid.aircraft.effectiveness import MOVED
+from jaxid.aircraft.effects import CoefficientTerm
+from jaxid.aircraft.effects_flow import CoefficientGradient, GroundEffect, in_coefficient
+from jaxid.aircraft.effects_library import GROUPS, aircraft_effects, centre_of_gravity
+from jaxid.aircraft.effects_separation import Separation, StaticSeparation
+from jaxid.aircraft.frames import quaternion
+from jaxid.aircraft.longitudinal_flight import SPEED, level_trim, manoeuvres, true_aircraft
+from jaxid.data import record
+from jaxid.estimation import OutputError
+from jaxid.models import AbstractModel, Augmented, free, parameter_names, with_values
+from jaxid.models.effects_parameter import ParameterDrift, ParameterShift, ParameterStep, parameter_effects
+from jaxid.models.library import started
+from jaxid.models.names import read
+from jaxid.simulation import RK4, simulate
+from jaxid.study.close_loop import SOLVER, as_stack
+from jaxid.study.workbench import Workbench
+
+CHANNELS = ("alpha", "beta", "V", "p", "q", "r", "phi", "pitch", "ax", "ay", "az", "altitude")
+AIRCRAFT = Aircraft(
+    small_airframe(),
+    engines=(Engine(ConstantThrust(30e3), position=(-5.0, 1.0, 0.2)), Engine(ConstantThrust(30e3), momentum=200.0)),
+    controls=MeasuredSurfaces(),
+    instruments=Instruments(CHANNELS, position={"alpha": (10.0, 0.1, 0.0), "ax": (2.0, 0.3, -0.4)}),
+    wind=Wind(8.0, -5.0, 1.0, north_shear=0.003),
+)
+STATE = AIRCRAFT.flight_state(
+    jnp.array([165.0, 9.0, 24.0]),
+    jnp.array([0.3, 0.12, -0.1]),
+    quaternion(0.4, 0.15, 0.6),
+    jnp.array([0.0, 0.0, 9000.0]),
+)
+SURFACES = jnp.array([-0.05, 0.03, 0.04])
+NOW = jnp.array(0.7)
+SIGNALS = {"t": np.linspace(0.0, 1.0, 5), "alpha": np.linspace(0.05, 0.16, 5)}
+SIGNALS |= {name: np.ones(5) for name in ("mach", "qbar", "altitude", "beta")}
+EVERY = aircraft_effects(AIRCRAFT, ground=8990.0)
+USUAL = AIRCRAFT.effects()
+
+
+@eqx.filter_jit
+def seen_of(model, x=STATE):
+    """Rates, outputs and signals at one instant."""
+    return model.rhs(NOW, x, SURFACES), model.output(NOW, x, SURFACES), model.signals(NOW, x, SURFACES)
+
+
+def of_type(kind, effects=USUAL):
+    return [effect for effect in effects if isinstance(effect, kind)]
+
+
+# The library ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def instant():
+    """Rates and outputs for a vector of gains, in sizes that are felt but not by much: of the effects that are tried by default,
+    few of the terms among them, and one of each other kind."""
+    usual = [effect for effect in USUAL if not isinstance(effect, CoefficientTerm) or "dot_hat" in effect.name]
+    kinds = {type(effect): effect for effect in EVERY} | {type(effect): effect for effect in usual}
+    known = {effect.name: effect for effect in (*usual, *kinds.values())}
+    model = Augmented(AIRCRAFT, started(tuple(known.values()), SIGNALS, {}, 0.2))
+    x = jnp.concatenate([STATE, jnp.full(len(model.states) - STATE.size, -0.02)])
+    sizes = np.array([_size(effect) for effect in model.effects_in])
+
+    @jax.jit
+    def seen(gains):
+        filled = eqx.tree_at(lambda m: [e.gain for e in m.effects_in], model, list(sizes * gains))
+        return jnp.concatenate([filled.rhs(NOW, x, SURFACES)[: STATE.size], filled.output(NOW, x, SURFACES)])
+
+    return tuple(effect.name for effect in model.effects_in), seen
+
+
+def _size(effect):
+    """Of a gain."""
+    return {"kg": 1e3, "kg*m^2": 1e4, "kg*m^2/s": 1e3}.get(effect.unit, 1.0)
+
+
+def test_at_gain_zero_all_are_absent(instant):
+    names, seen = instant
+    np.testing.assert_allclose(
+        seen(jnp.zeros(len(names))), np.concatenate(seen_of(AIRCRAFT)[:2]), rtol=1e-12, atol=1e-14
+    )
+
+
+def test_sensitivities_at_zero_are_finite_differences(instant):
+    """Central differences of values up to hundreds: rounding of 1e-14/1e-4, and the third derivative times 1e-8."""
+    names, seen = instant
+    S, d = jax.jacfwd(seen)(jnp.zeros(len(names))), 1e-4
+    for column, name in enumerate(names):
+        unit = jnp.zeros(len(names)).at[column].set(d)
+        np.testing.assert_allclose(
+            S[:, column], (seen(unit) - seen(-unit)) / (2 * d), rtol=1e-6, atol=1e-8, err_msg=name
+        )
+        assert np.abs(S[:, column]).max() > 1e-5, name
+
+
+def test_what_is_tried_by_default_is_little_and_part_of_what_is_known():
+    more = [effect for effect in USUAL if not isinstance(effect, CoefficientTerm)]
+    assert 25 <= len(more) <= 40
+    families = {effect.family for effect in EVERY}
+    assert {effect.family for effect in USUAL} <= families
+    assert len(EVERY) > 1.5 * len(USUAL)
+
+
+def test_groups():
+    by_group = [aircraft_effects(AIRCRAFT, groups=(group,)) for group in GROUPS]
+    assert all(by_group)
+    without_ground = [effect for effect in EVERY if not isinstance(effect, GroundEffect)]
+    assert sum(map(len, by_group)) == len(without_ground)
+    with pytest.raises(InputError, match="'weather'"):
+        aircraft_effects(AIRCRAFT, groups=("weather",))
+
+
+def test_every_parameter_effect_names_parameters_that_exist():
+    """And its gain has a unit, unless it is a ratio."""
+    names = set(parameter_names(AIRCRAFT))
+    for effect in of_type(ParameterShift, EVERY):
+        assert {effect.parameter, *(name for name, _ in effect.along)} <= names
+        assert (effect.unit == "") == ("thrust" in effect.name and effect.parameter.endswith("share"))
+
+
+# Parameters -----------------------------------------------------------------------------------------------------------
+
+
+def test_another_mass_is_another_mass():
+    heavier = with_values(AIRCRAFT, ("mass",), read(AIRCRAFT, ("mass",)) + 900.0)
+    model = Augmented(AIRCRAFT, (ParameterShift("mass", gain=jnp.array(900.0)),))
+    for found, expected in zip(seen_of(model)[:2], seen_of(heavier)[:2], strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-15)
+
+
+def test_a_centre_of_gravity_further_aft_raises_the_nose():
+    """The lift, taken at the reference point, then acts further ahead of it: `qdot += -d Fz/Iy`, and nothing at a sensor moves
+    but by the lever to it."""
+    (effect,) = centre_of_gravity(parameter_names(AIRCRAFT), "x")
+    model = Augmented(AIRCRAFT, (eqx.tree_at(lambda e: e.gain, effect, jnp.array(0.2)),))
+    still = STATE.at[3:6].set(0.0)
+    before, after = seen_of(AIRCRAFT, still)[2], seen_of(model, still)[2]
+    # With the engines' lines of action along x, and moved along x, their moment stays.
+    force = before["qbar"] * AIRCRAFT.airframe.S * before["CZ"]
+    assert force < 0
+    np.testing.assert_allclose(
+        after["qdot"] - before["qdot"], -0.2 * force / AIRCRAFT.airframe.mass_properties.Iy, rtol=1e-10
+    )
+    # An accelerometer that stands 0.2 m further ahead of it, and the angular accelerations that are now others.
+    (_, y, before), (_, moved, after) = seen_of(AIRCRAFT), seen_of(model)
+    moved = (moved - y)[CHANNELS.index("ax")]
+    _, q, r = STATE[3:6]
+    lever = -0.4 * (after["qdot"] - before["qdot"]) - 0.3 * (after["rdot"] - before["rdot"])
+    np.testing.assert_allclose(moved, lever - 0.2 * (q**2 + r**2), rtol=1e-10)
+
+
+def test_one_engine_has_a_thrust_line_and_two_have_shares():
+    words = [effect.what for effect in of_type(ParameterShift) if "thrust" in effect.what]
+    assert "symmetry of thrust" in words
+    assert "sideways place of the thrust line" not in words
+    single = Aircraft(small_airframe(), engines=(Engine(ConstantThrust(6e4)),), controls=MeasuredSurfaces())
+    words = [effect.what for effect in of_type(ParameterShift, single.effects())]
+    assert "sideways place of the thrust line" in words
+    assert "symmetry of thrust" not in words
+
+
+# Coefficients ---------------------------------------------------------------------------------------------------------
+
+
+def test_reduced_rates_of_alpha_and_beta_are_those_along_the_motion():
+    """By central differences along the motion, in wind and sideslip; rounding of 1e-16/1e-6."""
+    # In a wind without shear, for the signals take it as steady along the path.
+    model = with_values(AIRCRAFT, ("wind.north_shear",), jnp.zeros(1))
+    (dx, _, signals), d = seen_of(model), 1e-6
+    later, before = (seen_of(model, STATE + step * dx)[2] for step in (d, -d))
+    for angle, length in (("alpha", model.airframe.cbar), ("beta", model.airframe.b)):
+        expected = (later[angle] - before[angle]) / (2 * d) * length / (2 * signals["V"])
+        assert abs(expected) > 1e-4
+        np.testing.assert_allclose(signals[f"{angle}dot_hat"], expected, rtol=1e-6)
+
+
+def test_a_gradient_is_centred_on_the_records_mean():
+    effect = CoefficientGradient(in_coefficient("CZ", MOVED["CZ"]), "mach", "alpha")
+    effect = effect.start({"mach": np.array([0.5, 0.6])}, {}, 0.05)
+    effect = eqx.tree_at(lambda e: e.gain, effect, jnp.array(-2.0))
+    (dx, _, signals), (with_effect, _, _) = seen_of(AIRCRAFT), seen_of(Augmented(AIRCRAFT, (effect,)))
+    change = -2.0 * signals["alpha"] * (signals["mach"] - 0.55)
+    np.testing.assert_allclose((with_effect - dx)[2], signals["w_per_CZ"] * change, rtol=1e-10)
+
+
+def test_ground_effect_is_whole_on_the_ground_and_half_at_a_sixteenth_of_the_span():
+    effect = GroundEffect(in_coefficient("CZ", MOVED["CZ"]), 100.0, 16.0)
+    assert effect.scalar({"altitude": 100.0}) == 1.0
+    assert effect.scalar({"altitude": 101.0}) == 0.5
+
+
+# Separated flow -------------------------------------------------------------------------------------------------------
+
+CZ_ONLY = (in_coefficient("CZ", ("w",)),)
+MEAN, SWING, PACE = 0.25, 0.12, 2.0  # rad, rad, rad/s
+SHAPE = {"alpha_star": jnp.array(0.26), "steepness": jnp.array(25.0)}
+
+
+class Pitching(AbstractModel):
+    """An angle of attack that swings as it is told, and the integral of CZ."""
+
+    states, inputs, outputs = ("alpha", "w"), ("u",), ("alpha", "w")
+
+    def rhs(self, t, x, u):
+        return jnp.stack([SWING * PACE * jnp.sin(PACE * t), jnp.zeros(())])
+
+    def output(self, t, x, u):
+        return x[:2]
+
+    def signals(self, t, x, u):
+        return super().signals(t, x, u) | {"w_per_CZ": jnp.ones(())}
+
+
+def swung(effect, t):
+    """State and the rate of w, which is what is added to CZ."""
+    model = Augmented(Pitching(), (effect,))
+    start = jnp.concatenate([jnp.array([MEAN - SWING, 0.0]), jnp.zeros(len(model.states) - 2)])
+    u = jnp.zeros((t.size, 1))
+    x = simulate(model, t, u, start, stepper=RK4(2)).x
+    return np.asarray(x), np.asarray(jax.jit(jax.vmap(model.rhs))(t, x, u)[:, 1])
+
+
+def test_static_separation_is_kirchhoffs_factor():
+    effect = StaticSeparation(CZ_ONLY, gain=jnp.array(-4.0), **SHAPE)
+    for alpha, x in ((0.26, 0.5), (-0.4, 1.0), (0.36, 0.5 * (1.0 - np.tanh(2.5)))):
+        added = effect.equations({}, {"alpha": jnp.array(alpha), "w_per_CZ": jnp.ones(())})["w"]
+        np.testing.assert_allclose(
+            added, -4.0 * alpha * ((0.5 * (1.0 + np.sqrt(x))) ** 2 - 1.0), rtol=1e-12, atol=1e-12
+        )
+    # Wholly separated: a quarter of the slope is left, but for the floor under the root.
+    added = effect.equations({}, {"alpha": jnp.array(1.5), "w_per_CZ": jnp.ones(())})["w"]
+    np.testing.assert_allclose(added / (-4.0 * 1.5), -0.75, atol=0.51 * np.sqrt(1e-4))
+
+
+def test_forward_force_and_moment_get_their_share():
+    acting = tuple(in_coefficient(name, (state,)) for name, state in (("CX", "u"), ("CZ", "w"), ("Cm", "q")))
+    effect = StaticSeparation(acting, gain=jnp.array(-4.0), forward=jnp.array(0.3), pitching=jnp.array(-0.1), **SHAPE)
+    signals = {
+        "alpha": jnp.array(0.3),
+        "u_per_CX": jnp.array(2.0),
+        "w_per_CZ": jnp.array(3.0),
+        "q_per_Cm": jnp.ones(()),
+    }
+    added = effect.equations({}, signals)
+    np.testing.assert_allclose(added["u"] / 2.0, 0.3 * added["w"] / 3.0, rtol=1e-14)
+    np.testing.assert_allclose(added["q"], -0.1 * added["w"] / 3.0, rtol=1e-14)
+
+
+def test_the_place_of_separation_follows_its_equation():
+    """Goman and Khrabrov's equation by another code; Runge-Kutta's error is (h/lag)^5/120 a step of 0.01 s."""
+    lag, late = 0.3, 0.15
+    effect = Separation(CZ_ONLY, gain=jnp.array(-4.0), lag=jnp.array(lag), late=jnp.array(late), **SHAPE)
+    t = 0.02 * jnp.arange(300)
+    x, _ = swung(effect, t)
+
+    def static(alpha):
+        return 0.5 * (1.0 - np.tanh(25.0 * (alpha - 0.26)))
+
+    def rate(now, place):
+        alpha, alphadot = MEAN - SWING * np.cos(PACE * now), SWING * PACE * np.sin(PACE * now)
+        return (static(alpha - late * alphadot) - place) / lag
+
+    begin = static(MEAN - SWING)
+    true = scipy.integrate.solve_ivp(
+        rate, (0, 6), [begin], method="DOP853", t_eval=np.asarray(t), rtol=1e-11, atol=1e-12
+    )
+    np.testing.assert_allclose(static(x[:, 0]) + x[:, 2], true.y[0], rtol=0, atol=1e-6)
+    assert np.ptp(true.y[0]) > 0.5
+    assert np.abs(x[:, 2]).max() > 0.2  # it does separate, and lags
+
+
+def test_without_lag_separation_is_static():
+    """The difference is of first order in the times: half of them, half of it, but for the second order, a tenth."""
+    t = 0.01 * jnp.arange(400)
+    _, static = swung(StaticSeparation(CZ_ONLY, gain=jnp.array(-4.0), **SHAPE), t)
+    apart = []
+    for time in (0.04, 0.02):
+        both = {"lag": jnp.array(time), "late": jnp.array(time)}
+        _, late = swung(Separation(CZ_ONLY, gain=jnp.array(-4.0), **both, **SHAPE), t)
+        apart.append(np.sqrt(np.mean((late - static) ** 2)))
+    assert apart[0] < 0.1 * np.ptp(static)
+    np.testing.assert_allclose(apart[0] / apart[1], 2.0, rtol=0.1)
+
+
+def test_starts_of_separation_lie_in_the_range_of_alpha():
+    signals = {"alpha": np.linspace(0.05, 0.35, 50)}
+    effect = Separation(CZ_ONLY, 0.8).start(signals, {}, 0.05)
+    np.testing.assert_allclose(effect.alpha_star, 0.29)
+    np.testing.assert_allclose(effect.steepness, 30.0)  # a tenth to nine tenths within a quarter of the range
+
+
+# A dropped mass -------------------------------------------------------------------------------------------------------
+
+DROP, TIME = -1500.0, 5.4  # kg, s
+NOISE = jnp.array([9e-4, 1.7e-3, 9e-4, 0.03, 0.08, 0.3])  # of alpha, q, pitch, ax, az, V, as in the longitudinal flight
+
+
+@pytest.fixture(scope="module")
+def bench():
+    """Three flights in which a store is dropped, and the declared model with candidates that all concern the mass."""
+    aircraft = true_aircraft()
+    trimmed, elevator, thrust = level_trim(aircraft, SPEED)
+    aircraft = eqx.tree_at(lambda model: model.thrust, aircraft, thrust)
+    step = ParameterStep("mass", gain=jnp.array(DROP), time=jnp.array(TIME), width=jnp.array(0.02))
+    t = 0.04 * jnp.arange(301)
+    moves = manoeuvres(t)
+    u = elevator + jnp.stack([moves[name] for name in ("doublets", "3-2-1-1", "multisine")])[..., None]
+    y = jax.jit(
+        jax.vmap(lambda u: simulate(Augmented(aircraft, (step,)), t, u, trimmed, stepper=RK4(4, unrolled=False)).y)
+    )(u)
+    z = y + NOISE[None, None] * jax.random.normal(jax.random.key(7), y.shape)
+    flown = [record(t, u[i], z[i], inputs=aircraft.inputs, outputs=aircraft.outputs) for i in range(3)]
+    chosen = free(aircraft, "CX", "CZ", "Cm", per_record=("initial_state",))
+    candidates = (
+        *parameter_effects(aircraft, ("mass",)),
+        ParameterShift("Iy"),
+        ParameterShift("thrust"),
+        ParameterDrift("Iy"),
+    )
+    return Workbench(aircraft, chosen, candidates, OutputError(), as_stack(flown), SOLVER)
+
+
+def test_a_dropped_mass_comes_first_and_its_time_is_found(bench):
+    """The refit starts 0.6 s beside the drop. Its gain is found within four standard errors; its time, to which the jump of the
+    accelerometer is sharp, within half a sample."""
+    base = bench.set_shapes(bench.base())
+    scores = np.asarray(bench.score(base).score)
+    best = max(bench.effects, key=lambda name: scores[bench.gains[name]])
+    assert bench.effects[best].family == "step of mass"
+    others = [scores[bench.gains[name]] for name, one in bench.effects.items() if one.family != "step of mass"]
+    assert scores[bench.gains[best]] > max(others) + 100.0
+    found = bench.standard_errors(bench.fit((best,), base.values, base.fit.parameters.rows))
+    gain, error = found[f"{best}.gain"]
+    assert abs(gain - DROP) < 4.0 * error < 0.2 * abs(DROP)
+    assert abs(found[f"{best}.time"][0] - TIME) < 0.02

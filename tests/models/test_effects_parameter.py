@@ -1,0 +1,174 @@
+"""Effects on parameters of the declared model: what each does, absent at zero, and with the sensitivity that it should have."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxid._foundation.checks import InputError
+from jaxid.models import AbstractModel, Augmented, with_values
+from jaxid.models.effects_parameter import (
+    ParameterDrift,
+    ParameterShift,
+    ParameterStep,
+    not_free,
+    parameter_effects,
+    shifted,
+)
+from jaxid.models.names import read
+from jaxid.simulation import RK4, simulate
+
+
+class Spring(AbstractModel):
+    """A spring with two dampers, whose sensor has a scale."""
+
+    k: object
+    c: object
+    scale: object
+    states, inputs, outputs = ("x", "v"), ("u",), ("y",)
+
+    def rhs(self, t, x, u):
+        return jnp.stack([x[1], u[0] - self.k * x[0] - self.c[0] * x[1] - self.c[1] * x[1] ** 3])
+
+    def output(self, t, x, u):
+        return self.scale * x[:1]
+
+    def units(self):
+        return {"k": "1/s^2"}
+
+
+MODEL = Spring(jnp.array(4.0), jnp.array([0.4, 0.05]), jnp.array(1.5))
+T = 0.1 * jnp.arange(60)
+U = (jnp.sin(1.3 * T + 0.5) + 0.5 * jnp.cos(4.0 * T))[:, None]
+START = jnp.array([0.7, 0.9])
+SIGNALS = {"t": np.concatenate([np.asarray(T), np.asarray(T)])}
+PARAMETERS = ("k", "c[1]", "scale")
+EFFECTS = tuple(one.start(SIGNALS, {}, 0.1) for one in parameter_effects(MODEL, PARAMETERS, moments=(0.3,)))
+
+
+def answer(model):
+    return simulate(model, T, U, START, stepper=RK4(2)).y[:, 0]
+
+
+@pytest.fixture(scope="module")
+def outcome():
+    """The outputs for a vector of gains, in the order of the effects' names."""
+    model = Augmented(MODEL, EFFECTS)
+
+    @jax.jit
+    def y(gains):
+        return answer(eqx.tree_at(lambda m: [e.gain for e in m.effects_in], model, list(gains)))
+
+    return y
+
+
+def gain_of(kind, parameter, value):
+    """Gains of which one is not zero."""
+    names = [(type(one), one.parameter) for one in Augmented(MODEL, EFFECTS).effects_in]
+    return jnp.zeros(len(names)).at[names.index((kind, parameter))].set(value)
+
+
+def test_all_at_gain_zero_are_absent(outcome):
+    np.testing.assert_array_equal(outcome(jnp.zeros(len(EFFECTS))), answer(MODEL))
+
+
+@pytest.mark.parametrize("parameter", PARAMETERS)
+def test_a_shift_is_another_value_of_the_parameter(outcome, parameter):
+    other = with_values(MODEL, (parameter,), read(MODEL, (parameter,)) + 0.2)
+    np.testing.assert_allclose(outcome(gain_of(ParameterShift, parameter, 0.2)), answer(other), rtol=0, atol=1e-13)
+
+
+def test_sensitivities_at_zero_are_finite_differences(outcome):
+    """Central differences: rounding of 1e-16/1e-5 and the third derivative times 1e-10."""
+    S, d = jax.jacfwd(outcome)(jnp.zeros(len(EFFECTS))), 1e-5
+    for column, unit in enumerate(d * jnp.eye(len(EFFECTS))):
+        difference = (outcome(unit) - outcome(-unit)) / (2 * d)
+        scale = np.abs(S[:, column]).max()
+        assert scale > 1e-3
+        np.testing.assert_allclose(S[:, column], difference, rtol=0, atol=1e-8 * max(scale, 1.0))
+
+
+class Integrator(AbstractModel):
+    """Two integrals of a parameter, which the output shows as well."""
+
+    rate: object
+    states, inputs, outputs = ("x",), ("u",), ("x", "rate")
+
+    def rhs(self, t, x, u):
+        return self.rate[None]
+
+    def output(self, t, x, u):
+        return jnp.stack([x[0], self.rate])
+
+
+def integrated(effect):
+    t = 0.05 * jnp.arange(201)
+    effect = eqx.tree_at(lambda e: e.gain, effect.start({"t": np.asarray(t)}, {}, 0.05), jnp.array(-2.0))
+    y = simulate(Augmented(Integrator(jnp.array(3.0)), (effect,)), t, jnp.zeros((201, 1)), jnp.zeros(1)).y
+    return np.asarray(t), np.asarray(y)
+
+
+def test_a_drift_is_a_ramp_about_the_middle_of_the_records():
+    t, y = integrated(ParameterDrift("rate"))
+    np.testing.assert_allclose(y[:, 1], 3.0 - 2.0 * (t - 5.0) / 10.0, rtol=1e-14)
+    # Runge-Kutta's method integrates a polynomial of first degree exactly.
+    np.testing.assert_allclose(y[:, 0], 3.0 * t - 0.1 * (t**2 - 10.0 * t), rtol=0, atol=1e-12)
+
+
+def test_a_step_is_a_smooth_one_at_its_time():
+    t, y = integrated(ParameterStep("rate", 0.4))
+    z = (t - 4.0) / 0.05
+    np.testing.assert_allclose(y[:, 1], 3.0 - 2.0 / (1.0 + np.exp(-z)), rtol=1e-12)
+    # Simpson's rule with steps of one width, as Runge-Kutta's method is here: h^4/2880 of the largest fourth derivative of the
+    # sigmoid, 1/8 of width^-4, over the few steps in which it is not zero, times the gain.
+    whole = 3.0 * t - 2.0 * 0.05 * (np.logaddexp(0.0, z) - np.logaddexp(0.0, z[0]))
+    np.testing.assert_allclose(y[:, 0], whole, rtol=0, atol=2.0 * 6 * 0.05 / 8 / 2880)
+
+
+def test_starts_lie_at_fractions_of_the_records_time():
+    step = ParameterStep("k", 0.25).start({"t": np.array([2.0, 3.0, 10.0, 2.0, 4.0])}, {}, 0.1)
+    assert [float(step.time), float(step.width)] == [4.0, 0.1]
+    drift = ParameterDrift("k").start({"t": np.array([2.0, 10.0])}, {}, 0.1)
+    assert [float(drift.middle), float(drift.span)] == [6.0, 8.0]
+
+
+def test_other_parameters_move_along():
+    effect = ParameterShift("c[0]", (("c[1]", -2.0), ("k", 0.5)), gain=jnp.array(0.1))
+    np.testing.assert_allclose(
+        Augmented(MODEL, (effect,)).rhs(T[0], START, U[0]),
+        Spring(jnp.array(4.05), jnp.array([0.5, -0.15]), jnp.array(1.5)).rhs(T[0], START, U[0]),
+        rtol=1e-14,
+    )
+
+
+def test_two_effects_on_one_parameter_add():
+    two = (ParameterShift("k", gain=jnp.array(0.3)), ParameterShift("c[0]", (("k", 1.0),), gain=jnp.array(0.2)))
+    other = with_values(MODEL, ("k", "c[0]"), jnp.array([4.5, 0.6]))
+    np.testing.assert_allclose(Augmented(MODEL, two).rhs(T[0], START, U[0]), other.rhs(T[0], START, U[0]), rtol=1e-14)
+
+
+def test_names_words_and_units():
+    names = [effect.name for effect in EFFECTS]
+    assert len(set(names)) == len(names)
+    first = parameter_effects(MODEL, ("k",), moments=(0.2, 0.6))
+    assert [one.sentence for one in first] == [
+        "k is not the declared one",
+        "k drifts with time",
+        *["k changes at a moment"] * 2,
+    ]
+    assert {one.place for one in first} == {"parameter k"}
+    assert len({one.family for one in first}) == 3
+    assert Augmented(MODEL, first).units()["shift of k.gain"] == "1/s^2"
+
+
+def test_a_shift_of_what_is_free_is_no_candidate():
+    left = not_free(EFFECTS, ("k", "initial_state.x"))
+    assert {one.name for one in EFFECTS} - {one.name for one in left} == {"shift of k"}
+
+
+def test_what_the_model_does_not_have_is_refused():
+    with pytest.raises(InputError, match="'m'"):
+        shifted(MODEL, {"m": jnp.array(1.0)})
+    with pytest.raises(InputError, match="'m'"):
+        parameter_effects(MODEL, ("m",))

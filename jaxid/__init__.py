@@ -24,7 +24,7 @@ from .data import (
     unstack,
     write_csv,
 )
-from .diagnosis import bands, predict, residual_tests, score_test, statistics
+from .diagnosis import bands, predict, residual_maps, residual_tests, score_test, statistics
 from .estimation import Clip, Estimate, GaussNewton, OutputError, Plain, Truncate, TwoStep, estimate
 from .models import (
     AbstractModel,
@@ -160,6 +160,7 @@ __all__ = [
     "read_mat",
     "read_sidpac",
     "record",
+    "residual_maps",
     "residual_tests",
     "score_test",
     "simulate",

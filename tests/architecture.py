@@ -32,7 +32,7 @@ ENTRY = "__main__.py"
 HOMES = {
     "diffrax": ("simulation/*",),
     "lineax": ("estimation/*",),
-    "optimistix": ("_foundation/results.py", "simulation/*", "estimation/*", "design/*"),
+    "optimistix": ("_foundation/results.py", "simulation/*", "estimation/*", "diagnosis/process_noise.py", "design/*"),
     "matplotlib": ("report/*",),
     "jinja2": ("report/*",),
 }

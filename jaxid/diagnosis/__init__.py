@@ -1,6 +1,8 @@
 """What the residual says: tests, statistics, prediction of records not used, and the score of absent effects."""
 
 from .bands import Band, Bands, bands
+from .maps import ResidualMaps, residual_maps
+from .reading import Reading, read
 from .residuals import ResidualTests, residual_tests
 from .scores import Scores, score_test
 from .statistics import FitStatistics, statistics
@@ -13,11 +15,15 @@ __all__ = [
     "FitStatistics",
     "Place",
     "Prediction",
+    "Reading",
+    "ResidualMaps",
     "ResidualTests",
     "Scores",
     "Where",
     "bands",
     "predict",
+    "read",
+    "residual_maps",
     "residual_tests",
     "score_test",
     "statistics",

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..diagnosis.reading import Reading
 from ..estimation.result import Estimate
 from ..study.study import Candidate, Round, Study
 from .words import display_unit, number, percent, raised, unit_words, with_error
@@ -69,11 +70,13 @@ class RoundRow(NamedTuple):
 
 
 class RemainsRow(NamedTuple):
-    """What is left on one channel: the share of the training residual that its own past predicts."""
+    """What is left on one channel: the share of the training residual that its own past predicts, and what it follows."""
 
     channel: str
     before: str
     after: str
+    follows_before: str
+    follows_after: str
 
 
 class PlaceRow(NamedTuple):
@@ -184,7 +187,23 @@ def remains_rows(study: Study) -> tuple[RemainsRow, ...]:
     if not study.rounds:
         return ()
     first, last = study.rounds[0].predictable, study.rounds[-1].predictable
-    return tuple(RemainsRow(name, percent(first[name]), percent(last[name])) for name in study.outputs)
+    before, after = study.reading["before"], study.reading["after"]
+    return tuple(
+        RemainsRow(name, percent(first[name]), percent(last[name]), _follows(before, name), _follows(after, name))
+        for name in study.outputs
+    )
+
+
+def _follows(reading: Reading, name: str) -> str:
+    """The signal that a channel's residual follows and the variable over which its mean is off zero, if any."""
+    j = reading.tests.outputs.index(name)
+    signal, correlation, lag = reading.strongest(name)
+    late = f" {lag} samples later" if lag else ""
+    found = [f"{signal} ({correlation:+.2f}{late})"] if bool(np.any(reading.tests.follows[j])) else []
+    variable, p = reading.bent(name)
+    if p < reading.tests.level / reading.maps.p_value.size:
+        found.append(f"its mean changes over {'time' if variable == 't' else variable}")
+    return "; ".join(found) or "nothing"
 
 
 def place_rows(study: Study) -> tuple[PlaceRow, ...]:

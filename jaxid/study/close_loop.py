@@ -12,7 +12,6 @@ from .._foundation.linalg import triangle
 from ..data.record import Record
 from ..data.stack import split_at, stack, unstack
 from ..diagnosis.validation import check_window
-from ..diagnosis.where import Where
 from ..estimation.estimate import Fit, as_stack, check_channels, check_samples, divergence
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
@@ -27,7 +26,7 @@ from ..sensitivity.spectrum import spectrum
 from .options import LoopOptions
 from .search import Search
 from .study import Side, Study
-from .verdict import conclude, verdict
+from .verdict import Conclusion, conclude, verdict
 from .workbench import Fitted, Workbench, own_parameters, starting_states
 
 SOLVER = GaussNewton(tolerance=1e-4, least_fall=1e-3, max_steps=60)  # a decision needs no more
@@ -104,13 +103,14 @@ def close_loop(
     conclusion = conclude(search, rounds, declared, found, where["before"])
     found = declared if conclusion.process_noise else found
     where["after"] = bench.where(found, like=where["before"]) if found.effects else where["before"]
+    reading = {"before": bench.read(declared), "after": bench.read(found)}
     if whole is not None:
         progress("estimate on the whole of the training records")
         declared = bench.fit((), declared.values, records=whole.anonymous())
         found = bench.fit(found.effects, found.values, records=whole.anonymous())
     progress("prediction of the test records")
     used = train if whole is None else whole
-    return _study(bench, search, declared, found, rounds, where, tests, used, conclusion)
+    return _study(bench, search, declared, found, rounds, (where, reading), tests, used, conclusion)
 
 
 def _started(bench: Workbench) -> Fitted:
@@ -151,8 +151,9 @@ def _tests(test, check: Record) -> dict[str, Record]:
 
 
 def _study(
-    bench: Workbench, search: Search, declared, found, rounds, where: dict[str, Where], tests, used: Record, conclusion
+    bench: Workbench, search: Search, declared, found, rounds, diagnoses, tests, used: Record, conclusion: Conclusion
 ) -> Study:
+    where, reading = diagnoses
     effects = tuple(bench.effects[name] for name in found.effects)
     before, after = _side(bench, search, declared, tests, used), _side(bench, search, found, tests, used)
     known = isinstance(bench.likelihood.noise, FixedNoise)
@@ -165,6 +166,7 @@ def _study(
         sentences=sentences,
         rounds=rounds,
         where=where,
+        reading=reading,
         before=before,
         after=after,
         noise=dict(zip(used.outputs, map(float, deviation), strict=True)),

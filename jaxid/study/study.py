@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..data.record import Record
+from ..diagnosis.reading import Reading
 from ..diagnosis.validation import Prediction
 from ..diagnosis.where import Where
 from ..estimation.result import Estimate
@@ -49,11 +50,11 @@ class Candidate:
 
     def with_other(self, other: "Candidate", score: float, significance: float) -> "Candidate":
         """The pair of two candidates, with their joint score."""
-        both = {name: " and ".join((getattr(self, name), getattr(other, name))) for name in ("place", "sentence")}
         return Candidate(
             f"{self.name} + {other.name}",
             f"{self.family} + {other.family}",
-            **both,
+            self.place if self.place == other.place else f"{self.place} and {other.place}",
+            f"{self.sentence} and {other.sentence}",
             score=score,
             significance=significance,
             expected=float("nan"),
@@ -145,6 +146,7 @@ class Study:
         sentences: the same in words.
         rounds: what happened.
         where: where the training residual sits, of the declared model (`before`) and of the one with the effects (`after`).
+        reading: what tests say of the training residual, of the same two.
         before, after: the declared model and the one with the effects, on the test records.
         noise: standard deviation of the noise by channel, known or estimated from the last fit.
         process_noise: the random forces where these explain the residual, else None.
@@ -159,6 +161,7 @@ class Study:
     sentences: tuple[str, ...]
     rounds: tuple[Round, ...]
     where: dict[str, Where]
+    reading: dict[str, Reading]
     before: Side
     after: Side
     noise: dict[str, float]
@@ -184,6 +187,7 @@ class Study:
             "tests": {name: {"before": self.before.rms[name], "after": self.after.rms[name]} for name in self.tests},
             "parameters": _parameters(self.after.estimate),
             "declared": _parameters(self.before.estimate),
+            "residual": {side: _read(one) for side, one in self.reading.items()},
             "where": {side: _places(one) for side, one in self.where.items()},
             "rounds": [dataclasses.asdict(one) for one in self.rounds],
         }
@@ -212,6 +216,20 @@ class Study:
                 before, after = self.before.rms[test][name], self.after.rms[test][name]
                 lines.append(f"{name:<{width}} {before:>12.4g} {after:>12.4g} {self.noise[name]:>12.4g}  {unit}")
         return "\n".join([*lines, "", str(self.after.estimate)])
+
+
+def _read(reading: Reading) -> dict[str, dict[str, Any]]:
+    tests, found = reading.tests, {}
+    for j, name in enumerate(tests.outputs):
+        signal, correlation, lag = reading.strongest(name)
+        variable, chance = reading.bent(name)
+        found[name] = {
+            "whiteness_p": float(tests.whiteness.p_value[j]),
+            "whiteness_p_by_record": [float(p) for p in reading.by_record[:, j]],
+            "follows": {"signal": signal, "correlation": correlation, "lag": lag, "p": float(np.min(tests.cross_p[j]))},
+            "mean_over": {"variable": variable, "p": chance},
+        }
+    return found
 
 
 def _places(where: Where) -> list[dict[str, Any]]:

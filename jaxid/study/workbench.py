@@ -11,6 +11,7 @@ from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..diagnosis.free_form import Kind
 from ..diagnosis.process_noise import ProcessNoise, process_noise
+from ..diagnosis.reading import Reading, read
 from ..diagnosis.scores import Scores, scores_of, white_columns
 from ..diagnosis.validation import Prediction, predict_stack
 from ..diagnosis.where import Where, located, resolution
@@ -95,6 +96,7 @@ class Workbench:
         self.leaves = leaves_at(self.model, np.r_[self.at, np.asarray(self.rows)])
         self.lower, self.upper = self._effect_bounds()
         self.measured: dict[str, np.ndarray] = {}
+        self.variables: dict[str, Array] = {}
 
     def base(self, records: Record | None = None) -> Fitted:
         """The declared model by itself."""
@@ -164,6 +166,10 @@ class Workbench:
         hats = resolution(self.records, fitted.fit.residuals) if like is None else like.hats
         noise = _regular(fitted.fit.noise)
         return located(problem, Parameters(shared, fitted.fit.parameters.rows), noise, hats, places)
+
+    def read(self, fitted: Fitted) -> Reading:
+        """The residual of a fit to the training records, tested against the states, inputs and time of the declared model."""
+        return read(fitted.fit.residuals, self.records.mask, self.variables, self.records.outputs)
 
     def filtered(self, fitted: Fitted, where: Where) -> tuple[ProcessNoise, Scores]:
         """The residual of a fit as the work of unpredictable forces, and the scores of what is absent among innovations.
@@ -262,6 +268,7 @@ class Workbench:
         problem = Problem.of(declared, self.free, self.records, self.likelihood)
         shared = jnp.asarray(fitted.values[: len(self.free.shared)])
         signals, real = _signals_of(problem, Parameters(shared, fitted.fit.parameters.rows))
+        self.variables = {name: signals[name] for name in (*self.model.model.states, *self.model.inputs, "t")}
         real = np.asarray(real)
         mask, z = np.asarray(self.records.mask), np.asarray(self.records.z)
         measured = {name: z[..., i][mask[..., i]] for i, name in enumerate(self.records.outputs)}

@@ -13,7 +13,7 @@ from ..diagnosis.validation import root_mean_square
 from ..estimation.coloured import tapered_covariance
 from .options import LoopOptions
 from .study import Candidate, Round
-from .workbench import Fitted, Workbench
+from .workbench import Fitted, Workbench, own_parameters
 
 DETERMINED = 2.0  # standard errors that a gain must stand off zero to be told at all
 ALIKE = 0.99  # overlap up to which two effects are tried as a pair: beyond it their gains run away against each other
@@ -149,7 +149,7 @@ class Search:
         best = max(kept.values(), key=_check_fall)
         error = self.check_uncertainty(refits[best.name])
         equals = [one for one in kept.values() if _check_fall(one) >= _check_fall(best) - error]
-        complexity = {one.name: sum(self.bench.effects[part].complexity for part in one.parts) for one in equals}
+        complexity = {one.name: sum(map(self.complexity, one.parts)) for one in equals}
         simplest = min(complexity.values())
         price = {
             one.name: one.cost_fall - np.log(self.samples) * len(refits[one.name].columns) for one in kept.values()
@@ -161,18 +161,25 @@ class Search:
         ]
         return winner, tuple(inseparable)
 
+    def complexity(self, name: str) -> int:
+        """How much a single effect asks one to believe."""
+        return self.bench.effects[name].complexity
+
     def worth_refitting(
         self, candidates: tuple[Candidate, ...], scores: Scores, threshold: float
     ) -> tuple[set[str], dict[str, str]]:
         """The best-scored candidates and those that no score can see; and the twins of the former, which are the same to
-        the data and need no refit of their own, with the name of each one's twin."""
+        the data and need no refit of their own, with the name of each one's twin, which is the simplest of them."""
         overlap = np.abs(np.asarray(scores.overlap))
         chosen: list[str] = []
         twins: dict[str, str] = {}
         for one in candidates:
             gain = self.bench.gains[one.name]
             same = next((other for other in chosen if overlap[gain, self.bench.gains[other]] > COLLINEAR), None)
-            if same is not None:
+            if same is not None and self.complexity(one.name) < self.complexity(same):
+                chosen[chosen.index(same)] = one.name
+                twins = {name: one.name if twin == same else twin for name, twin in twins.items()} | {same: one.name}
+            elif same is not None:
                 twins[one.name] = same
             elif one.score > threshold and len(chosen) < self.options.refits:
                 chosen.append(one.name)
@@ -206,10 +213,14 @@ class Search:
         return _replaced(candidate, cost_fall=fall, check_fall=float(check_fall), verdict=verdict)
 
     def determined(self, refit: Fitted, candidate: Candidate) -> bool:
-        """Whether each gain stands two standard errors off zero, the colour of what is left accounted for."""
+        """Whether each gain stands two standard errors off zero, the colour of what is left accounted for.
+
+        Where an effect has a shape beside its gain, the two can be told together only (a faint lag is gain times time), and
+        the gain by itself says nothing.
+        """
         errors = self.bench.standard_errors(refit)
-        gains = [errors[f"{name}.gain"] for name in candidate.parts]
-        return all(abs(value) > DETERMINED * error for value, error in gains)
+        alone = (name for name in candidate.parts if len(own_parameters(self.bench.effects[name])) == 1)
+        return all(abs(value) > DETERMINED * error for value, error in (errors[f"{name}.gain"] for name in alone))
 
     def prune(self, fitted: Fitted) -> tuple[Fitted, tuple[str, ...]]:
         """Take out earlier effects that the latest has made superfluous."""

@@ -165,6 +165,10 @@ class Search:
         """How much a single effect asks one to believe."""
         return self.bench.effects[name].complexity
 
+    def has_no_shape(self, name: str) -> bool:
+        """Whether the gain is all that is unknown of an effect."""
+        return len(own_parameters(self.bench.effects[name])) == 1
+
     def worth_refitting(
         self, candidates: tuple[Candidate, ...], scores: Scores, threshold: float
     ) -> tuple[set[str], dict[str, str]]:
@@ -174,8 +178,12 @@ class Search:
         chosen: list[str] = []
         twins: dict[str, str] = {}
         for one in candidates:
-            gain = self.bench.gains[one.name]
-            same = next((other for other in chosen if overlap[gain, self.bench.gains[other]] > COLLINEAR), None)
+            likes = (
+                chosen if self.has_no_shape(one.name) else []
+            )  # at zero gain two shapes can be alike, and differ further on
+            near = overlap[self.bench.gains[one.name]]
+            alike = (name for name in likes if near[self.bench.gains[name]] > COLLINEAR and self.has_no_shape(name))
+            same = next(alike, None)
             if same is not None and self.complexity(one.name) < self.complexity(same):
                 chosen[chosen.index(same)] = one.name
                 twins = {name: one.name if twin == same else twin for name, twin in twins.items()} | {same: one.name}
@@ -219,7 +227,7 @@ class Search:
         the gain by itself says nothing.
         """
         errors = self.bench.standard_errors(refit)
-        alone = (name for name in candidate.parts if len(own_parameters(self.bench.effects[name])) == 1)
+        alone = filter(self.has_no_shape, candidate.parts)
         return all(abs(value) > DETERMINED * error for value, error in (errors[f"{name}.gain"] for name in alone))
 
     def prune(self, fitted: Fitted) -> tuple[Fitted, tuple[str, ...]]:

@@ -178,9 +178,8 @@ class Search:
         chosen: list[str] = []
         twins: dict[str, str] = {}
         for one in candidates:
-            likes = (
-                chosen if self.has_no_shape(one.name) else []
-            )  # at zero gain two shapes can be alike, and differ further on
+            # Two shapes can be alike at zero gain and differ further on: they are refitted each.
+            likes = chosen if self.has_no_shape(one.name) else []
             near = overlap[self.bench.gains[one.name]]
             alike = (name for name in likes if near[self.bench.gains[name]] > COLLINEAR and self.has_no_shape(name))
             same = next(alike, None)

@@ -51,7 +51,7 @@ def usual_effects(names: Sequence[str], moved: Moved) -> tuple[Effect, ...]:
     return (
         *rate_terms(moved),
         *gradients(WITH_MACH, "mach", moved),
-        *separations(moved, static=(0.7, 0.9), lagging=(0.8,)),
+        *separations(moved, static=(0.6, 0.8), lagging=(0.65,)),
         *shifts(names, {"mass": "mass"}, "kg"),
         *changes_of_mass(names, (0.25, 0.5, 0.75)),
         *shifts(names, INERTIA, "kg*m^2"),

@@ -4,15 +4,11 @@ import argparse
 import importlib
 import itertools
 import json
-import os
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-
-# Studies run two programs at once, and XLA's pool of as many threads as cores can lock up with two.
-os.environ.setdefault("NPROC", str(max(8, os.cpu_count() or 1)))
 
 import jax
 

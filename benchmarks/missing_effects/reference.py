@@ -33,7 +33,7 @@ class Reference(NamedTuple):
 
 
 def reference(scenario: Scenario, flown: Flown, library: tuple[Effect, ...], window: int) -> Reference:
-    """Fit the declared model and the true one, the latter from the true values of what is planted.
+    """Fit the declared model and the true one, the latter from the true values of everything.
 
     Args:
         scenario: with what is planted.
@@ -44,6 +44,8 @@ def reference(scenario: Scenario, flown: Flown, library: tuple[Effect, ...], win
     bench = Workbench(flown.model, flown.free, library, OutputError(), as_stack(list(flown.train)), SOLVER)
     declared = bench.set_shapes(bench.base())
     names, values = [], np.array(declared.values)
+    for name in flown.free.shared if scenario.planted else ():
+        values[bench.column[name]] = flown.true.get(name, values[bench.column[name]])
     for one in scenario.planted:
         name = next((effect.name for effect in library if effect.family == one.effect.family), None)
         if name is None:

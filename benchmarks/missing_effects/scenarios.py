@@ -79,13 +79,18 @@ def scenario(name: str, *effects: Planted, **setting) -> Scenario:
 
 
 class Flown(NamedTuple):
-    """What a study is given: declared model, free parameters and records."""
+    """What a study is given: declared model, free parameters and records; and the truth, for the reference.
+
+    Attributes:
+        true: true values of the free parameters that all records share, by name.
+    """
 
     model: AbstractModel
     free: Free
     train: Sequence[Record]
     check: Sequence[Record]
     test: Sequence[Record]
+    true: Mapping[str, float]
 
 
 class System(NamedTuple):

@@ -114,7 +114,7 @@ def fly(wanted: Scenario, seed: int) -> Flown:
     off = {name: jnp.array(value * (1.0 + OFF * (-1) ** i)) for i, (name, value) in enumerate(TRUE.items())}
     model = Ship(**off, quadratic=jnp.array(have.get("quadratic", 0.0)), bias=jnp.array(0.0))
     chosen = free(model, *TRUE, *(("bias",) if "bias" in have else ()), per_record=("initial_state",))
-    return Flown(model, chosen, flown[:TRAIN], flown[TRAIN : TRAIN + CHECK], flown[TRAIN + CHECK :])
+    return Flown(model, chosen, flown[:TRAIN], flown[TRAIN : TRAIN + CHECK], flown[TRAIN + CHECK :], TRUE)
 
 
 def system() -> System:
@@ -137,7 +137,7 @@ def _singles() -> tuple[Scenario, ...]:
         scenario("steering gear's lag", planted(InputLag, "rudder", gain=1.0, time=2.0, places=RUDDER)),
         scenario(
             "steering gear's rate limit",
-            planted(InputRateLimit, "rudder", gain=1.0, limit=0.04, time=STEP, places=RUDDER),
+            planted(InputRateLimit, "rudder", gain=1.0, limit=0.04, places=RUDDER),
         ),
         scenario("scale of the yaw gyro", planted(SensorScale, "r", gain=0.05, places=(("output", "r"),))),
         scenario(

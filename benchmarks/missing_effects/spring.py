@@ -99,7 +99,7 @@ def fly(wanted: Scenario, seed: int) -> Flown:
     model = Spring(*map(jnp.array, (1.0, 0.1, have.get("cubic", 0.0), have.get("drag", 0.0), 0.0)))
     chosen = free(model, "k", "c", *(("bias",) if "bias" in have else ()), per_record=("initial_state",))
     train = flown[: 1 if "one" in have else TRAIN]
-    return Flown(model, chosen, train, flown[TRAIN : TRAIN + CHECK], flown[TRAIN + CHECK :])
+    return Flown(model, chosen, train, flown[TRAIN : TRAIN + CHECK], flown[TRAIN + CHECK :], {"k": K, "c": C})
 
 
 def system() -> System:
@@ -127,9 +127,7 @@ def _singles() -> tuple[Scenario, ...]:
         scenario("input delay, faint", planted(InputDelay, "force", gain=0.01, places=FORCE)),
         scenario("input delay", planted(InputDelay, "force", gain=0.15, places=FORCE)),
         scenario("actuator lag", planted(InputLag, "force", gain=1.0, time=0.3, places=FORCE)),
-        scenario(
-            "actuator's rate limit", planted(InputRateLimit, "force", gain=1.0, limit=1.5, time=STEP, places=FORCE)
-        ),
+        scenario("actuator's rate limit", planted(InputRateLimit, "force", gain=1.0, limit=1.5, places=FORCE)),
         scenario("actuator's dead zone", planted(InputDeadZone, "force", gain=1.0, width=0.2, places=FORCE)),
         scenario("scale of the accelerometer", planted(SensorScale, "a", gain=0.1, places=SENSOR_A)),
         scenario("delay of the position", planted(SensorDelay, "x", gain=0.1, places=SENSOR_X)),

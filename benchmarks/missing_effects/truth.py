@@ -115,9 +115,9 @@ def measured(
         noise: standard deviations.
     """
     shape = (*next(iter(u.values())).shape, len(plant.outputs))
-    error = _coloured(generator, shape, setting.get("memory", 0.0))
+    error = noise_of(generator, shape, setting.get("memory", 0.0))
     keep = np.exp(-(t[1] - t[0]) / setting.get("gust_time", 1.0))
-    gusts = {name: size * _coloured(generator, shape[:2], keep) for name, size in setting.get("gust", {}).items()}
+    gusts = {name: size * noise_of(generator, shape[:2], keep) for name, size in setting.get("gust", {}).items()}
     clean = fly(plant, effects, t, u, x0, gusts)
     for name, size in setting.get("bias", {}).items():
         clean[..., plant.outputs.index(name)] += size * generator.normal()
@@ -127,7 +127,7 @@ def measured(
     return z
 
 
-def _coloured(generator: np.random.Generator, shape: tuple[int, ...], memory: float) -> np.ndarray:
+def noise_of(generator: np.random.Generator, shape: tuple[int, ...], memory: float) -> np.ndarray:
     """Noise of unit variance that remembers itself from sample to sample, along the second axis."""
     white = generator.normal(size=shape)
     found = np.array(white)

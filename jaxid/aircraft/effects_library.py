@@ -2,7 +2,10 @@
 # Pyright counts equinox's abstract fields as arguments of the constructor; at run time they are none.
 # pyright: reportCallIssue=false, reportArgumentType=false
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+
+import jax
+import jax.numpy as jnp
 
 from .._foundation.checks import require_known
 from ..models.acting import Acting
@@ -10,7 +13,8 @@ from ..models.base import AbstractModel, canonical
 from ..models.effects import Effect
 from ..models.effects_memory import LaggedSignal
 from ..models.effects_parameter import MOMENTS, ParameterDrift, ParameterShift, ParameterStep
-from ..models.names import flatten, parameter_names
+from ..models.names import parameter_names, read
+from .aerodynamics import COEFFICIENTS
 from .effects import CoefficientTerm
 from .effects_flow import CoefficientGradient, GroundEffect, in_coefficient
 from .effects_separation import Separation, StaticSeparation
@@ -47,7 +51,7 @@ def usual_effects(names: Sequence[str], moved: Moved) -> tuple[Effect, ...]:
     return (
         *rate_terms(moved),
         *gradients(WITH_MACH, "mach", moved),
-        *separations(moved, static=(0.7, 0.9), lagging=(0.8,)),
+        *separations(moved, static=(0.6, 0.8), lagging=(0.65,)),
         *shifts(names, {"mass": "mass"}, "kg"),
         *changes_of_mass(names, (0.25, 0.5, 0.75)),
         *shifts(names, INERTIA, "kg*m^2"),
@@ -65,7 +69,7 @@ def aircraft_effects(
     """All effects that are known of aircraft, by group; many, so that a study with all of them compiles long.
 
     Args:
-        model: an `Aircraft`, or another model with the same names of parameters and signals.
+        model: an `Aircraft`, or another model; there are effects on those parameters and signals that it has.
         groups: of them
 
             - "coefficients": terms, and terms that vary with Mach, dynamic pressure and altitude;
@@ -83,12 +87,13 @@ def aircraft_effects(
         InputError: for a group that does not exist.
     """
     require_known("group of effects", groups, GROUPS)
-    names = parameter_names(canonical(model))
+    model = canonical(model)
+    names, signals = parameter_names(model), _signals(model)
     terms = tuple(effect for effect in model.effects() if isinstance(effect, CoefficientTerm))
-    moved = {term.coefficient: term.moved for term in terms}
+    moved = _moved(model, signals)
     makers: dict[str, Callable[[], Sequence[Effect]]] = {
-        "coefficients": lambda: _coefficients(model, terms, moved, ground),
-        "unsteady": lambda: _unsteady(terms, moved),
+        "coefficients": lambda: (*_coefficients(terms, moved, signals), *_ground_effects(model, moved, ground)),
+        "unsteady": lambda: _unsteady(terms, moved, signals),
         "mass": lambda: _mass(names),
         "thrust": lambda: (*thrust(names), *_all_engines(names, "up", "tilt of the thrust line", "rad")),
         "air": lambda: _air(names),
@@ -100,25 +105,35 @@ def aircraft_effects(
     return tuple(effect for group in groups for effect in makers[group]())
 
 
+def _signals(model: AbstractModel) -> frozenset[str]:
+    """Names of the signals that a model computes."""
+    empty = jnp.zeros(()), jnp.zeros(len(model.states)), jnp.zeros(len(model.inputs))
+    return frozenset(jax.eval_shape(model.signals, *empty))
+
+
+def _moved(model: AbstractModel, signals: Collection[str]) -> Moved:
+    """The states that each coefficient moves, where the signals say by how much."""
+    moved = {name: tuple(one for one in model.states if f"{one}_per_{name}" in signals) for name in COEFFICIENTS}
+    return {name: states for name, states in moved.items() if states}
+
+
 # Coefficients ---------------------------------------------------------------------------------------------------------
 
 
-def _coefficients(model: AbstractModel, terms, moved: Moved, ground: float | None) -> tuple[Effect, ...]:
+def _coefficients(terms, moved: Moved, signals: Collection[str]) -> tuple[Effect, ...]:
     rates = {name for products in RATE_TERMS.values() for name in products}
     varying = (*WITH_MACH, *MORE_WITH_MACH)
+    found = {"mach": varying, "qbar": (*varying, *WITH_QBAR), "altitude": WITH_MACH}
     return (
         *(term for term in terms if term.product not in rates),
-        *gradients(varying, "mach", moved),
-        *gradients((*varying, *WITH_QBAR), "qbar", moved),
-        *gradients(WITH_MACH, "altitude", moved),
-        *_ground_effects(model, moved, ground),
+        *(one for signal, these in found.items() if signal in signals for one in gradients(these, signal, moved)),
     )
 
 
 def _ground_effects(model: AbstractModel, moved: Moved, ground: float | None) -> tuple[Effect, ...]:
-    span = dict(zip(parameter_names(model), map(float, flatten(model)[0]), strict=True)).get("b")
-    if ground is None or span is None:
+    if ground is None or "b" not in parameter_names(model):
         return ()
+    span = float(read(model, ("b",))[0])
     return tuple(GroundEffect(in_coefficient(name, moved[name]), ground, span) for name in SEPARATED if name in moved)
 
 
@@ -140,13 +155,13 @@ def gradients(varying: Sequence[tuple[str, str]], signal: str, moved: Moved) -> 
 # Unsteady aerodynamics ------------------------------------------------------------------------------------------------
 
 
-def _unsteady(terms, moved: Moved) -> tuple[Effect, ...]:
+def _unsteady(terms, moved: Moved, signals: Collection[str]) -> tuple[Effect, ...]:
     own = tuple(term for term in terms if term.product in RATE_TERMS.get(term.coefficient, ()))
     late = tuple(
         LaggedSignal(in_coefficient(name, moved[name]), angle)
         for angle, names in LAGGED.items()
         for name in names
-        if name in moved
+        if name in moved and angle in signals
     )
     return (*own, *late, *separations(moved, (0.5, 0.6, 0.7, 0.8, 0.9), (0.5, 0.65, 0.8, 0.95)))
 

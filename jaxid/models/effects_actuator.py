@@ -1,5 +1,6 @@
 """General effects of an actuator between the recorded input and the plant: limits of rate and position, a dead zone."""
 
+import abc
 from typing import Literal
 
 import equinox as eqx
@@ -13,7 +14,7 @@ from .starts import centre_of, level_in, rates_in, reach_of
 NO_LIMIT_YET = 1e6  # high against any input in SI units: nothing is limited until `start` sets the limit
 
 
-class InputEffect(Effect):
+class ActuatorShape(Effect):
     """An actuator that changes the value of one input: `u -> u + gain (changed - u)`; a gain of one is the whole effect.
 
     Attributes:
@@ -30,24 +31,22 @@ class InputEffect(Effect):
     def complexity(self):
         return 2
 
-    def changed(self, u: Float[Array, ""], extra: dict[str, Float[Array, ""]]) -> Float[Array, ""]:
-        """What the actuator makes of the input."""
-        raise NotImplementedError(f"{type(self).__name__} changes nothing: give it a method `changed(u, extra)`.")
+    @abc.abstractmethod
+    def changed(self, u: Float[Array, ""]) -> Float[Array, ""]:
+        """What the actuator makes of the value of its input."""
 
     def input(self, u, extra, inputs):
         index = inputs.index(self.channel)
-        return u.at[index].add(self.gain * (self.changed(u[index], extra) - u[index]))
+        return u.at[index].add(self.gain * (self.changed(u[index]) - u[index]))
 
 
-class InputRateLimit(InputEffect):
-    """An actuator that follows its input no faster than a limit.
+class InputRateLimit(Effect):
+    """An actuator that follows its input no faster than a limit: `u -> u + gain (r - u)`; a gain of one is the whole effect.
 
-        d(r)/dt = step / time,    changed = r + step,    step = clip(u - r, -limit time, limit time)
+        |dr/dt| <= limit,    r as near to u as that allows
 
-    As long as the input is slower than the limit, `changed` is the input itself, without a lag; where it is faster, `changed`
-    runs at the limit, until it meets the input again. `time` is that between two samples and decides only how sharply the
-    limit sets in: `changed` is never more than `limit time` away from what an ideal limiter makes. The actuator begins at rest,
-    where the record's first input holds it.
+    It acts on the samples, before all that acts on values: r is exact there for an input of straight lines, and runs as the input
+    does in between. The actuator begins at rest, where the record's first input holds it.
 
     Args:
         channel: name of the input.
@@ -55,10 +54,9 @@ class InputRateLimit(InputEffect):
     """
 
     channel: str = eqx.field(static=True)
-    fraction: float = eqx.field(static=True, default=0.4)
+    fraction: float = eqx.field(static=True, default=0.2)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
     limit: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(NO_LIMIT_YET))
-    time: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.ones(()))
 
     @property
     def name(self):
@@ -69,12 +67,16 @@ class InputRateLimit(InputEffect):
         return f"rate limit of input {self.channel}"
 
     @property
+    def place(self):
+        return f"input {self.channel}"
+
+    @property
     def sentence(self):
         return f"the actuator of {self.channel} has a limit of rate"
 
     @property
-    def fixed(self):
-        return ("time",)
+    def complexity(self):
+        return 2
 
     @property
     def bounds(self):
@@ -82,28 +84,14 @@ class InputRateLimit(InputEffect):
 
     def start(self, signals, measured, step):
         largest = np.max(np.abs(rates_in(signals[self.channel], signals)))
-        shape = jnp.asarray(self.fraction * largest if largest > 0 else NO_LIMIT_YET), jnp.asarray(step)
-        return eqx.tree_at(lambda effect: (effect.limit, effect.time), self, shape)
+        limit = self.fraction * largest if largest > 0 else NO_LIMIT_YET
+        return eqx.tree_at(lambda effect: effect.limit, self, jnp.asarray(limit))
 
-    @property
-    def extra_states(self):
-        return (f"rate-limited {self.channel} (from {self.fraction:.0%})",)
-
-    def initial(self, record):
-        return {self.extra_states[0]: record.channel(self.channel)[0]}
-
-    def changed(self, u, extra):
-        return extra[self.extra_states[0]] + self._step(u, extra)
-
-    def extra_rates(self, extra, u, signals, rates):
-        return {self.extra_states[0]: self._step(u[self.channel], extra) / self.time}
-
-    def _step(self, u, extra):
-        largest = self.limit * self.time
-        return jnp.clip(u - extra[self.extra_states[0]], -largest, largest)
+    def input_path(self, path, inputs):
+        return path.rate_limited(inputs.index(self.channel), self.limit, self.gain)
 
 
-class InputPositionLimit(InputEffect):
+class InputPositionLimit(ActuatorShape):
     """An actuator that stops at a level.
 
         changed = min(u, level)      at the upper end, and its mirror image at the lower
@@ -132,11 +120,11 @@ class InputPositionLimit(InputEffect):
         away = 0.5 * self.fraction if self.end == "upper" else -0.5 * self.fraction
         return eqx.tree_at(lambda effect: effect.level, self, level_in(signals[self.channel], 0.5 + away))
 
-    def changed(self, u, extra):
+    def changed(self, u):
         return jnp.minimum(u, self.level) if self.end == "upper" else jnp.maximum(u, self.level)
 
 
-class InputDeadZone(InputEffect):
+class InputDeadZone(ActuatorShape):
     """An actuator with a dead zone about its centre: small inputs do nothing.
 
         changed = u - clip(u - centre, -width, width)
@@ -175,5 +163,5 @@ class InputDeadZone(InputEffect):
         shape = jnp.asarray(self.fraction * reach_of(signal)), centre_of(signal)
         return eqx.tree_at(lambda effect: (effect.width, effect.centre), self, shape)
 
-    def changed(self, u, extra):
+    def changed(self, u):
         return u - jnp.clip(u - self.centre, -self.width, self.width)

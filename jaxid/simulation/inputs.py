@@ -39,6 +39,10 @@ class AbstractPath(eqx.Module):
     def towards_band_limited(self, channel: int, weight: Float[Array, ""]) -> "AbstractPath":
         """The path with one channel moved by `weight` towards the band-limited run through the same samples."""
 
+    @abc.abstractmethod
+    def rate_limited(self, channel: int, limit: Float[Array, ""], weight: Float[Array, ""]) -> "AbstractPath":
+        """The path with one channel moved by `weight` towards what follows it no faster than `limit` [its unit/s], from rest."""
+
 
 class Smooth(AbstractPath):
     """A continuous path through knots: straight lines, or cubics where the slopes at the knots are given.
@@ -82,6 +86,17 @@ class Smooth(AbstractPath):
 
     def towards_band_limited(self, channel, weight):
         return _towards_band_limited(self, channel, weight)
+
+    def rate_limited(self, channel, limit, weight):
+        own = self.values[:, channel]
+        after = _following(self.knots, own[:-1], own[1:], limit)
+        path = _moved(self, channel, jnp.append(own[:1], after) - own, weight)
+        if self.slopes is None:
+            return path
+        # Where it is behind it runs at the limit, elsewhere as the input does.
+        behind, slopes = jnp.append(0.0, own[1:] - after), self.slopes[:, channel]
+        running = jnp.where(behind == 0, jnp.clip(slopes, -limit, limit), jnp.sign(behind) * limit)
+        return eqx.tree_at(lambda one: one.slopes, path, self.slopes.at[:, channel].add(weight * (running - slopes)))
 
     def corners(self):
         return _times(self) if self.slopes is None else None
@@ -131,6 +146,18 @@ class Steps(AbstractPath):
     def towards_band_limited(self, channel, weight):
         return _towards_band_limited(self, channel, weight)
 
+    def rate_limited(self, channel, limit, weight):
+        """Each sample holds the mean of the ramp, which keeps the impulse."""
+        own = self.values[:, channel]
+        after = _following(self.knots, own[:-1], own[:-1], limit)
+        before = jnp.append(own[:1], after[:-1])
+        away, reach = own[:-1] - before, limit * jnp.diff(self.knots)
+        share = jnp.clip(
+            jnp.abs(away) / jnp.where(reach > 0, reach, 1.0), 0.0, 1.0
+        )  # of the interval, until it arrives
+        mean = after - 0.5 * share * (after - before)
+        return _moved(self, channel, jnp.append(mean, mean[-1:]) - own, weight)
+
     def corners(self):
         return _times(self)
 
@@ -157,6 +184,10 @@ class Blend(AbstractPath):
         other = self.other.towards_band_limited(channel, weight)
         return Blend(self.one.towards_band_limited(channel, weight), other, self.weight)
 
+    def rate_limited(self, channel, limit, weight):
+        one, other = (path.rate_limited(channel, limit, weight) for path in (self.one, self.other))
+        return Blend(one, other, self.weight)
+
     def corners(self):
         found = [corners for path in (self.one, self.other) if (corners := path.corners()) is not None]
         return jnp.sort(jnp.concatenate(found)) if found else None
@@ -167,6 +198,34 @@ def _towards_band_limited(path: Smooth | Steps, channel: int, weight: Float[Arra
     other = BandLimited().path(jnp.minimum(path.knots, path.end), path.values)
     other = eqx.tree_at(lambda path: path.delay, other, path.delay)
     return Blend(path, other, jnp.zeros(path.delay.size).at[channel].set(weight))
+
+
+def _following(
+    knots: Float[Array, " knot"],
+    begin: Float[Array, " interval"],
+    end: Float[Array, " interval"],
+    limit: Float[Array, ""],
+) -> Float[Array, " interval"]:
+    """Where what follows a signal no faster than a limit stands at the end of each interval, from rest; exact for a signal that
+    is a straight line in each."""
+
+    def follow(value, now):
+        first, last, length = now
+        slope, way = (last - first) / length, jnp.sign(first - value)
+        closing = limit - way * slope
+        # It meets the signal at a part of the interval, or not within it, and then stays with it or falls behind again.
+        meets = jnp.where(closing > 0, jnp.abs(first - value) / jnp.where(closing > 0, closing, 1.0), length)
+        behind = first + slope * meets + jnp.sign(slope) * limit * (length - meets)
+        after = jnp.where(jnp.abs(slope) <= limit, last, behind)
+        value = jnp.where(meets < length, after, value + way * limit * length)
+        return value, value
+
+    return jax.lax.scan(follow, begin[0], (begin, end, jnp.diff(knots)))[1]
+
+
+def _moved(path, channel: int, away: Float[Array, " knot"], weight: Float[Array, ""]):
+    """A path with `weight` of something added to the values of one channel."""
+    return eqx.tree_at(lambda one: one.values, path, path.values.at[:, channel].add(weight * away))
 
 
 def _times(path: Smooth | Steps) -> Float[Array, " corner"]:

@@ -9,7 +9,7 @@ import scipy.integrate
 from small_airframe import small_airframe
 
 from jaxid._foundation.checks import InputError
-from jaxid.aircraft import Aircraft, ConstantThrust, Engine, Instruments, MeasuredSurfaces, Wind
+from jaxid.aircraft import Aircraft, ConstantThrust, Engine, Instruments, MeasuredSurfaces, Wind, from_aircraft
 from jaxid.aircraft.effectiveness import MOVED
 from jaxid.aircraft.effects import CoefficientTerm
 from jaxid.aircraft.effects_flow import CoefficientGradient, GroundEffect, in_coefficient
@@ -120,6 +120,15 @@ def test_groups():
     assert sum(map(len, by_group)) == len(without_ground)
     with pytest.raises(InputError, match="'weather'"):
         aircraft_effects(AIRCRAFT, groups=("weather",))
+
+
+@pytest.mark.parametrize("model", [true_aircraft(), from_aircraft(AIRCRAFT)], ids=["longitudinal", "identification"])
+def test_other_models_of_aircraft_get_those_effects_for_which_they_have_the_signals(model):
+    effects = aircraft_effects(model)
+    assert {"shift of mass", "static separation (from 70%)"} <= {effect.name for effect in effects}
+    augmented = Augmented(model, effects)
+    x = jnp.ones(len(augmented.states))
+    assert jax.eval_shape(augmented.rhs, NOW, x, jnp.ones(len(model.inputs))).shape == x.shape
 
 
 def test_every_parameter_effect_names_parameters_that_exist():

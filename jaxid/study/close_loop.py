@@ -19,6 +19,7 @@ from ..estimation.solver import GaussNewton
 from ..models.augmented import Augmented
 from ..models.base import AbstractModel, canonical
 from ..models.effects import Effect
+from ..models.effects_parameter import not_free
 from ..models.free import Free
 from ..models.library import general_effects, uncertain_equations
 from ..models.noise import FixedNoise
@@ -126,7 +127,8 @@ def candidates(model: AbstractModel, free: Free, records: Record) -> tuple[Effec
     equations = model.equations_with_terms()
     if equations is None:
         equations = uncertain_equations(canonical(model), np.asarray(free.positions(model).shared))
-    return (*general_effects(model, equations, uniform=is_uniform(np.asarray(records.t))), *model.effects())
+    general = general_effects(model, equations, uniform=is_uniform(np.asarray(records.t)))
+    return not_free((*general, *model.effects()), free.shared + free.per_record)
 
 
 def _carve(train: Record, window: int | None) -> tuple[Record, Record]:

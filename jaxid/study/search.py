@@ -17,6 +17,7 @@ from .workbench import Fitted, Workbench, own_parameters
 
 DETERMINED = 2.0  # standard errors that a gain must stand off zero to be told at all
 ALIKE = 0.99  # overlap up to which two effects are tried as a pair: beyond it their gains run away against each other
+STUCK = 0.25  # of the score: a refit that brings less than that is begun again elsewhere
 MOST_PAIRS = 20  # that are looked at
 COLLINEAR = 0.9999  # overlap from which on two candidates are one and the same to the data
 INSEPARABLE = 6.0  # fits whose chi-squares differ by less, price included, are rivals that the data cannot tell apart
@@ -157,7 +158,9 @@ class Search:
         simple = [name for name, asked in complexity.items() if asked == simplest]
         winner = max(simple, key=lambda name: price[name])
         inseparable = [
-            one.name for one in equals if one.name != winner and price[winner] - price[one.name] < INSEPARABLE
+            one.name
+            for one in equals
+            if one.family != kept[winner].family and price[winner] - price[one.name] < INSEPARABLE
         ]
         return winner, tuple(inseparable)
 
@@ -198,7 +201,13 @@ class Search:
         effects, values = (*fitted.effects, *candidate.parts), np.array(fitted.values)
         for name in candidate.parts:
             values[self.bench.gains[name]] = self.bench.effects[name].begin
-        return self.bench.fit(effects, values, fitted.fit.parameters.rows)
+        found = self.bench.fit(effects, values, fitted.fit.parameters.rows)
+        if candidate.pair or 2.0 * (fitted.cost - found.cost) > STUCK * candidate.score:
+            return found
+        # Far from what the score promised: a kink on the way, or a step too long. Once more, from where it said.
+        values[self.bench.gains[candidate.name]] = candidate.expected
+        again = self.bench.fit(effects, values, fitted.fit.parameters.rows)
+        return again if again.cost < found.cost else found
 
     def judge(self, fitted: Fitted, refit: Fitted, candidate: Candidate, before: float, threshold: float) -> Candidate:
         """Whether a refitted candidate may be kept, and why not if not."""

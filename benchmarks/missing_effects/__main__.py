@@ -56,10 +56,16 @@ def key_of(one: dict[str, Any]) -> tuple:
     return one["system"], one["scenario"], one["seed"], one["removed"]
 
 
+def logged(log: Path | None) -> list[dict[str, Any]]:
+    """The studies that a log holds; a last line that was broken off is left out."""
+    lines = log.read_text().splitlines() if log and log.exists() else []
+    return [json.loads(line) for line in lines if line.endswith("}")]
+
+
 def run(options: argparse.Namespace) -> list[dict[str, Any]]:
     """Do every study that the log does not hold yet, system by system."""
     log = Path(options.log) if options.log else None
-    done = {key_of(one): one for one in map(json.loads, log.read_text().splitlines())} if log and log.exists() else {}
+    done = {key_of(one): one for one in logged(log)}
     systems = [importlib.import_module(f"benchmarks.missing_effects.{name}").system() for name in options.systems]
     wanted = sorted(tasks(systems, options), key=lambda task: options.systems.index(task[0].name))
     results, begin = [], time.perf_counter()

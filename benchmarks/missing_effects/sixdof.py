@@ -72,7 +72,9 @@ def system(of: Type, terms: Mapping[str, tuple[str, str, float]]) -> System:
         scenario("stabilator lag", planted(InputLag, "stabilator", gain=1.0, time=0.08, places=surface)),
         scenario("scale of the vane", wide),
         scenario("late vane", planted(SensorDelay, "alpha", gain=0.05, places=vane)),
-        scenario("heavier", planted(ParameterShift, "mass", gain=0.05 * float(of.frame().mass_properties.mass), places=heavy)),
+        scenario(
+            "heavier", planted(ParameterShift, "mass", gain=0.05 * float(of.frame().mass_properties.mass), places=heavy)
+        ),
     )
     first = singles[0].planted[0]
     doubles = (scenario(f"{singles[0].name}, and the vane", first, wide),)

@@ -4,6 +4,7 @@ from .build import record as record
 from .datasets import DataSet as DataSet
 from .datasets import cascaded_tanks as cascaded_tanks
 from .datasets import emps as emps
+from .datasets import emps_closed_loop as emps_closed_loop
 from .datasets import silverbox as silverbox
 from .io_columns import read_columns as read_columns
 from .io_csv import read_csv as read_csv

@@ -1,8 +1,8 @@
 """The public measured sets, each with the simple physical model that is declared for it."""
 
 from .base import Declared
-from .emps import emps
+from .emps import emps, emps_closed_loop
 from .silverbox import silverbox
 from .tanks import tanks
 
-__all__ = ["Declared", "emps", "silverbox", "tanks"]
+__all__ = ["Declared", "emps", "emps_closed_loop", "silverbox", "tanks"]

@@ -125,7 +125,7 @@ def system() -> System:
 def _singles() -> tuple[Scenario, ...]:
     constant = (*ROLL, ("output", "phi"))
     return (
-        scenario("cross-flow drag, faint", planted(QuadraticDrag, "v", "v", gain=-0.0005, places=SWAY)),
+        scenario("cross-flow drag, faint", planted(QuadraticDrag, "v", "v", gain=-0.0009, places=SWAY)),
         scenario("cross-flow drag", planted(QuadraticDrag, "v", "v", gain=-0.01, places=SWAY)),
         scenario("quadratic roll damping, faint", planted(QuadraticDrag, "p", "p", gain=-0.05, places=ROLL)),
         scenario("quadratic roll damping", planted(QuadraticDrag, "p", "p", gain=-1.0, places=ROLL)),

@@ -32,6 +32,7 @@ NOISE = {"x": 0.02, "a": 0.05}  # standard deviations [m, m/s^2]
 K, C = 1.5, 0.2
 FORCE, SENSOR_X, SENSOR_A = (("equation", "v"), ("input", "force")), (("output", "x"),), (("output", "a"),)
 CONSTANT = ("1 in v", "bias of x")  # one and the same to a spring whose initial state is free
+KINK = ("dead band of v in v",)  # a narrow one is friction
 
 
 class Spring(AbstractModel):
@@ -111,20 +112,22 @@ def _singles() -> tuple[Scenario, ...]:
     x_of_force = (*FORCE, *SENSOR_X)
     in_v = Acting.equation("v")
     return (
-        scenario("cubic spring, faint", planted(Term, "v", "x^3", gain=-0.003, places=FORCE)),
+        scenario("cubic spring, faint", planted(Term, "v", "x^3", gain=-0.0017, places=FORCE)),
         scenario("cubic spring", planted(Term, "v", "x^3", gain=-0.3, places=FORCE)),
         scenario("cubic spring, gross", planted(Term, "v", "x^3", gain=-2.0, places=FORCE)),
         scenario("square spring", planted(Term, "v", "x^2", gain=0.1, places=FORCE)),
         scenario("van der Pol damping", planted(Term, "v", "x^2 v", gain=-0.1, places=FORCE)),
         scenario("cubic damping", planted(Term, "v", "v^3", gain=-0.05, places=FORCE)),
-        scenario("dry friction, faint", planted(DryFriction, "v", "v", gain=-0.02, width=0.01, places=FORCE)),
-        scenario("dry friction", planted(DryFriction, "v", "v", gain=-0.2, width=0.01, places=FORCE)),
+        scenario(
+            "dry friction, faint", planted(DryFriction, "v", "v", gain=-0.008, width=0.01, places=FORCE, also=KINK)
+        ),
+        scenario("dry friction", planted(DryFriction, "v", "v", gain=-0.2, width=0.01, places=FORCE, also=KINK)),
         scenario("quadratic drag", planted(QuadraticDrag, "v", "v", gain=-0.2, places=FORCE)),
         scenario("constant force", planted(Term, "v", "1", gain=0.05, places=x_of_force, also=CONSTANT)),
         scenario("play in the spring", planted(DeadBand, in_v, "x", gain=-1.0, width=0.5, places=FORCE)),
         scenario("lagged damping", planted(LaggedSignal, in_v, "v", gain=-0.5, time=1.0, places=FORCE)),
         scenario("hysteresis of the spring", planted(Hysteresis, in_v, "x", gain=-0.3, width=0.3, places=FORCE)),
-        scenario("input delay, faint", planted(InputDelay, "force", gain=0.01, places=FORCE)),
+        scenario("input delay, faint", planted(InputDelay, "force", gain=0.003, places=FORCE)),
         scenario("input delay", planted(InputDelay, "force", gain=0.15, places=FORCE)),
         scenario("actuator lag", planted(InputLag, "force", gain=1.0, time=0.3, places=FORCE)),
         scenario("actuator's rate limit", planted(InputRateLimit, "force", gain=1.0, limit=1.5, places=FORCE)),
@@ -143,7 +146,7 @@ def _doubles() -> tuple[Scenario, ...]:
         planted(Term, "v", "x^3", gain=-0.3, places=FORCE),
         planted(SensorBias, "a", gain=0.05, places=SENSOR_A),
     )
-    friction = planted(DryFriction, "v", "v", gain=-0.2, width=0.01, places=FORCE)
+    friction = planted(DryFriction, "v", "v", gain=-0.2, width=0.01, places=FORCE, also=KINK)
     drag, late = (
         planted(QuadraticDrag, "v", "v", gain=-0.2, places=FORCE),
         planted(InputDelay, "force", gain=0.1, places=FORCE),

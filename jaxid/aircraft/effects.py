@@ -71,6 +71,10 @@ class CoefficientTerm(Effect):
         return max(1, sum(power for _, power in factors(self.product)))
 
     @property
+    def signals_used(self):
+        return tuple(sorted({signal for signal, _ in factors(self.product)}))
+
+    @property
     def terms(self):
         acting = "" if self.product == "1" else f" {self.product}"
         return tuple((state, f"{state}_per_{self.coefficient}{acting}") for state in self.moved)

@@ -16,7 +16,7 @@ from .._foundation.types import Array, Bool, Float
 from ..estimation.coloured import colour_inflation
 from ..estimation.problem import Problem
 from ..models.free import Parameters
-from ..sensitivity.information import gather, record_triangles
+from ..sensitivity.information import Information, gather, record_triangles
 
 LEFT_OVER = (
     1e-8  # of a column's squared length: less than this is rounding, and the effect cannot be told from what is free
@@ -85,9 +85,7 @@ def scores_of(
         is_free: of the last columns of S, the shared ones, which are free.
     """
     count = S.shape[-1] - is_free.size
-    triangles = record_triangles(S[..., :count], S[..., count:], v)
-    nothing = jnp.zeros((1, is_free.size + 1))
-    information = gather(triangles, nothing, jnp.zeros((v.shape[0], count), bool), jnp.zeros(is_free.size, bool))
+    information = _information(S, v, is_free.size)
     columns, rhs = information.triangle, information.rhs
     coefficients = _least_squares(jnp.where(is_free, columns, 0.0), jnp.column_stack([columns, rhs]))
     rest = jnp.column_stack([columns, rhs]) - jnp.where(is_free, columns, 0.0) @ coefficients
@@ -103,6 +101,50 @@ def scores_of(
     )
     share = jnp.where(seen, left / jnp.where(whole > 0, whole, 1.0), 0.0)
     return Scores(jnp.where(seen, toward**2 / safe, 0.0), jnp.where(seen, inflation, 1.0), expected, share, overlap)
+
+
+def exchange_falls(
+    v: Float[Array, "case time output"],
+    S: Float[Array, "case time output column"],
+    is_free: Bool[Array, " shared"],
+    out: Bool[Array, "set shared"],
+    values: Float[Array, " shared"],
+) -> Float[Array, "set shared"]:
+    """By how much chi-square falls with each column in the place of a set of free ones, as far as the linear model tells.
+
+    Without the columns that go out, whose values were phi, the residual is `v + S_out phi`.
+
+    Args:
+        v, S, is_free: as `scores_of` takes them, where the free columns have been estimated.
+        out: which columns go out, in each set.
+        values: of the shared columns.
+
+    Returns:
+        Falls; minus infinity where a column is free or no effect of its own.
+    """
+    information = _information(S, v, is_free.size)
+    return jnp.stack([_exchange_fall(information.triangle, information.rhs, is_free, one, values) for one in out])
+
+
+@eqx.filter_jit
+def _exchange_fall(columns, rhs, is_free, out, values) -> Float[Array, " shared"]:
+    """The same for one set."""
+    stay = jnp.where(is_free & ~out, columns, 0.0)
+    both = jnp.column_stack([columns, rhs + columns @ jnp.where(out, values, 0.0)])
+    rest = both - stay @ _least_squares(stay, both)
+    left, toward = jnp.sum(rest[:, :-1] ** 2, axis=0), rest[:, :-1].T @ rest[:, -1]
+    seen = (left > LEFT_OVER * jnp.sum(columns**2, axis=0)) & (left > 0) & ~is_free
+    score = jnp.where(seen, toward**2 / jnp.where(seen, left, 1.0), -jnp.inf)
+    return jnp.sum(rhs**2) - jnp.sum(rest[:, -1] ** 2) + score
+
+
+@eqx.filter_jit
+def _information(S, v, shared: int) -> Information:
+    """All columns and the residual, each record's own unknowns eliminated."""
+    count = S.shape[-1] - shared
+    triangles = record_triangles(S[..., :count], S[..., count:], v)
+    nothing = jnp.zeros((1, shared + 1))
+    return gather(triangles, nothing, jnp.zeros((v.shape[0], count), bool), jnp.zeros(shared, bool))
 
 
 def _inflation(S, v, count, is_free, coefficients, information, expected):

@@ -71,6 +71,10 @@ class ActingEffect(Effect):
         return self.acting.place
 
     @property
+    def signals_used(self):
+        return (self.signal,)
+
+    @property
     def complexity(self):
         return 3  # no simpler than a cubic term, which it may resemble
 

@@ -50,6 +50,12 @@ class Effect(eqx.Module):
         return "model"
 
     @property
+    def signals_used(self) -> tuple[str, ...]:
+        """Signals of which what it adds is a function; empty where it is none. Several effects in one place that are functions
+        of the same signals are parts of one unknown function."""
+        return ()
+
+    @property
     def unit(self) -> str:
         """Unit of the gain; empty where none is stated."""
         return ""

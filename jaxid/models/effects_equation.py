@@ -36,6 +36,10 @@ class Term(Effect):
         return f"{what} in the equation of {self.state}"
 
     @property
+    def signals_used(self):
+        return tuple(sorted({signal for signal, _ in factors(self.product)}))
+
+    @property
     def complexity(self):
         return max(1, sum(power for _, power in factors(self.product)))
 
@@ -73,6 +77,10 @@ class DryFriction(Effect):
         return f"dry (Coulomb) friction: the sign of {self.speed} in the equation of {self.state}"
 
     @property
+    def signals_used(self):
+        return (self.speed,)
+
+    @property
     def fixed(self):
         return ("width",)
 
@@ -107,6 +115,10 @@ class QuadraticDrag(Effect):
     @property
     def sentence(self):
         return f"quadratic drag: |{self.speed}| {self.speed} in the equation of {self.state}"
+
+    @property
+    def signals_used(self):
+        return (self.speed,)
 
     @property
     def complexity(self):

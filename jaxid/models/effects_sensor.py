@@ -135,7 +135,7 @@ class SensorLag(SensorEffect):
 
         lag dw/dt = y - w,    y -> w,    lag = gain in seconds
 
-    Below zero, where a search may pass, the effect goes on as it begins: `y -> y - gain dy/dt`.
+    Below zero no lag is; there the effect goes on as it begins, `y -> y - gain dy/dt`, so that it has a slope at zero.
 
     Args:
         channel: name of the output.
@@ -151,6 +151,10 @@ class SensorLag(SensorEffect):
     @property
     def sentence(self):
         return f"the sensor of {self.channel} lags behind"
+
+    @property
+    def bounds(self):
+        return {"gain": (0.0, float("inf"))}
 
     def reading(self, t, signal):
         return lagging(t, signal, self.gain)

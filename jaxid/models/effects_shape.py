@@ -8,6 +8,8 @@ from .acting import Acting, ActingEffect
 from .effects import zero
 from .starts import centre_of, level_in, reach_of
 
+INSIDE = (0.05, 0.95)  # of a signal's range: where a bend can be told
+
 
 class DeadBand(ActingEffect):
     """What acts only beyond a dead band: nothing within `width` of the centre, a straight line on either side.
@@ -106,12 +108,15 @@ class Hinge(ActingEffect):
 
         scalar += gain max(signal - level, 0)
 
+    The level stays within the signal's range on the training records: outside of it a hinge is no bend.
+
     A stop that is met, a spring that is slack on one side and a flow that separates all bend in this way.
 
     Args:
         acting: where it acts.
         signal: of which it is made.
         fraction: where the level starts, as a fraction of the signal's range on the training records.
+        lowest, highest: between which it stays.
         gain: change of slope at the level [unit of the scalar over that of the signal].
     """
 
@@ -120,6 +125,8 @@ class Hinge(ActingEffect):
     fraction: float = eqx.field(static=True, default=0.5)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
     level: Float[Array, ""] = eqx.field(default_factory=zero)
+    lowest: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(-jnp.inf))
+    highest: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(jnp.inf))
 
     @property
     def name(self):
@@ -133,8 +140,17 @@ class Hinge(ActingEffect):
     def sentence(self):
         return f"the slope of {self.signal} {self.acting.words} changes at a level"
 
+    @property
+    def fixed(self):
+        return ("lowest", "highest")
+
+    @property
+    def bounds(self):
+        return {"level": (float(self.lowest), float(self.highest))}
+
     def start(self, signals, measured, step):
-        return eqx.tree_at(lambda effect: effect.level, self, level_in(signals[self.signal], self.fraction))
+        levels = (level_in(signals[self.signal], fraction) for fraction in (self.fraction, *INSIDE))
+        return eqx.tree_at(lambda effect: (effect.level, effect.lowest, effect.highest), self, tuple(levels))
 
     def scalar(self, signals):
         return jnp.maximum(signals[self.signal] - self.level, 0.0)

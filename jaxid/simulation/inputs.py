@@ -65,9 +65,11 @@ class Smooth(AbstractPath):
         """Values at any number of times; before the first sample and after the last the signal stands still."""
 
         def channel(values, delay, slopes):
-            late = jnp.clip(t - delay, self.knots[0], self.end)
+            # With no delay yet, the derivative is that of a signal that comes later: it stands still at its first sample.
+            late = jnp.where(t - delay > self.knots[0], t - delay, self.knots[0])
+            late = jnp.where(late > self.end, self.end, late)
             if slopes is None:
-                return interpax.interp1d(late, self.knots, values, method="linear")
+                return _straight(late, self.knots, values)
             with jax.numpy_rank_promotion("allow"):  # interpax promotes ranks inside
                 return interpax.interp1d(late, self.knots, values, method="cubic", fx=slopes)
 
@@ -130,11 +132,11 @@ class Steps(AbstractPath):
 
         def channel(values, delay):
             # A step is no longer than an interval between knots, so that it meets one jump at most.
-            index = jnp.searchsorted(self.knots, begin - delay + 1e-9 * length, side="right") - 1
+            # Of one that starts on a jump this is the one: with no delay yet, jumps are about to come later, not earlier.
+            index = jnp.searchsorted(self.knots, begin - delay - 1e-9 * length, side="right") - 1
             now, then = jnp.clip(index, 0), jnp.clip(index + 1, 0, self.knots.size - 1)
             over = begin + length - delay - self.knots[then]
-            # `where`, not `maximum`: a step that ends on a jump must have the whole derivative in the delay.
-            share = jnp.where((over > -1e-9 * length) & (index >= 0), over / safe, 0.0)
+            share = jnp.where((over > 1e-9 * length) & (index >= 0), over / safe, 0.0)
             return values[now] + share * (values[then] - values[now])
 
         mean = jax.vmap(channel, in_axes=(1, 0), out_axes=-1)(self.values, self.delay)
@@ -191,6 +193,18 @@ class Blend(AbstractPath):
     def corners(self):
         found = [corners for path in (self.one, self.other) if (corners := path.corners()) is not None]
         return jnp.sort(jnp.concatenate(found)) if found else None
+
+
+def _straight(t: Float[Array, " time"], knots: Float[Array, " knot"], values: Float[Array, " knot"]):
+    """Straight lines between knots, at any times between the first and the last.
+
+    A knot counts to the line before it: with no delay yet, the derivative in the delay is then that of a signal that comes
+    later, and not one of a signal that comes early.
+    """
+    index = jnp.clip(jnp.searchsorted(knots + 1e-9 * jnp.diff(knots, append=knots[-1:]), t), 1, knots.size - 1)
+    begin, end = knots[index - 1], knots[index]
+    share = (t - begin) / (end - begin)
+    return (1.0 - share) * values[index - 1] + share * values[index]
 
 
 def _towards_band_limited(path: Smooth | Steps, channel: int, weight: Float[Array, ""]) -> Blend:

@@ -1,5 +1,6 @@
 """The search for effects: score, refit the best, keep what predicts, drop what has become insignificant, and again."""
 
+import itertools
 from collections.abc import Callable, Mapping
 
 import jax.numpy as jnp
@@ -20,7 +21,7 @@ ALIKE = 0.99  # overlap up to which two effects are tried as a pair: beyond it t
 STUCK = 0.25  # of the score: a refit that brings less than that is begun again elsewhere
 MOST_PAIRS = 20  # that are looked at
 COLLINEAR = 0.9999  # overlap from which on two candidates are one and the same to the data
-INSEPARABLE = 6.0  # fits whose chi-squares differ by less, price included, are rivals that the data cannot tell apart
+INSEPARABLE = 6.0  # fits whose chi-squares differ by less are rivals that the data cannot tell apart
 Progress = Callable[[str], None]
 
 
@@ -65,8 +66,10 @@ class Search:
             begin = fitted.effects
             if better is not None:
                 fitted, dropped = self.prune(better)
+            elif number <= self.options.max_rounds:
+                fitted, added, dropped = self.exchange(fitted, number)
             rounds.append(Round(begin, tried, added, rivals, dropped, errors, predictable, self.threshold(candidates)))
-            if better is None or fitted.effects == begin:
+            if fitted.effects == begin:
                 break
         return fitted, tuple(rounds)
 
@@ -144,25 +147,25 @@ class Search:
         """The winner and its rivals.
 
         Those that predict the check records as well as the best, to within one standard error of its error, are equals
-        (Breiman et al., Classification and Regression Trees, 1984, section 3.4.3). Of them the simplest wins, and of equally
-        simple ones the best on the training records, with a price for each parameter.
+        (Breiman et al., Classification and Regression Trees, 1984, section 3.4.3); but for those that fit the training records
+        much worse than another of them, a price for each parameter included and the colour of the residual accounted for. Of
+        the rest the simplest wins, and of equally simple ones the best on the training records.
         """
         best = max(kept.values(), key=_check_fall)
         error = self.check_uncertainty(refits[best.name])
         equals = [one for one in kept.values() if _check_fall(one) >= _check_fall(best) - error]
-        complexity = {one.name: sum(map(self.complexity, one.parts)) for one in equals}
+        price = {one.name: one.cost_fall - np.log(self.samples) * len(refits[one.name].columns) for one in equals}
+        top = max(equals, key=lambda one: price[one.name])
+        near = [one for one in equals if price[top.name] - price[one.name] <= INSEPARABLE * top.colour]
+        complexity = {one.name: sum(map(self.complexity, one.parts)) for one in near}
         simplest = min(complexity.values())
-        price = {
-            one.name: one.cost_fall - np.log(self.samples) * len(refits[one.name].columns) for one in kept.values()
-        }
-        simple = [name for name, asked in complexity.items() if asked == simplest]
-        winner = max(simple, key=lambda name: price[name])
-        inseparable = [
+        winner = max((name for name, asked in complexity.items() if asked == simplest), key=price.__getitem__)
+        rivals = [
             one.name
             for one in equals
-            if one.family != kept[winner].family and price[winner] - price[one.name] < INSEPARABLE
+            if one.family != kept[winner].family and kept[winner].cost_fall - one.cost_fall < INSEPARABLE
         ]
-        return winner, tuple(inseparable)
+        return winner, tuple(rivals)
 
     def complexity(self, name: str) -> int:
         """How much a single effect asks one to believe."""
@@ -213,10 +216,9 @@ class Search:
         """Whether a refitted candidate may be kept, and why not if not."""
         fall = 2.0 * (fitted.cost - refit.cost)
         check_fall = before - self.check_error(refit)
-        colour = candidate.score / candidate.significance if candidate.significance > 0 else np.inf
         # Of a residual that is still predictable no significance is known; there only a material gain counts.
         noise = self.looks_like_noise(self.predictable(refit))
-        significant = noise and fall / max(colour, 1.0) > threshold
+        significant = noise and fall / candidate.colour > threshold
         material = fall > threshold and check_fall > self.options.material
         if not np.isfinite(check_fall) or check_fall < -self.options.harm:
             verdict = "predicts the check records worse"
@@ -256,6 +258,47 @@ class Search:
             if 2.0 * (without.cost - fitted.cost) < threshold and harmless:
                 fitted, dropped = without, (*dropped, name)
         return fitted, dropped
+
+    def exchange(self, fitted: Fitted, number: int) -> tuple[Fitted, str | None, tuple[str, ...]]:
+        """Put one effect in the place of one or two that are in, where it says as much or more; at best, once.
+
+        Effects that came in one by one can stand for one that could not be told yet: two late sensors for a late input.
+        (Miller, Subset Selection in Regression, 2002, section 3.5.)
+
+        Returns:
+            The fit, what came in and what went out; the old fit, None and nothing where no exchange is for the better.
+        """
+        before, found = self.check_error(fitted), (0.0, fitted, None, ())
+        for _, name, out in self.exchanges(fitted)[: self.options.pairs]:
+            self.progress(f"round {number}: {name} in the place of {' and '.join(out)}")
+            refit = self.replaced(fitted, name, out)
+            gain = 2.0 * (fitted.cost - refit.cost)
+            gain += np.log(self.samples) * (len(fitted.columns) - len(refit.columns)) - INSEPARABLE * (len(out) == 1)
+            harmless = self.check_error(refit) - before < self.check_uncertainty(refit)
+            if gain > found[0] and harmless:
+                found = (gain, refit, name, out)
+        return found[1:]
+
+    def exchanges(self, fitted: Fitted) -> list[tuple[float, str, tuple[str, ...]]]:
+        """What could come in for what, with the fall of chi-square that the linear model expects, the best first."""
+        if len(fitted.effects) < 2:
+            return []
+        stay = {self.bench.effects[name].family for name in fitted.effects}
+        absent = [name for name, effect in self.bench.effects.items() if effect.family not in stay]
+        sets = [out for count in (1, 2) for out in itertools.combinations(fitted.effects, count)]
+        falls = np.asarray(self.bench.exchange_falls(fitted, sets))[:, [self.bench.gains[name] for name in absent]]
+        # What goes out is paid back.
+        falls += np.log(self.samples) * (np.array([len(out) for out in sets]) - 1)[:, None]
+        best = np.argsort(-falls, axis=None)[: self.options.pairs]
+        return [(falls.flat[i], absent[i % len(absent)], sets[i // len(absent)]) for i in best]
+
+    def replaced(self, fitted: Fitted, name: str, out: tuple[str, ...]) -> Fitted:
+        """All parameters together with one effect in the place of others."""
+        values = np.array(fitted.values)
+        values[[self.bench.gains[other] for other in out]] = 0.0
+        values[self.bench.gains[name]] = self.bench.effects[name].begin
+        stay = tuple(other for other in fitted.effects if other not in out)
+        return self.bench.fit((*stay, name), values, fitted.fit.parameters.rows)
 
     def check_error(self, fitted: Fitted) -> float:
         """Mean over the channels of the logarithm of the error on the check records."""

@@ -48,6 +48,11 @@ class Candidate:
         """The names of its effects: its own, or both of a pair."""
         return self.pair or (self.name,)
 
+    @property
+    def colour(self) -> float:
+        """By how much the colour of the residual inflates chi-squares; one at least."""
+        return max(self.score / self.significance, 1.0) if self.significance > 0 else float("inf")
+
     def with_other(self, other: "Candidate", score: float, significance: float) -> "Candidate":
         """The pair of two candidates, with their joint score."""
         return Candidate(

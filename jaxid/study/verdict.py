@@ -7,6 +7,7 @@ from jax.scipy.stats import chi2
 
 from ..diagnosis.predictable import predictable_share
 from ..diagnosis.where import Where
+from ..models.effects import Effect
 from ..models.noise import FixedNoise
 from .search import Search, critical
 from .study import RandomForces, Round
@@ -14,10 +15,17 @@ from .workbench import Fitted, Workbench
 
 
 class Conclusion(NamedTuple):
-    """The outcome of a loop, and the random forces where these are it."""
+    """What a loop may claim.
+
+    Attributes:
+        outcome: as in `Study`.
+        process_noise: the random forces where these are it.
+        parts: of the effects that are in, those that only together make up one function (`parts_of_one`).
+    """
 
     outcome: str
-    process_noise: RandomForces | None
+    process_noise: RandomForces | None = None
+    parts: tuple[str, ...] = ()
 
 
 def conclude(search: Search, rounds: tuple[Round, ...], declared: Fitted, found: Fitted, where: Where) -> Conclusion:
@@ -35,11 +43,26 @@ def conclude(search: Search, rounds: tuple[Round, ...], declared: Fitted, found:
     if isinstance(search.bench.likelihood.noise, FixedNoise):
         coloured = coloured or _above_known_noise(found, search.bench, search.options.level)
     if not (coloured or fires):
-        return Conclusion("explained" if found.effects else "nothing missing", None)
+        parts = parts_of_one(tuple(search.bench.effects[name] for name in found.effects))
+        return Conclusion("proxies" if parts else "explained" if found.effects else "nothing missing", parts=parts)
     forces = _random_forces(search, declared, where)
     if forces is not None:
         return Conclusion("process noise", forces)
-    return Conclusion("proxies" if found.effects else "unexplained", None)
+    return Conclusion("proxies" if found.effects else "unexplained")
+
+
+def parts_of_one(effects: tuple[Effect, ...]) -> tuple[str, ...]:
+    """Names of effects that, being of different shapes, only together make up a function of the same signals in one place.
+
+    A series of terms is a way to write a function; a kink, a friction and a cubic that it takes to say what one signal does are
+    not three causes.
+    """
+    groups: dict[tuple, list[Effect]] = {}
+    for effect in effects:
+        if effect.signals_used:
+            groups.setdefault((effect.place, effect.signals_used), []).append(effect)
+    mixed = [group for group in groups.values() if len(group) > 1 and not all(effect.terms for effect in group)]
+    return tuple(effect.name for group in mixed for effect in group)
 
 
 def _random_forces(search: Search, declared: Fitted, where: Where) -> RandomForces | None:
@@ -81,11 +104,16 @@ def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rounds: tuple[Ro
     what = "; ".join(sentences)
     rivals = sorted({rival for one in rounds for rival in one.rivals})
     also = f" (these records cannot tell it from: {', '.join(rivals)})" if rivals else ""
+    stays = (
+        f"Together {' and '.join(conclusion.parts)} make up one function, and its form is not settled."
+        if conclusion.parts
+        else "What stays after them is more than noise."
+    )
     sits = " or the ".join(f"{one.kind} {one.name}" for one in left.rivals())
     return {
         "nothing missing": "Nothing is missing: the residual is consistent with noise, and no candidate explains any of it.",
         "explained": f"The model lacked: {what}{also}. With it the residual is consistent with noise.",
-        "proxies": f"Something is missing; the best proxies are: {what}{also}. What stays after them is more than noise.",
+        "proxies": f"Something is missing; the best proxies are: {what}{also}. {stays}",
         "unexplained": f"Something is missing here, and nothing in the library explains it. It sits in the {sits}.",
         "process noise": f"No term is missing that these records could show: {conclusion.process_noise}",
     }[conclusion.outcome]

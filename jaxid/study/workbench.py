@@ -12,7 +12,7 @@ from ..data.record import Record
 from ..diagnosis.free_form import Kind
 from ..diagnosis.process_noise import ProcessNoise, process_noise
 from ..diagnosis.reading import Reading, read
-from ..diagnosis.scores import Scores, scores_of, white_columns
+from ..diagnosis.scores import Scores, exchange_falls, scores_of, white_columns
 from ..diagnosis.validation import Prediction, predict_stack
 from ..diagnosis.where import Where, located, resolution
 from ..estimation.estimate import Fit, fit_problem
@@ -109,6 +109,7 @@ class Workbench:
         effects = started(tuple(self.effects.values()), signals, self.measured, float(np.median(steps[steps > 0])))
         self.model = eqx.tree_at(lambda model: model.effects_in, self.model, canonical(effects))
         self.effects = {effect.name: effect for effect in effects}
+        self.lower, self.upper = self._effect_bounds()
         values = np.array(flatten(self.model)[0])[self.at]
         values[: len(self.free.shared)] = fitted.values[: len(self.free.shared)]
         return eqx.tree_at(lambda one: one.values, fitted, values)
@@ -143,6 +144,16 @@ class Workbench:
     def score(self, fitted: Fitted) -> Scores:
         """Score all columns that are not in a fit."""
         return self._score(fitted.values, fitted.fit.parameters.rows, fitted.columns)
+
+    def exchange_falls(self, fitted: Fitted, sets: Sequence[tuple[str, ...]]) -> Float[Array, "set column"]:
+        """By how much chi-square falls with each column in the place of each set of effects that are in."""
+        out = np.zeros((len(sets), len(self.columns)), bool)
+        for row, names in zip(out, sets, strict=True):
+            row[[self.column[own] for name in names for own in own_parameters(self.effects[name])]] = True
+        is_gain = np.isin(np.arange(len(self.columns)), list(self.gains.values()))
+        white = self._white_columns(fitted.values, fitted.fit.parameters.rows)
+        values = jnp.where(jnp.asarray(is_gain), jnp.asarray(fitted.values), 0.0)
+        return exchange_falls(*white, self._is_free(fitted.columns), jnp.asarray(out), values)
 
     def predict(self, fitted: Fitted, records: Record, window: int | None) -> Prediction:
         """Predict records that were not used."""

@@ -53,6 +53,13 @@ def test_a_shape_is_set_from_the_training_records(kind):
     assert float(effect.gain) == 2.0  # a gain is not a shape
 
 
+def test_a_hinge_stays_where_it_can_be_told():
+    """Outside of the signal's range it would be no bend, but a straight line or nothing."""
+    signals = {"x": np.linspace(-1.0, 3.0, 50)}
+    started = Hinge(Acting.equation("v"), "x", 0.3).start(signals, {}, 0.1)
+    np.testing.assert_allclose((float(started.level), *started.bounds["level"]), (0.2, -0.8, 2.8), rtol=1e-12)
+
+
 def test_a_dead_band_and_a_saturation_are_a_straight_line_together():
     band, flat = (
         eqx.tree_at(lambda e: e.gain, SHAPES[kind][0], jnp.array(3.0)) for kind in ("dead band", "saturation")

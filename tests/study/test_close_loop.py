@@ -11,9 +11,23 @@ from jaxid import AbstractModel, Augmented, LoopOptions, OutputError, close_loop
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.types import Array
 from jaxid.diagnosis import Scores
-from jaxid.models import FixedNoise, InputDelay, SensorBias, SensorSaturation, SensorScale, Term
-from jaxid.study.search import pairs_of
+from jaxid.estimation.estimate import as_stack
+from jaxid.models import (
+    DryFriction,
+    FixedNoise,
+    InputDelay,
+    QuadraticDrag,
+    SensorBias,
+    SensorDelay,
+    SensorSaturation,
+    SensorScale,
+    Term,
+)
+from jaxid.study.close_loop import SOLVER
+from jaxid.study.search import Search, pairs_of
 from jaxid.study.study import Candidate
+from jaxid.study.verdict import parts_of_one
+from jaxid.study.workbench import Workbench
 
 SIGMA = 0.02
 WINDOW = 60
@@ -166,6 +180,56 @@ def test_pairs_score_together_what_their_parts_hide():
     rest = y - A[:, :2] @ np.linalg.lstsq(A[:, :2], y, rcond=None)[0]
     assert best.score == pytest.approx(y @ y - rest @ rest, rel=1e-10)
     assert best.score > 2.0 * max(one.score for one in single)
+
+
+def test_two_late_sensors_give_way_to_one_late_input():
+    """A late input is two late sensors; where it comes last in the list of candidates, it comes in by an exchange."""
+    late = InputDelay("force", jnp.array(0.1))
+    flown = [both_seen(seed, late) for seed in range(7)]
+    effects = (SensorDelay("x"), SensorDelay("v"), late)
+    model = BothSeen(1.5, 0.2)
+    bench = Workbench(model, free(model, "k", "c"), effects, OutputError(), as_stack(flown[:3]), SOLVER)
+    search = Search(bench, as_stack(flown[3:5]), {}, None, LoopOptions(), lambda _: None)
+    declared = bench.set_shapes(bench.base())
+    sensors = bench.fit([effects[0].name, effects[1].name], declared.values)
+    found, came, went = search.exchange(sensors, 1)
+    assert (came, went, found.effects) == (late.name, (effects[0].name, effects[1].name), (late.name,))
+    value, error = bench.standard_errors(found)[f"{late.name}.gain"]
+    assert abs(value - 0.1) < 4.0 * error
+    assert search.exchange(found, 1) == (found, None, ())
+
+
+class BothSeen(Spring):
+    """The spring with its speed seen too."""
+
+    outputs = ("x", "v")
+
+    def output(self, t, x, u):
+        return x
+
+
+def both_seen(seed, effect):
+    """One record from rest."""
+    rng = np.random.default_rng(seed)
+    t = 0.1 * np.arange(200)
+    u = np.convolve(rng.normal(size=200), np.ones(8) / 2.5, "same")[:, None]
+    truth = Augmented(BothSeen(1.5, 0.2), (effect,))
+    y = np.asarray(simulate(truth, t, u, jnp.zeros(2)).y)
+    return record(t, u, y + SIGMA * rng.normal(size=y.shape), inputs=("force",), outputs=("x", "v"))
+
+
+@pytest.mark.parametrize(
+    ("effects", "parts"),
+    [
+        ((Term("v", "x^2"), Term("v", "x^3")), ()),  # a series is a way to write a function
+        ((Term("v", "x^3"), QuadraticDrag("v", "v")), ()),
+        ((SensorBias("x"), SensorScale("x")), ()),
+        ((Term("v", "x^3"), DryFriction("v", "v"), Term("v", "v^3")), ("sign(v) in v", "v^3 in v")),
+    ],
+    ids=["series", "two signals", "one sensor", "shapes of one signal"],
+)
+def test_shapes_of_one_signal_are_not_several_causes(effects, parts):
+    assert parts_of_one(effects) == parts
 
 
 def test_known_noise_is_held_against_the_residual():

@@ -67,7 +67,7 @@ class Search:
             if better is not None:
                 fitted, dropped = self.prune(better)
             elif number <= self.options.max_rounds:
-                fitted, added, dropped = self.exchange(fitted, number)
+                fitted, added, dropped = self.exchange(fitted, candidates, number)
             rounds.append(Round(begin, tried, added, rivals, dropped, errors, predictable, self.threshold(candidates)))
             if fitted.effects == begin:
                 break
@@ -259,7 +259,9 @@ class Search:
                 fitted, dropped = without, (*dropped, name)
         return fitted, dropped
 
-    def exchange(self, fitted: Fitted, number: int) -> tuple[Fitted, str | None, tuple[str, ...]]:
+    def exchange(
+        self, fitted: Fitted, candidates: tuple[Candidate, ...], number: int
+    ) -> tuple[Fitted, str | None, tuple[str, ...]]:
         """Put one effect in the place of one or two that are in, where it says as much or more; at best, once.
 
         Effects that came in one by one can stand for one that could not be told yet: two late sensors for a late input.
@@ -269,7 +271,7 @@ class Search:
             The fit, what came in and what went out; the old fit, None and nothing where no exchange is for the better.
         """
         before, found = self.check_error(fitted), (0.0, fitted, None, ())
-        for _, name, out in self.exchanges(fitted)[: self.options.pairs]:
+        for _, name, out in self.exchanges(fitted, candidates):
             self.progress(f"round {number}: {name} in the place of {' and '.join(out)}")
             refit = self.replaced(fitted, name, out)
             gain = 2.0 * (fitted.cost - refit.cost)
@@ -279,12 +281,11 @@ class Search:
                 found = (gain, refit, name, out)
         return found[1:]
 
-    def exchanges(self, fitted: Fitted) -> list[tuple[float, str, tuple[str, ...]]]:
+    def exchanges(self, fitted: Fitted, candidates: tuple[Candidate, ...]) -> list[tuple[float, str, tuple[str, ...]]]:
         """What could come in for what, with the fall of chi-square that the linear model expects, the best first."""
-        if len(fitted.effects) < 2:
+        absent = [one.name for one in candidates]
+        if len(fitted.effects) < 2 or not absent:
             return []
-        stay = {self.bench.effects[name].family for name in fitted.effects}
-        absent = [name for name, effect in self.bench.effects.items() if effect.family not in stay]
         sets = [out for count in (1, 2) for out in itertools.combinations(fitted.effects, count)]
         falls = np.asarray(self.bench.exchange_falls(fitted, sets))[:, [self.bench.gains[name] for name in absent]]
         # What goes out is paid back.

@@ -47,9 +47,7 @@ def test_a_score_is_the_fall_of_chi_square_with_the_column_free(problem):
     assert np.all(score[FREE] == 0)
     for absent in np.flatnonzero(~FREE):
         more = FREE | (np.arange(SHARED) == absent)
-        np.testing.assert_allclose(
-            score[absent], residual @ residual - squares(columns(A, more), residual), rtol=1e-10
-        )
+        np.testing.assert_allclose(score[absent], residual @ residual - squares(columns(A, more), residual), rtol=1e-10)
 
 
 def test_an_exchange_falls_as_a_fit_from_anew_does(problem):

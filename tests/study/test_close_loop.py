@@ -192,11 +192,12 @@ def test_two_late_sensors_give_way_to_one_late_input():
     search = Search(bench, as_stack(flown[3:5]), {}, None, LoopOptions(), lambda _: None)
     declared = bench.set_shapes(bench.base())
     sensors = bench.fit([effects[0].name, effects[1].name], declared.values)
-    found, came, went = search.exchange(sensors, 1)
+    candidates = search.candidates(sensors, bench.score(sensors))
+    found, came, went = search.exchange(sensors, candidates, 1)
     assert (came, went, found.effects) == (late.name, (effects[0].name, effects[1].name), (late.name,))
     value, error = bench.standard_errors(found)[f"{late.name}.gain"]
     assert abs(value - 0.1) < 4.0 * error
-    assert search.exchange(found, 1) == (found, None, ())
+    assert search.exchange(found, search.candidates(found, bench.score(found)), 1) == (found, None, ())
 
 
 class BothSeen(Spring):

@@ -165,7 +165,13 @@ class Steps(AbstractPath):
 
 
 class Blend(AbstractPath):
-    """A path on its way from one to another: `(1 - weight) one + weight other`, channel by channel."""
+    """A path on its way to the band-limited run through its samples: `(1 - weight) one + weight other`, channel by channel.
+
+    Args:
+        one: the path as it was.
+        other: the band-limited run of all channels.
+        weight: of the latter, by channel.
+    """
 
     one: AbstractPath
     other: AbstractPath
@@ -183,8 +189,8 @@ class Blend(AbstractPath):
         return Blend(self.one.delayed(channel, delay), self.other.delayed(channel, delay), self.weight)
 
     def towards_band_limited(self, channel, weight):
-        other = self.other.towards_band_limited(channel, weight)
-        return Blend(self.one.towards_band_limited(channel, weight), other, self.weight)
+        before = self.weight[channel]
+        return Blend(self.one, self.other, self.weight.at[channel].set(before + weight - before * weight))
 
     def rate_limited(self, channel, limit, weight):
         one, other = (path.rate_limited(channel, limit, weight) for path in (self.one, self.other))

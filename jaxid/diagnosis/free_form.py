@@ -21,6 +21,7 @@ from ..estimation.problem import Problem
 from ..models.base import AbstractModel
 from ..models.free import insert
 from ..simulation.simulate import run
+from ..simulation.steppers import rate
 
 Kind = Literal["equation", "input", "output", "parameter"]
 
@@ -65,22 +66,26 @@ def linear_model(problem: Problem, own, shared, case, kinds: tuple[Kind, ...], e
     Phi = jax.vmap(jax.jacfwd(interval, argnums=1))(jnp.arange(t.size - 1), x[:-1])
     Phi = jnp.where((jnp.diff(t) > 0)[:, None, None], Phi, jnp.eye(x.shape[1]))
 
+    def moved(t, x, u, force):
+        """Rates and outputs under a force in each equation: one function, so that the model is compiled once for all places."""
+        dx = rate(model, t, x, u) + force
+        return dx, model.output_given(t, x, u, dx)
+
     def at(t, x, u):
-        dx = model.rhs(t, x, u)
+        A, C = jax.jacfwd(moved, argnums=(1, 2, 3))(t, x, u, jnp.zeros(x.size))
         parts = []
         for kind in kinds:
             if kind == "equation":
-                D = jax.jacfwd(lambda rate: model.output_given(t, x, u, rate))(dx)
                 chosen = np.array([model.states.index(name) for name in equations], int)
-                parts.append((jnp.eye(x.size)[:, chosen], D[:, chosen]))
+                parts.append((A[2][:, chosen], C[2][:, chosen]))
             elif kind == "input":
-                parts.append((jax.jacfwd(model.rhs, 2)(t, x, u), jax.jacfwd(model.output, 2)(t, x, u)))
+                parts.append((A[1], C[1]))
             elif kind == "output":
                 parts.append((jnp.zeros((x.size, len(model.outputs))), jnp.eye(len(model.outputs))))
             else:
                 parts.append(_by_parameter(made, t, x, u, shared))
         B, D = (jnp.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-        return jax.jacfwd(model.output, 1)(t, x, u), B, D
+        return C[0], B, D
 
     C, B, D = jax.vmap(at)(t, x, u)
     return Linear(x, solution.y, Phi, C, B, D)

@@ -62,15 +62,22 @@ def score_test(problem: Problem, parameters: Parameters, is_free: Bool[Array, " 
     Returns:
         Scores, expected gains and overlaps.
     """
-    return scores_of(*white_columns(problem, parameters), is_free)
+    return scores_of(*whitened(problem, *sensitivities(problem, parameters)), is_free)
 
 
 @eqx.filter_jit
-def white_columns(
+def sensitivities(
     problem: Problem, parameters: Parameters
 ) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
-    """Residuals and sensitivities in units of the noise, each record's own unknowns in the first columns."""
-    v, S = problem.sensitivities(parameters)
+    """Residuals and sensitivities, each record's own unknowns in the first columns: the one pass that all questions share."""
+    return problem.sensitivities(parameters)
+
+
+@eqx.filter_jit
+def whitened(
+    problem: Problem, v: Float[Array, "case time output"], S: Float[Array, "case time output column"]
+) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
+    """The same in units of the noise."""
     return problem.whiten(v, v), problem.whiten(v, S)
 
 
@@ -81,7 +88,7 @@ def scores_of(
     """The score test of columns that are there already.
 
     Args:
-        v, S: residuals and sensitivities whose noise is white with variance one, as `white_columns` gives them.
+        v, S: residuals and sensitivities whose noise is white with variance one, as `whitened` gives them.
         is_free: of the last columns of S, the shared ones, which are free.
     """
     count = S.shape[-1] - is_free.size

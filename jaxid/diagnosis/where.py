@@ -24,6 +24,7 @@ from ..models.free import Parameters
 from ..models.library import uncertain_equations
 from ..models.noise import FixedNoise
 from .free_form import Kind, answers, hats_of, linear_model
+from .scores import sensitivities
 
 FEW, MANY = 20, 60  # hats: two numbers only, so that studies share what is compiled
 WEAK = (
@@ -145,7 +146,8 @@ def where(
     hats = resolution(records, fit.residuals) if knots is None else (knots, records.t.shape[-1])
     places = {"equation": tuple(equations), "input": fit.model.inputs, "output": fit.model.outputs}
     places |= {"parameter": fit.free.shared}
-    return located(problem, fit.parameters, fit.noise, hats, {kind: places[kind] for kind in kinds})
+    seen = sensitivities(problem, fit.parameters)
+    return located(problem, fit.parameters, seen, fit.noise, hats, {kind: places[kind] for kind in kinds})
 
 
 def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[int, int]:
@@ -185,6 +187,7 @@ class Found(NamedTuple):
 def located(
     problem: Problem,
     parameters: Parameters,
+    seen: tuple[Float[Array, "case time output"], Float[Array, "case time output column"]],
     noise: Float[Array, "output output"],
     hats: tuple[int, int],
     places: Mapping[Kind, tuple[str, ...]],
@@ -193,11 +196,12 @@ def located(
 
     Args:
         problem, parameters: what was solved, and its solution.
+        seen: its residuals, and its sensitivities to what is free (`sensitivities`).
         noise: R.
         hats: how many in each record, and over how many of its rows.
         places: names by kind: of states, and all inputs, outputs, or shared parameters of the problem.
     """
-    found = search(problem, parameters, noise, *hats, tuple(places), places.get("equation", ()))
+    found = search(problem, parameters, seen, noise, *hats, tuple(places), places.get("equation", ()))
     squares, samples = float(found.squares), float(found.samples)
     noise_known = isinstance(problem.likelihood.noise, FixedNoise)
     power = squares - samples if noise_known else squares
@@ -219,6 +223,7 @@ def located(
 def search(
     problem: Problem,
     parameters: Parameters,
+    seen: tuple[Float[Array, "case time output"], Float[Array, "case time output column"]],
     noise: Float[Array, "output output"],
     knots: int,
     rows: int,
@@ -228,7 +233,7 @@ def search(
     """The pure inside of `where`, on the first rows of each record."""
     parts = {name: getattr(problem.records, name)[:, :rows] for name in ("t", "u", "z", "mask")}
     problem = eqx.tree_at(lambda one: [getattr(one.records, name) for name in parts], problem, list(parts.values()))
-    v, S = problem.sensitivities(parameters)
+    v, S = (one[:, :rows] for one in seen)
     scaled = problem.records.mask / jnp.sqrt(jnp.diagonal(noise))[None, None]
 
     def one(own, case, seen):

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.types import Array, Bool
 from .acting import Acting
 from .base import AbstractModel, canonical
 from .effects import Effect
@@ -115,15 +116,23 @@ def uncertain_equations(model: AbstractModel, free_positions: np.ndarray) -> tup
     """
     flat = jnp.concatenate([flatten(model)[0], jnp.zeros(len(model.states))])
     positions = Positions(jnp.asarray(free_positions, int), jnp.zeros(0, int), leaves_at(model, free_positions))
-    found = np.zeros(len(model.states), bool)
-    for key in jax.random.split(jax.random.key(0), 3):
+    uncertain = np.asarray(_depends(model, flat, positions))
+    return tuple(state for state, one in zip(model.states, uncertain, strict=True) if one)
+
+
+@eqx.filter_jit
+def _depends(model: AbstractModel, flat: Array, positions: Positions) -> Bool[Array, " state"]:
+    """Whether each rate depends on a parameter at the positions, at one of three arbitrary states and inputs."""
+
+    def slopes(key):
         x, u = jnp.split(jax.random.uniform(key, (len(model.states) + len(model.inputs),)), [len(model.states)])
 
-        def rate(values, x=x, u=u):
+        def rate(values):
             return insert(model, flat, positions, values, jnp.zeros(0))[0].rhs(jnp.zeros(()), x, u)
 
-        found |= np.any(np.asarray(jax.jacfwd(rate)(flat[positions.shared])) != 0, axis=1)
-    return tuple(state for state, uncertain in zip(model.states, found, strict=True) if uncertain)
+        return jax.jacfwd(rate)(flat[positions.shared])
+
+    return jnp.any(jax.vmap(slopes)(jax.random.split(jax.random.key(0), 3)) != 0, axis=(0, 2))
 
 
 def started(effects: tuple[Effect, ...], signals, measured, step) -> tuple[Effect, ...]:

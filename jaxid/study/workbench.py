@@ -12,7 +12,7 @@ from ..data.record import Record
 from ..diagnosis.free_form import Kind
 from ..diagnosis.process_noise import ProcessNoise, process_noise
 from ..diagnosis.reading import Reading, read
-from ..diagnosis.scores import Scores, exchange_falls, scores_of, white_columns
+from ..diagnosis.scores import Scores, exchange_falls, scores_of, sensitivities, whitened
 from ..diagnosis.validation import Prediction, predict_stack
 from ..diagnosis.where import Where, located, resolution
 from ..estimation.estimate import Fit, fit_problem
@@ -93,10 +93,12 @@ class Workbench:
         self.at = np.array([self.position[name] for name in self.columns], int)
         self.rows = jnp.array([self.position[name] for name in free.per_record], int)
         self.starts = starting_states(free, model, self.model)
+        self.equations = uncertain_equations(canonical(model), np.asarray(self.free.positions(canonical(model)).shared))
         self.leaves = leaves_at(self.model, np.r_[self.at, np.asarray(self.rows)])
         self.lower, self.upper = self._effect_bounds()
         self.measured: dict[str, np.ndarray] = {}
         self.variables: dict[str, Array] = {}
+        self.passed: tuple | None = None
 
     def base(self, records: Record | None = None) -> Fitted:
         """The declared model by itself."""
@@ -143,7 +145,7 @@ class Workbench:
 
     def score(self, fitted: Fitted) -> Scores:
         """Score all columns that are not in a fit."""
-        return self._score(fitted.values, fitted.fit.parameters.rows, fitted.columns)
+        return scores_of(*self._white_columns(fitted), self._is_free(fitted.columns))
 
     def exchange_falls(self, fitted: Fitted, sets: Sequence[tuple[str, ...]]) -> Float[Array, "set column"]:
         """By how much chi-square falls with each column in the place of each set of effects that are in."""
@@ -151,7 +153,7 @@ class Workbench:
         for row, names in zip(out, sets, strict=True):
             row[[self.column[own] for name in names for own in own_parameters(self.effects[name])]] = True
         is_gain = np.isin(np.arange(len(self.columns)), list(self.gains.values()))
-        white = self._white_columns(fitted.values, fitted.fit.parameters.rows)
+        white = self._white_columns(fitted)
         values = jnp.where(jnp.asarray(is_gain), jnp.asarray(fitted.values), 0.0)
         return exchange_falls(*white, self._is_free(fitted.columns), jnp.asarray(out), values)
 
@@ -166,17 +168,22 @@ class Workbench:
             fitted: a fit to the training records.
             like: an earlier answer, of which the hats are taken.
         """
-        problem, shared = self._problem(fitted.columns, self._width(fitted.columns), fitted.values, None)
-        declared = np.array([self.position[name] for name in self.free.shared], int)
-        equations = uncertain_equations(self.model, declared)
+        _, _, (v, S) = self._pass(fitted)
+        # The model with what is in and nothing else: small, so that this one more program compiles fast.
+        whole = self._with(fitted.values)
+        model = canonical(Augmented(whole.model, tuple(one for one in whole.effects_in if one.name in fitted.effects)))
+        problem = Problem.of(model, Free((), self.free.per_record), self.records, self.likelihood)
         places: dict[Kind, tuple[str, ...]] = {
-            "equation": tuple(state for state in equations if state in self.model.model.states),
-            "input": self.model.inputs,
-            "output": self.model.outputs,
+            "equation": self.equations,
+            "input": model.inputs,
+            "output": model.outputs,
         }
         hats = resolution(self.records, fitted.fit.residuals) if like is None else like.hats
-        noise = _regular(fitted.fit.noise)
-        return located(problem, Parameters(shared, fitted.fit.parameters.rows), noise, hats, places)
+        own, padding = len(self.rows), self._width(fitted.columns) - len(fitted.columns)
+        free = jnp.concatenate([S[..., :own], S[..., own + np.array(fitted.columns, int)]], axis=-1)
+        free = jnp.pad(free, ((0, 0), (0, 0), (0, 0), (0, padding)))  # few widths are ever compiled
+        parameters = Parameters(jnp.zeros(0), fitted.fit.parameters.rows)
+        return located(problem, parameters, (v, free), _regular(fitted.fit.noise), hats, places)
 
     def read(self, fitted: Fitted) -> Reading:
         """The residual of a fit to the training records, tested against the states, inputs and time of the declared model."""
@@ -192,7 +199,7 @@ class Workbench:
         places = {place.name: place for place in where.places if place.kind == "equation"}
         force = jnp.array([np.sqrt(np.mean(place.disturbance**2)) for place in places.values()])
         problem, shared = self._problem(fitted.columns, self._width(fitted.columns), fitted.values, None)
-        _, S = self._white_columns(fitted.values, fitted.fit.parameters.rows)
+        _, S = self._white_columns(fitted)
         known = isinstance(self.likelihood.noise, FixedNoise)
         parameters = Parameters(shared, fitted.fit.parameters.rows)
         floor = 1e-3 * jnp.max(force) + jnp.finfo(float).tiny
@@ -201,13 +208,19 @@ class Workbench:
         columns = jnp.concatenate([noise.S, noise.probes], axis=-1)
         return noise, scores_of(noise.v, columns, jnp.pad(is_free, (0, noise.probes.shape[-1])))
 
-    def _score(self, values, rows, columns) -> Scores:
-        return scores_of(*self._white_columns(values, rows), self._is_free(columns))
-
-    def _white_columns(self, values, rows):
+    def _white_columns(self, fitted: Fitted):
         """Residuals and sensitivities to all columns, in units of the noise."""
-        problem, shared = self._problem(range(len(self.columns)), len(self.columns), values, None)
-        return white_columns(problem, Parameters(shared, rows))
+        problem, _, seen = self._pass(fitted)
+        return whitened(problem, *seen)
+
+    def _pass(self, fitted: Fitted):
+        """The problem with all columns, a fit's values in it, and residuals and sensitivities there; the last is kept, as
+        several questions are asked of each fit."""
+        if self.passed is None or self.passed[0] is not fitted:
+            problem, shared = self._problem(range(len(self.columns)), len(self.columns), fitted.values, None)
+            parameters = Parameters(shared, fitted.fit.parameters.rows)
+            self.passed = (fitted, (problem, parameters, sensitivities(problem, parameters)))
+        return self.passed[1]
 
     def _is_free(self, columns) -> Bool[Array, " column"]:
         return jnp.zeros(len(self.columns), bool).at[np.array(columns, int)].set(True)

@@ -67,7 +67,8 @@ def test_scores_are_chi_square_where_nothing_is_missing():
         fit = estimate(SPRING, FREE, record, KNOWN)
         stack = jax.tree.map(lambda leaf: leaf[None], record)
         problem = Problem(fit.model, FREE.positions(SPRING), stack, KNOWN, Limits.of(FREE, 1))
-        found = search(problem, fit.parameters, fit.noise, KNOTS, ROWS, ("equation", "output"), ("v",))
+        seen = problem.sensitivities(fit.parameters)
+        found = search(problem, fit.parameters, seen, fit.noise, KNOTS, ROWS, ("equation", "output"), ("v",))
         return found.score, found.dof
 
     score, dof = map(np.asarray, eqx.filter_jit(jax.vmap(one))(jax.random.normal(jax.random.key(9), (DRAWS, ROWS, 2))))

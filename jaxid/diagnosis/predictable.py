@@ -45,3 +45,25 @@ def predictable_share(
     explained = jnp.sum(a * r[1:].T, axis=-1)
     count = jnp.maximum(jnp.sum(mask, axis=(0, 1)), order + 2)
     return jnp.clip(1.0 - (1.0 - explained) * count / (count - order), 0.0)
+
+
+def white_part(v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]) -> Float[Array, " output"]:
+    """Variance of what is white in each channel, whatever else is in it that is slow; from third differences.
+
+        var(v_(k+3) - 3 v_(k+2) + 3 v_(k+1) - v_k) = (1 + 9 + 9 + 1) var(v)        of white v
+
+    Of the power of a sinusoid at a tenth of the sampling rate they leave 0.3 per cent. Where a channel has no four valid
+    samples in a row it is the mean square.
+
+    Args:
+        v: residuals, zero where there is no valid sample.
+        mask: where samples are valid.
+    """
+    third = v[:, 3:] - 3.0 * v[:, 2:-1] + 3.0 * v[:, 1:-2] - v[:, :-3]
+    whole = mask[:, 3:] & mask[:, 2:-1] & mask[:, 1:-2] & mask[:, :-3]
+    fast = _mean_square(third, whole) / 20.0
+    return jnp.where(jnp.any(whole, axis=(0, 1)), fast, _mean_square(v, mask))
+
+
+def _mean_square(v, mask):
+    return jnp.sum(jnp.where(mask, v, 0.0) ** 2, axis=(0, 1)) / jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)

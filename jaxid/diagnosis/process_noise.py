@@ -21,6 +21,7 @@ from ..estimation.problem import Problem
 from ..models.free import Parameters
 from ..sensitivity.information import gather, record_triangles
 from .free_form import Linear, answers, linear_model
+from .predictable import white_part
 
 STEPS = 80  # of the search for the noise: it is smooth, and a few per cent of its strengths decide nothing
 TIMES = (1.0, 10.0, 100.0)  # typical steps: correlation times from which the search starts
@@ -179,9 +180,7 @@ def _imitated(v, filtered, S, is_free) -> Float[Array, "case time output"]:
 def _begin(force, t, white, seen) -> Noise:
     """The given forces, with several correlation times; what is fast in the residual is the instruments'."""
     h = jnp.diff(t)
-    third = white[:, 3:] - 3.0 * white[:, 2:-1] + 3.0 * white[:, 1:-2] - white[:, :-3]
-    whole = seen[:, 3:] & seen[:, 2:-1] & seen[:, 1:-2] & seen[:, :-3]
-    fast = _mean(third**2, whole) / 20.0  # 1 + 9 + 9 + 1: what third differences make of white noise
+    fast = white_part(white, seen)
     times = jnp.array(TIMES) * jnp.nanmedian(jnp.where(h > 0, h, jnp.nan))
     each = [jnp.tile(jnp.log(one)[None], (times.size, 1)) for one in (force, fast + 1e-6)]
     return Noise(each[0], jnp.log(times), each[1])

@@ -24,6 +24,7 @@ from ..models.free import Parameters
 from ..models.library import uncertain_equations
 from ..models.noise import FixedNoise
 from .free_form import Kind, answers, hats_of, linear_model
+from .predictable import white_part
 from .scores import sensitivities
 
 FEW, MANY = 20, 60  # hats: two numbers only, so that studies share what is compiled
@@ -197,19 +198,22 @@ def located(
     Args:
         problem, parameters: what was solved, and its solution.
         seen: its residuals, and its sensitivities to what is free (`sensitivities`).
-        noise: R.
+        noise: R; where it was estimated, its diagonal is replaced by what is white in the residual, if that is less.
         hats: how many in each record, and over how many of its rows.
         places: names by kind: of states, and all inputs, outputs, or shared parameters of the problem.
     """
+    noise_known = isinstance(problem.likelihood.noise, FixedNoise)
+    if not noise_known:
+        # An estimate of R counts what the model lacks as noise, and would hide the channel in which it shows most.
+        white = white_part(seen[0], problem.records.mask)
+        noise = jnp.diag(jnp.clip(white, 1e-6 * jnp.diagonal(noise), jnp.diagonal(noise)))
     found = search(problem, parameters, seen, noise, *hats, tuple(places), places.get("equation", ()))
     squares, samples = float(found.squares), float(found.samples)
-    noise_known = isinstance(problem.likelihood.noise, FixedNoise)
     power = squares - samples if noise_known else squares
     power = power if power > 0 else float("nan")
-    by_chance = 1.0 if noise_known else squares / samples
     names = [(kind, name) for kind, of in places.items() for name in of]
     rows = [
-        Place(*place, score, int(dof), (score - by_chance * dof) / power, disturbance, deviation)
+        Place(*place, score, int(dof), (score - dof) / power, disturbance, deviation)
         for place, score, dof, disturbance, deviation in zip(
             names, *(np.asarray(one).tolist() for one in found[:2]), *map(np.asarray, found[2:4]), strict=True
         )
@@ -251,7 +255,7 @@ def search(
     G = jnp.moveaxis(G.reshape(cases, -1, places, knots), 2, 0)
     directions, white = basis.reshape(cases, G.shape[2], -1), white.reshape(cases, -1)
     samples = jnp.sum(problem.records.mask) - jnp.sum(jnp.any(basis != 0, axis=0))
-    squares = jnp.sum(white**2)
+    squares = jnp.sum((white - jnp.einsum("crd,d->cr", directions, jnp.einsum("crd,cr->d", directions, white))) ** 2)
     values = jax.lax.map(lambda of_place: _explained(of_place, directions, white, squares, samples), G)
     return Found(*values, grid, variables, squares, samples)
 

@@ -2,13 +2,14 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from .._foundation.types import Array, Float
 from .acting import Acting, ActingEffect
 from .effects import zero
 from .starts import centre_of, level_in, reach_of
 
-INSIDE = (0.05, 0.95)  # of a signal's range: where a bend can be told
+INSIDE = (0.1, 0.9)  # quantiles of a signal between which a bend can be told: samples enough on either side
 
 
 class DeadBand(ActingEffect):
@@ -108,7 +109,7 @@ class Hinge(ActingEffect):
 
         scalar += gain max(signal - level, 0)
 
-    The level stays within the signal's range on the training records: outside of it a hinge is no bend.
+    The level stays where the training records have samples on either side of it: elsewhere a hinge is no bend.
 
     A stop that is met, a spring that is slack on one side and a flow that separates all bend in this way.
 
@@ -149,8 +150,9 @@ class Hinge(ActingEffect):
         return {"level": (float(self.lowest), float(self.highest))}
 
     def start(self, signals, measured, step):
-        levels = (level_in(signals[self.signal], fraction) for fraction in (self.fraction, *INSIDE))
-        return eqx.tree_at(lambda effect: (effect.level, effect.lowest, effect.highest), self, tuple(levels))
+        lowest, highest = map(jnp.asarray, np.quantile(signals[self.signal], INSIDE))
+        level = jnp.clip(level_in(signals[self.signal], self.fraction), lowest, highest)
+        return eqx.tree_at(lambda one: (one.level, one.lowest, one.highest), self, (level, lowest, highest))
 
     def scalar(self, signals):
         return jnp.maximum(signals[self.signal] - self.level, 0.0)

@@ -13,6 +13,8 @@ from .search import Search, critical
 from .study import RandomForces, Round
 from .workbench import Fitted, Workbench
 
+NEAR = 0.2  # of the residual's power: places whose shares differ by more are not the same
+
 
 class Conclusion(NamedTuple):
     """What a loop may claim.
@@ -21,11 +23,13 @@ class Conclusion(NamedTuple):
         outcome: as in `Study`.
         process_noise: the random forces where these are it.
         parts: of the effects that are in, those that only together make up one function (`parts_of_one`).
+        elsewhere: whether no effect that is in acts where the residual sits (`act_elsewhere`).
     """
 
     outcome: str
     process_noise: RandomForces | None = None
     parts: tuple[str, ...] = ()
+    elsewhere: bool = False
 
 
 def conclude(search: Search, rounds: tuple[Round, ...], declared: Fitted, found: Fitted, where: Where) -> Conclusion:
@@ -43,8 +47,11 @@ def conclude(search: Search, rounds: tuple[Round, ...], declared: Fitted, found:
     if isinstance(search.bench.likelihood.noise, FixedNoise):
         coloured = coloured or _above_known_noise(found, search.bench, search.options.level)
     if not (coloured or fires):
-        parts = parts_of_one(tuple(search.bench.effects[name] for name in found.effects))
-        return Conclusion("proxies" if parts else "explained" if found.effects else "nothing missing", parts=parts)
+        if not found.effects:
+            return Conclusion("nothing missing")
+        effects = tuple(search.bench.effects[name] for name in found.effects)
+        parts, elsewhere = parts_of_one(effects), act_elsewhere(effects, where)
+        return Conclusion("proxies" if parts or elsewhere else "explained", parts=parts, elsewhere=elsewhere)
     forces = _random_forces(search, declared, where)
     if forces is not None:
         return Conclusion("process noise", forces)
@@ -63,6 +70,23 @@ def parts_of_one(effects: tuple[Effect, ...]) -> tuple[str, ...]:
             groups.setdefault((effect.place, effect.signals_used), []).append(effect)
     mixed = [group for group in groups.values() if len(group) > 1 and not all(effect.terms for effect in group)]
     return tuple(effect.name for group in mixed for effect in group)
+
+
+def act_elsewhere(effects: tuple[Effect, ...], where: Where) -> bool:
+    """Whether none of the effects acts in a place that explains about as much of the residual as the best one does.
+
+    What predicts well may still be of another kind than the cause: two late sensors for a late input. Only equations, inputs and
+    sensors are held against it; what acts through a coefficient or a parameter may move several equations.
+    """
+    kinds = {"equation of ": "equation", "input ": "input", "sensor ": "output"}
+    told = [
+        (kind, effect.place.removeprefix(words))
+        for effect in effects
+        for words, kind in kinds.items()
+        if effect.place.startswith(words)
+    ]
+    close = {(place.kind, place.name) for place in where.rivals(NEAR)}
+    return len(told) == len(effects) and not close.intersection(told)
 
 
 def _random_forces(search: Search, declared: Fitted, where: Where) -> RandomForces | None:
@@ -104,11 +128,11 @@ def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rounds: tuple[Ro
     what = "; ".join(sentences)
     rivals = sorted({rival for one in rounds for rival in one.rivals})
     also = f" (these records cannot tell it from: {', '.join(rivals)})" if rivals else ""
-    stays = (
-        f"Together {' and '.join(conclusion.parts)} make up one function, and its form is not settled."
-        if conclusion.parts
-        else "What stays after them is more than noise."
-    )
+    stays = "What stays after them is more than noise."
+    if conclusion.parts:
+        stays = f"Together {' and '.join(conclusion.parts)} make up one function, and its form is not settled."
+    elif conclusion.elsewhere:
+        stays = "They leave nothing but noise, but act elsewhere than where the residual sits."
     sits = " or the ".join(f"{one.kind} {one.name}" for one in left.rivals())
     return {
         "nothing missing": "Nothing is missing: the residual is consistent with noise, and no candidate explains any of it.",

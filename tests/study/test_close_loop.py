@@ -10,12 +10,13 @@ import pytest
 from jaxid import AbstractModel, Augmented, LoopOptions, OutputError, close_loop, free, record, simulate
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.types import Array
-from jaxid.diagnosis import Scores
+from jaxid.diagnosis import Place, Scores, Where
 from jaxid.estimation.estimate import as_stack
 from jaxid.models import (
     DryFriction,
     FixedNoise,
     InputDelay,
+    ParameterShift,
     QuadraticDrag,
     SensorBias,
     SensorDelay,
@@ -26,7 +27,7 @@ from jaxid.models import (
 from jaxid.study.close_loop import SOLVER
 from jaxid.study.search import Search, pairs_of
 from jaxid.study.study import Candidate
-from jaxid.study.verdict import parts_of_one
+from jaxid.study.verdict import act_elsewhere, parts_of_one
 from jaxid.study.workbench import Workbench
 
 SIGMA = 0.02
@@ -231,6 +232,31 @@ def both_seen(seed, effect):
 )
 def test_shapes_of_one_signal_are_not_several_causes(effects, parts):
     assert parts_of_one(effects) == parts
+
+
+def place(kind, name, share):
+    return Place(kind, name, 100.0, 10, share, np.zeros((1, 2)), np.ones((1, 2)))
+
+
+@pytest.mark.parametrize(
+    ("effects", "elsewhere"),
+    [
+        ((InputDelay("force"),), False),
+        ((Term("v", "x^3"), SensorBias("x")), False),  # one of them does
+        ((SensorDelay("x"), SensorDelay("a")), True),
+        ((SensorDelay("x"), ParameterShift("k")), False),  # a parameter may act anywhere
+    ],
+    ids=["there", "one of two", "elsewhere", "anywhere"],
+)
+def test_what_explains_must_act_where_the_residual_sits(effects, elsewhere):
+    places = (
+        place("input", "force", 0.9),
+        place("equation", "v", 0.85),
+        place("output", "x", 0.6),
+        place("output", "a", 0.1),
+    )
+    where = Where(places, np.zeros((1, 2)), {}, (2, 20), 1.0)
+    assert act_elsewhere(effects, where) is elsewhere
 
 
 def test_known_noise_is_held_against_the_residual():

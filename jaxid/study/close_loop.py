@@ -19,7 +19,7 @@ from ..estimation.solver import GaussNewton
 from ..models.augmented import Augmented
 from ..models.base import AbstractModel, canonical
 from ..models.effects import Effect
-from ..models.effects_parameter import not_free
+from ..models.effects_parameter import ParameterDrift, not_free
 from ..models.free import Free
 from ..models.library import general_effects, uncertain_equations
 from ..models.noise import FixedNoise
@@ -123,12 +123,15 @@ def _started(bench: Workbench) -> Fitted:
 
 
 def candidates(model: AbstractModel, free: Free, records: Record) -> tuple[Effect, ...]:
-    """The default library: general effects for this model's channels, and the model's own."""
+    """The default library: general effects for this model's channels, the model's own, and a drift of each free parameter."""
     equations = model.equations_with_terms()
     if equations is None:
         equations = uncertain_equations(canonical(model), np.asarray(free.positions(model).shared))
     general = general_effects(model, equations, uniform=is_uniform(np.asarray(records.t)))
-    return not_free((*general, *model.effects()), free.shared + free.per_record)
+    own = (*general, *model.effects())
+    known, units = {effect.name for effect in own}, model.units()
+    drifts = (ParameterDrift(name, unit=units.get(name, "")) for name in free.shared)
+    return not_free((*own, *(drift for drift in drifts if drift.name not in known)), free.shared + free.per_record)
 
 
 def _carve(train: Record, window: int | None) -> tuple[Record, Record]:

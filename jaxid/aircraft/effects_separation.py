@@ -16,9 +16,18 @@ from ..models.acting import Acting
 from ..models.effects import Effect, Signals, zero
 from ..models.starts import level_in
 
+SMALL = -1.0  # gain at which a lag is felt: a quarter of the slope of CZ with alpha of attached flow [1/rad]
 SEPARATED = 1e-4  # the least x: the root of less has too steep a derivative
+ANGLES = (0.0, 1.0)  # rad, within which flow separates
+SHAPES = (1.0, 300.0)  # 1/rad, of the steepness
 STEEPNESS = (10.0, 60.0)  # range of the start [1/rad]; wings of real aircraft lie around 15 to 30
+SLOWEST = 3.0  # s, of a lag: by far longer than the air takes over a wing
 SPREAD = 9.0  # steepness times range of alpha: from 10 % to 90 % separated within a quarter of the range
+
+
+def kirchhoff(x: Float[Array, ""]) -> Float[Array, ""]:
+    """The share of the attached flow's lift that is left, `((1 + sqrt x)/2)^2`, with x kept between its ends."""
+    return (0.5 * (1.0 + jnp.sqrt(jnp.clip(x, SEPARATED, 1.0)))) ** 2
 
 
 class SeparatedFlow(Effect):
@@ -69,9 +78,12 @@ class SeparatedFlow(Effect):
         """x0, where the flow separates at an angle of attack that stays."""
         return 0.5 * (1.0 - jnp.tanh(self.steepness * (alpha - self.alpha_star)))
 
+    def factor(self, signals: Signals) -> Float[Array, ""]:
+        """What is added to the slope, at a gain of one."""
+        return kirchhoff(self.place_of_separation(signals)) - 1.0
+
     def equations(self, dx, signals):
-        x = jnp.clip(self.place_of_separation(signals), SEPARATED, 1.0)
-        loss = self.gain * signals["alpha"] * ((0.5 * (1.0 + jnp.sqrt(x))) ** 2 - 1.0)
+        loss = self.gain * signals["alpha"] * self.factor(signals)
         shares = {"CZ": 1.0, "CX": self.forward, "Cm": self.pitching}
         added: Signals = {}
         for acting in self.acting:
@@ -110,24 +122,101 @@ class StaticSeparation(SeparatedFlow):
 
     @property
     def bounds(self):
-        return {"steepness": (1.0, 300.0)}
+        return {"alpha_star": ANGLES, "steepness": SHAPES}
 
     def place_of_separation(self, signals):
         return self.static(signals["alpha"])
 
 
-class Separation(SeparatedFlow):
-    """Flow that separates at high angle of attack late, and attaches again late: a hysteresis of lift.
+class LateFlow(SeparatedFlow):
+    """What models of flow that separates late, and attaches again late, share:
 
         lag dx/dt + x = x0(alpha - late d(alpha)/dt)
 
-    Its own state is `x - x0(alpha)`, which is zero in steady flight, where records begin.
+    Their own state is `x - x0(alpha)`, which is zero in steady flight, where records begin.
+
+    Attributes:
+        lag: of the place of separation behind its static value, at least 0.02 s [s].
+        late: by how much separation and attachment are put off in a quasi-steady motion [s].
+    """
+
+    lag: eqx.AbstractVar[Float[Array, ""]]
+    late: eqx.AbstractVar[Float[Array, ""]]
+
+    @property
+    def begin(self):
+        return SMALL  # at a gain of zero nothing is felt of the other parameters, and the search for them would wander
+
+    @property
+    def bounds(self):
+        return {"alpha_star": ANGLES, "steepness": SHAPES, "lag": (0.02, SLOWEST), "late": (0.0, SLOWEST)}
+
+    @property
+    def extra_states(self):
+        return (f"x of {self.name}",)
+
+    @property
+    def rates_of(self):
+        return ("alpha",)
+
+    def place_of_separation(self, signals):
+        return self.static(signals["alpha"]) + signals[self.extra_states[0]]
+
+    def extra_rates(self, extra, u, signals, rates):
+        (own,) = self.extra_states
+        alpha, alphadot = signals["alpha"], rates["alpha"]
+        static = self.static(alpha)
+        slope = -2.0 * self.steepness * static * (1.0 - static)  # d x0/d alpha
+        aim = self.static(alpha - self.late * alphadot)
+        return {own: (aim - static - extra[own]) / self.lag - slope * alphadot}
+
+
+class LagOfSeparation(LateFlow):
+    """What the lag of separation adds to flow that separates without delay: a hysteresis of lift, and nothing in steady flight.
+
+        CZ += gain alpha (k(x) - k(x0)),    k(x) = ((1 + sqrt x)/2)^2,    and likewise CX and Cm
+
+    With the gain, angle and steepness of a `StaticSeparation` beside it the two are one `Separation`. It is the effect that a
+    search tries, for it is asked only what the static one, which is simpler, leaves: first that the flow separates, then that
+    it does so late.
 
     Args:
         acting: in the coefficients CX, CZ and Cm, those of them that there are.
         fraction: where alpha_star starts, as a fraction of the range of alpha.
-        lag: of the place of separation behind its static value, at least 0.02 s [s].
-        late: by how much separation and attachment are put off in a quasi-steady motion [s].
+    """
+
+    acting: tuple[Acting, ...] = eqx.field(static=True)
+    fraction: float = eqx.field(static=True, default=0.75)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    alpha_star: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.3))
+    steepness: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(20.0))
+    forward: Float[Array, ""] = eqx.field(default_factory=zero)
+    pitching: Float[Array, ""] = eqx.field(default_factory=zero)
+    lag: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.3))
+    late: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.1))
+
+    @property
+    def family(self):
+        return "lag of separation"
+
+    @property
+    def sentence(self):
+        return "separation of the flow, and its attachment, come late: a hysteresis of lift"
+
+    @property
+    def complexity(self):
+        return 5
+
+    def factor(self, signals):
+        return kirchhoff(self.place_of_separation(signals)) - kirchhoff(self.static(signals["alpha"]))
+
+
+class Separation(LateFlow):
+    """Flow that separates at high angle of attack late, and attaches again late: `StaticSeparation` and its lag in one.
+
+    Args:
+        acting: in the coefficients CX, CZ and Cm, those of them that there are.
+        fraction: where alpha_star starts, as a fraction of the range of alpha.
     """
 
     acting: tuple[Acting, ...] = eqx.field(static=True)
@@ -151,26 +240,3 @@ class Separation(SeparatedFlow):
     @property
     def complexity(self):
         return 5
-
-    @property
-    def bounds(self):
-        return {"steepness": (1.0, 300.0), "lag": (0.02, 10.0), "late": (0.0, 10.0)}
-
-    @property
-    def extra_states(self):
-        return (f"x of {self.name}",)
-
-    @property
-    def rates_of(self):
-        return ("alpha",)
-
-    def place_of_separation(self, signals):
-        return self.static(signals["alpha"]) + signals[self.extra_states[0]]
-
-    def extra_rates(self, extra, u, signals, rates):
-        (own,) = self.extra_states
-        alpha, alphadot = signals["alpha"], rates["alpha"]
-        static = self.static(alpha)
-        slope = -2.0 * self.steepness * static * (1.0 - static)  # d x0/d alpha
-        aim = self.static(alpha - self.late * alphadot)
-        return {own: (aim - static - extra[own]) / self.lag - slope * alphadot}

@@ -42,7 +42,7 @@ class ControlledCarriage(AbstractModel):
         command = KV (KP (reference - position) - velocity) + pulse
         d(position)/dt = velocity,    d(velocity)/dt = (GTAU command - viscous velocity) / mass
 
-    On both records this law gives the recorded command within 0.05 V of 1.5 V (RMS). It is taken as continuous, and the
+    On both records this law gives the recorded command within 0.07 V of 1.5 V (RMS). It is taken as continuous, and the
     command as unlimited: it stays below 9.1 V.
     """
 

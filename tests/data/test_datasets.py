@@ -8,7 +8,7 @@ import pytest
 from scipy.io import loadmat
 
 from jaxid._foundation.checks import InputError
-from jaxid.data import cascaded_tanks, emps, silverbox
+from jaxid.data import cascaded_tanks, emps, emps_closed_loop, silverbox
 
 FILES = {
     silverbox: ("silverbox", "SNLS80mV.mat"),
@@ -45,6 +45,18 @@ def test_emps(data_folder):
     np.testing.assert_array_equal(test.z[:, 0], raw["qm"].ravel())
     np.testing.assert_array_equal(test.t, raw["t"].ravel())
     assert test.input_units + test.output_units == ("N", "m")
+
+
+def test_emps_in_closed_loop_has_the_reference_and_the_pulses_for_inputs(data_folder):
+    ds = emps_closed_loop(data_folder / "emps" / "DATA_EMPS.mat")
+    assert sizes(ds) == ([24841], {"pulses": 24841})
+    assert ds.window == {"pulses": 50}
+    raw = loadmat(data_folder / "emps" / "DATA_EMPS_PULSES.mat")
+    train, test = ds.train[0], ds.test["pulses"]
+    assert (test.inputs, test.input_units, test.outputs) == (("reference", "pulse"), ("m", "V"), ("position",))
+    np.testing.assert_array_equal(test.u, np.stack([raw["qg"].ravel(), raw["pulses_N"].ravel()], axis=1))
+    np.testing.assert_array_equal(test.z[:, 0], raw["qm"].ravel())
+    np.testing.assert_array_equal(train.u[:, 1], 0.0)
 
 
 def test_emps_pulses_are_part_of_the_command(data_folder):

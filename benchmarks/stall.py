@@ -1,0 +1,193 @@
+"""Quasi-steady stalls with hysteresis, the declared aircraft of attached flow: `python -m benchmarks.stall [--json] [--seeds 3]`.
+
+Five simulated stalls at 25 Hz, angle of attack to 16 deg; the truth has the place of separation as a state, and is integrated
+by another code (`benchmarks.stall_flight`). The loop is given the general effects, the aircraft's own terms and all unsteady
+aerodynamics. Goal: it finds separation first, and then its lag. The error of lift is told of the test stall, for all samples
+and above 13 deg.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from benchmarks.stall_flight import NOISE, TRAIN, Stalls, fly_stalls, lift
+from jaxid import FixedNoise, OutputError, close_loop, estimate, free
+from jaxid.aircraft import LagOfSeparation, Separation, aircraft_effects
+from jaxid.aircraft.longitudinal import Longitudinal
+from jaxid.diagnosis.validation import predict
+from jaxid.models import Augmented, general_effects
+from jaxid.models.base import AbstractModel
+from jaxid.models.effects import Effect
+from jaxid.study import Study
+from jaxid.study.workbench import own_parameters
+
+ORDER = ("static separation", "lag of separation")
+WINDOW = 50  # samples in which the test stall's first state is fitted
+HIGH = np.radians(13.0)
+
+
+def library(model: Longitudinal, whole: bool = False) -> tuple[Effect, ...]:
+    """Everything general, the model's own terms, and unsteady aerodynamics; each once.
+
+    Args:
+        model: the declared one.
+        whole: whether separation with hysteresis is one effect, as in the default library. Else its lag is an effect of its own
+            beside static separation, and what needs both is found in two rounds.
+    """
+    unsteady = aircraft_effects(model, groups=("unsteady",))
+    if not whole:
+        unsteady = tuple(
+            LagOfSeparation(one.acting, one.fraction) if isinstance(one, Separation) else one for one in unsteady
+        )
+    found = (*general_effects(model, ()), *model.effects(), *unsteady)
+    return tuple({effect.name: effect for effect in found}.values())
+
+
+def studied(stalls: Stalls, effects: Sequence[Effect], progress=None) -> Study:
+    """Close the loop on the training stalls."""
+    records = list(stalls.records.values())
+    chosen = free(stalls.model, "CX", "CZ", "Cm", per_record=("initial_state",))
+    return close_loop(
+        stalls.model,
+        chosen,
+        OutputError(),
+        train=records[:TRAIN],
+        check=records[TRAIN],
+        test=records[TRAIN + 1],
+        effects=effects,
+        window=WINDOW,
+        progress=progress,
+    )
+
+
+def lift_errors(stalls: Stalls, model: AbstractModel) -> dict[str, float]:
+    """RMS of predicted less true lift coefficient on the test stall, behind the window: all samples, and where alpha is high.
+
+    Args:
+        stalls: with the truth.
+        model: with its values; predicts from a first state fitted in the window.
+    """
+    noise = FixedNoise(jnp.diag(jnp.array(list(NOISE.values())) ** 2))
+    states = stalls.model.states
+    found = predict(model, stalls.records["test"], OutputError(noise), window=WINDOW, states=states)
+    true = stalls.clean["test"]
+    apart = (lift(np.asarray(found.y[0]), stalls.thrust) - lift(true, stalls.thrust))[WINDOW:]
+    high = true[WINDOW:, Longitudinal.outputs.index("alpha")] > HIGH
+    return {"all": _rms(apart), "above 13 deg": _rms(apart[high])}
+
+
+def after_each(stalls: Stalls, study: Study) -> list[dict]:
+    """Errors of lift of the declared model, and with the effects that came in up to each round, all parameters estimated."""
+    rows = [{"model": "declared", **lift_errors(stalls, study.before.estimate.model)}]
+    names: tuple[str, ...] = ()
+    for one in study.rounds:
+        names = tuple(name for name in (*names, *one.came_in) if name not in one.dropped)
+        if one.added is None:
+            continue
+        last = set(names) == set(study.effects)
+        model = study.after.estimate.model if last else refitted(stalls, study, names)
+        rows.append({"model": f"with {one.added}", **lift_errors(stalls, model)})
+    return rows
+
+
+def refitted(stalls: Stalls, study: Study, names: Sequence[str]) -> AbstractModel:
+    """The declared model and some of the effects that were found, estimated on the training stalls."""
+    whole = study.after.estimate.model
+    assert isinstance(whole, Augmented)
+    effects = tuple(effect for effect in whole.effects_in if effect.name in names)
+    own = tuple(name for effect in effects for name in own_parameters(effect))
+    model = Augmented(study.before.estimate.model, effects)
+    chosen = free(
+        model, "CX", "CZ", "Cm", *own, per_record=tuple(f"initial_state.{one}" for one in stalls.model.states)
+    )
+    return estimate(model, chosen, list(stalls.records.values())[:TRAIN], OutputError()).model
+
+
+def measure(seed: int, whole: bool, progress=None) -> dict:
+    """Fly, close the loop, and say what was found in which order and what became of the error of lift."""
+    stalls = fly_stalls(seed)
+    start = time.perf_counter()
+    study = studied(stalls, library(stalls.model, whole), progress)
+    seconds = time.perf_counter() - start
+    return {"seed": seed, "seconds": seconds, **told(study), "lift": after_each(stalls, study)}
+
+
+def told(study: Study) -> dict:
+    """The verdict, what came in round by round, and the values of what is in at the end."""
+    rounds = []
+    for one in study.rounds:
+        kept = [c for c in one.candidates if c.check_fall is not None]
+        best = [
+            {
+                "name": c.name,
+                "score": c.score,
+                "cost_fall": c.cost_fall,
+                "check_fall": c.check_fall,
+                "verdict": c.verdict,
+            }
+            for c in sorted(kept, key=lambda c: -(c.check_fall or 0.0))
+        ]
+        rounds.append({"added": one.added, "rivals": list(one.rivals), "dropped": list(one.dropped), "refitted": best})
+    found = study.to_dict()
+    families = [c.family for one in study.rounds for c in one.candidates if c.name == one.added]
+    return {
+        "outcome": study.outcome,
+        "verdict": study.verdict,
+        "families": families,
+        "in order": tuple(families[:2]) == ORDER,
+        "rounds": rounds,
+        "parameters": {
+            name: value for name, value in found["parameters"].items() if any(name.startswith(e) for e in study.effects)
+        },
+        **{side: found[side] for side in ("before", "after", "noise")},
+    }
+
+
+def table(rows: list[dict]) -> str:
+    """One block for each seed."""
+    lines = []
+    for row in rows:
+        lines += [f"seed {row['seed']}, {row['seconds']:.0f} s: {row['verdict']}", ""]
+        lines.append(f"  {'RMS error of the lift coefficient':<58}{'all samples':>14}{'above 13 deg':>14}")
+        lines += [f"  {one['model']:<58}{one['all']:>14.4f}{one['above 13 deg']:>14.4f}" for one in row["lift"]]
+        lines += ["", f"  {'error on the test stall':<24}{'before':>12}{'after':>12}{'noise':>12}"]
+        for name in row["before"]:
+            lines.append(
+                f"  {name:<24}{row['before'][name]:>12.4g}{row['after'][name]:>12.4g}{row['noise'][name]:>12.4g}"
+            )
+        lines.append("")
+    share = sum(row["in order"] for row in rows)
+    return "\n".join([*lines, f"{' first, then '.join(ORDER)}: in {share} of {len(rows)} studies (goal: all)"])
+
+
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the benchmark; 0 where the order was right in every study, else 1."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.stall", description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    parser.add_argument("--seeds", type=int, default=1, help="how many studies (default: 1)")
+    parser.add_argument("--whole", action="store_true", help="separation with hysteresis as one effect")
+    parser.add_argument("--progress", action="store_true", help="say on standard error what is going on")
+    options = parser.parse_args(arguments)
+    jax.config.update("jax_enable_x64", True)
+    progress = (lambda words: print(words, file=sys.stderr, flush=True)) if options.progress else None
+    rows = [measure(seed, options.whole, progress) for seed in range(options.seeds)]
+    reached = all(row["in order"] for row in rows)
+    if options.json:
+        print(json.dumps({"status": "reached" if reached else "missed", "whole": options.whole, "studies": rows}))
+    else:
+        print(table(rows))
+    return 0 if reached else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

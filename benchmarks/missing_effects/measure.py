@@ -107,7 +107,7 @@ def found(study: Study, planted: tuple[Planted, ...]) -> dict[str, Any]:
     return {
         "outcome": study.outcome,
         "effects": list(study.effects),
-        "rivals": sorted({rival for one in study.rounds for rival in one.rivals}),
+        "rivals": sorted({rival.name for rival in study.rivals}),
         "first_right": first.added is not None and all(map(is_right, parts[first.added])),
         "top_three": [any(one.accepts(name, name) for name in leading) for one in planted],
         "in": [any(one.accepts(name, families[name]) for name in study.effects) for one in planted],

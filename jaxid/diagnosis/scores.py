@@ -110,6 +110,21 @@ def scores_of(
     return Scores(jnp.where(seen, toward**2 / safe, 0.0), jnp.where(seen, inflation, 1.0), expected, share, overlap)
 
 
+@eqx.filter_jit
+def left_over(
+    v: Float[Array, "case time output"], S: Float[Array, "case time output column"], shared: int
+) -> Float[Array, ""]:
+    """Chi-square that no value of any column takes away.
+
+    Args:
+        v, S: as `scores_of` takes them.
+        shared: how many of the last columns are shared by all records.
+    """
+    information = _information(S, v, shared)
+    rest = information.rhs[:, None]
+    return jnp.sum((rest - information.triangle @ _least_squares(information.triangle, rest)) ** 2)
+
+
 def exchange_falls(
     v: Float[Array, "case time output"],
     S: Float[Array, "case time output column"],

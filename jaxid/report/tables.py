@@ -125,9 +125,8 @@ def effect_rows(study: Study) -> tuple[EffectRow, ...]:
             for parameter, (value, unit) in _values(estimate).items()
             if parameter.startswith(f"{name}.")
         )
-        found = [one for one in study.rounds if name in one.came_in]
         place = next((one.place for a_round in study.rounds for one in a_round.candidates if one.name == name), "")
-        rivals = tuple(_sentence(one, rival) for one in found for rival in one.rivals)
+        rivals = tuple(raised(rival.sentence) for rival in study.rivals if name in rival.instead_of)
         rows.append(EffectRow(raised(sentence), name, place, own, rivals))
     return tuple(rows)
 

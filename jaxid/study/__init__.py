@@ -7,6 +7,7 @@ from .identification import Identification
 from .identify import identify
 from .identify_options import LONG_RECORDS, IdentifyOptions
 from .options import LoopOptions
+from .rivals import Rival, told_apart
 from .study import Study
 
 __all__ = [
@@ -15,8 +16,10 @@ __all__ = [
     "Identification",
     "IdentifyOptions",
     "LoopOptions",
+    "Rival",
     "Study",
     "close_loop",
     "consistency",
     "identify",
+    "told_apart",
 ]

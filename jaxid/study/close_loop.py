@@ -16,7 +16,6 @@ from ..estimation.estimate import Fit, as_stack, check_channels, check_samples, 
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
 from ..estimation.solver import GaussNewton
-from ..models.augmented import Augmented
 from ..models.base import AbstractModel, canonical
 from ..models.effects import Effect
 from ..models.effects_parameter import ParameterDrift, not_free
@@ -25,10 +24,11 @@ from ..models.library import general_effects, uncertain_equations
 from ..models.noise import FixedNoise
 from ..sensitivity.spectrum import spectrum
 from .options import LoopOptions
+from .rivals import Rival
 from .search import Search
 from .study import Side, Study
 from .verdict import Conclusion, conclude, verdict
-from .workbench import Fitted, Workbench, own_parameters, starting_states
+from .workbench import Fitted, Workbench, starting_states
 
 SOLVER = GaussNewton(tolerance=1e-4, least_fall=1e-3, max_steps=60)  # a decision needs no more
 Records = Record | Sequence[Record]
@@ -103,6 +103,7 @@ def close_loop(
     found, rounds = search.run(declared)
     conclusion = conclude(search, rounds, declared, found, where["before"])
     found = declared if conclusion.process_noise else found
+    rivals = search.rivals(found, rounds)
     where["after"] = bench.where(found, like=where["before"]) if found.effects else where["before"]
     reading = {"before": bench.read(declared), "after": bench.read(found)}
     if whole is not None:
@@ -111,7 +112,7 @@ def close_loop(
         found = bench.fit(found.effects, found.values, records=whole.anonymous())
     progress("prediction of the test records")
     used = train if whole is None else whole
-    return _study(bench, search, declared, found, rounds, (where, reading), tests, used, conclusion)
+    return _study(bench, search, declared, found, rounds, rivals, (where, reading), tests, used, conclusion)
 
 
 def _started(bench: Workbench) -> Fitted:
@@ -156,7 +157,16 @@ def _tests(test, check: Record) -> dict[str, Record]:
 
 
 def _study(
-    bench: Workbench, search: Search, declared, found, rounds, diagnoses, tests, used: Record, conclusion: Conclusion
+    bench: Workbench,
+    search: Search,
+    declared,
+    found,
+    rounds,
+    rivals: tuple[Rival, ...],
+    diagnoses,
+    tests,
+    used: Record,
+    conclusion: Conclusion,
 ) -> Study:
     where, reading = diagnoses
     effects = tuple(bench.effects[name] for name in found.effects)
@@ -165,11 +175,12 @@ def _study(
     deviation = np.sqrt(np.diagonal(np.asarray(found.fit.noise)))
     sentences = tuple(effect.sentence for effect in effects)
     return Study(
-        verdict=verdict(conclusion, sentences, rounds, where["after"]),
+        verdict=verdict(conclusion, sentences, rivals, where["after"]),
         outcome=conclusion.outcome,
         effects=found.effects,
         sentences=sentences,
         rounds=rounds,
+        rivals=rivals,
         where=where,
         reading=reading,
         before=before,
@@ -186,11 +197,7 @@ def _study(
 def _side(bench: Workbench, search: Search, fitted: Fitted, tests: dict[str, Record], used: Record) -> Side:
     predictions = {name: bench.predict(fitted, test, search.window) for name, test in tests.items()}
     rms = {name: dict(zip(used.outputs, map(float, one.rms), strict=True)) for name, one in predictions.items()}
-    effects = tuple(bench.effects[name] for name in fitted.effects)
-    model = Augmented(bench.model.model, effects) if effects else bench.model.model
-    own = tuple(name for effect in effects for name in own_parameters(effect))
-    free = eqx.tree_at(lambda f: f.lower, bench.free, dict(bench.free.lower))
-    free = Free(bench.free.shared + own, free.per_record, free.lower, free.upper, free.scale, free.prior)
+    model, free = bench.model_and_free(fitted)
     return Side(
         model, Estimate.of(_unpadded(fitted), model, free, used, bench.solver.policy.threshold), predictions, rms
     )

@@ -13,6 +13,7 @@ from ..diagnosis.scores import Scores
 from ..diagnosis.validation import root_mean_square
 from ..estimation.coloured import tapered_covariance
 from .options import LoopOptions
+from .rivals import Rival
 from .study import Candidate, Round
 from .workbench import Fitted, Workbench, own_parameters
 
@@ -273,7 +274,7 @@ class Search:
         before, found = self.check_error(fitted), (0.0, fitted, None, ())
         for _, name, out in self.exchanges(fitted, candidates):
             self.progress(f"round {number}: {name} in the place of {' and '.join(out)}")
-            refit = self.replaced(fitted, name, out)
+            refit = self.replaced(fitted, (name,), out)
             gain = 2.0 * (fitted.cost - refit.cost)
             gain += np.log(self.samples) * (len(fitted.columns) - len(refit.columns)) - INSEPARABLE * (len(out) == 1)
             harmless = self.check_error(refit) - before < self.check_uncertainty(refit)
@@ -293,13 +294,32 @@ class Search:
         best = np.argsort(-falls, axis=None)[: self.options.pairs]
         return [(falls.flat[i], absent[i % len(absent)], sets[i // len(absent)]) for i in best]
 
-    def replaced(self, fitted: Fitted, name: str, out: tuple[str, ...]) -> Fitted:
-        """All parameters together with one effect in the place of others."""
+    def replaced(self, fitted: Fitted, come: tuple[str, ...], out: tuple[str, ...]) -> Fitted:
+        """All parameters together with some effects in the place of others."""
         values = np.array(fitted.values)
-        values[[self.bench.gains[other] for other in out]] = 0.0
-        values[self.bench.gains[name]] = self.bench.effects[name].begin
-        stay = tuple(other for other in fitted.effects if other not in out)
-        return self.bench.fit((*stay, name), values, fitted.fit.parameters.rows)
+        values[[self.bench.gains[name] for name in out]] = 0.0
+        for name in come:
+            values[self.bench.gains[name]] = self.bench.effects[name].begin
+        stay = tuple(name for name in fitted.effects if name not in out)
+        return self.bench.fit((*stay, *come), values, fitted.fit.parameters.rows)
+
+    def rivals(self, fitted: Fitted, rounds: tuple[Round, ...]) -> tuple[Rival, ...]:
+        """The rivals of each round that still do as well in the place of what came in then, now that all is in."""
+        found = []
+        for one in rounds:
+            out = one.came_in
+            if not set(out) <= set(fitted.effects):
+                continue
+            for candidate in one.candidates:
+                if candidate.name not in one.rivals or set(candidate.parts) & set(fitted.effects):
+                    continue
+                self.progress(f"rival {candidate.name}")
+                refit = self.replaced(fitted, candidate.parts, out)
+                worse = 2.0 * (refit.cost - fitted.cost)
+                if worse < INSEPARABLE:
+                    model, free = self.bench.model_and_free(refit)
+                    found.append(Rival(candidate.name, candidate.sentence, out, worse, model, free))
+        return tuple(found)
 
     def check_error(self, fitted: Fitted) -> float:
         """Mean over the channels of the logarithm of the error on the check records."""

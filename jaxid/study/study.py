@@ -12,6 +12,7 @@ from ..diagnosis.validation import Prediction
 from ..diagnosis.where import Where
 from ..estimation.result import Estimate
 from ..models.base import AbstractModel
+from .rivals import Rival
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,6 +151,8 @@ class Study:
         effects: names of the effects that were added and kept, in the order of their finding.
         sentences: the same in words.
         rounds: what happened.
+        rivals: effects that do as well in the place of one that is in, in the end; `told_apart` says what another record would
+            make of them.
         where: where the training residual sits, of the declared model (`before`) and of the one with the effects (`after`).
         reading: what tests say of the training residual, of the same two.
         before, after: the declared model and the one with the effects, on the test records.
@@ -165,6 +168,7 @@ class Study:
     effects: tuple[str, ...]
     sentences: tuple[str, ...]
     rounds: tuple[Round, ...]
+    rivals: tuple[Rival, ...]
     where: dict[str, Where]
     reading: dict[str, Reading]
     before: Side
@@ -194,6 +198,7 @@ class Study:
             "declared": _parameters(self.before.estimate),
             "residual": {side: _read(one) for side, one in self.reading.items()},
             "where": {side: _places(one) for side, one in self.where.items()},
+            "rivals": [_rival(one) for one in self.rivals],
             "rounds": [dataclasses.asdict(one) for one in self.rounds],
         }
 
@@ -235,6 +240,11 @@ def _read(reading: Reading) -> dict[str, dict[str, Any]]:
             "mean_over": {"variable": variable, "p": chance},
         }
     return found
+
+
+def _rival(rival: Rival) -> dict[str, Any]:
+    kept = ("name", "sentence", "instead_of", "chi_square")
+    return {name: getattr(rival, name) for name in kept}
 
 
 def _places(where: Where) -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ from ..diagnosis.predictable import predictable_share
 from ..diagnosis.where import Where
 from ..models.effects import Effect
 from ..models.noise import FixedNoise
+from .rivals import Rival
 from .search import Search, critical
 from .study import RandomForces, Round
 from .workbench import Fitted, Workbench
@@ -116,18 +117,18 @@ def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:
     return bool(chi2.sf(np.sum(white[mask] ** 2), int(mask.sum()) - len(found.columns)) < level)
 
 
-def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rounds: tuple[Round, ...], left: Where) -> str:
+def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Rival, ...], left: Where) -> str:
     """The outcome in a sentence or two.
 
     Args:
         conclusion: what may be claimed.
         sentences: of the effects that are in.
-        rounds: what was tried.
+        rivals: what the records cannot tell from them.
         left: where what is left sits.
     """
     what = "; ".join(sentences)
-    rivals = sorted({rival for one in rounds for rival in one.rivals})
-    also = f" (these records cannot tell it from: {', '.join(rivals)})" if rivals else ""
+    names = ", ".join(rival.name for rival in rivals)
+    also = f" (these records cannot tell it from: {names})" if rivals else ""
     stays = "What stays after them is more than noise."
     if conclusion.parts:
         stays = f"Together {' and '.join(conclusion.parts)} make up one function, and its form is not settled."

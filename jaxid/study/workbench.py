@@ -229,6 +229,17 @@ class Workbench:
         known = eqx.tree_at(lambda likelihood: likelihood.noise, self.likelihood, FixedNoise(_regular(noise)))
         return predict_stack(self._with(values), records.anonymous(), known, window, self.starts)
 
+    def model_and_free(self, fitted: Fitted) -> tuple[AbstractModel, Free]:
+        """The declared model with the effects of a fit and its values, and what is free in it."""
+        effects = tuple(self.effects[name] for name in fitted.effects)
+        names = tuple(self.columns[column] for column in fitted.columns)
+        declared = self.model.model
+        model = with_values(
+            Augmented(declared, effects) if effects else declared, names, jnp.asarray(fitted.values[[*fitted.columns]])
+        )
+        one = self.free
+        return model, Free(names, one.per_record, one.lower, one.upper, one.scale, one.prior)
+
     def standard_errors(self, fitted: Fitted) -> dict[str, tuple[float, float]]:
         """Value and colour-corrected standard error of every free parameter, by name."""
         deviation = np.sqrt(np.diagonal(np.asarray(fitted.fit.coloured)))

@@ -25,6 +25,7 @@ from jaxid.models import (
     Term,
 )
 from jaxid.study.close_loop import SOLVER
+from jaxid.study.rivals import told_apart
 from jaxid.study.search import Search, pairs_of
 from jaxid.study.study import Candidate
 from jaxid.study.verdict import act_elsewhere, parts_of_one
@@ -115,8 +116,14 @@ def test_a_bias_and_a_constant_force_are_one_to_a_spring():
     # With free initial states a bias b of x and a force of -k b give the same records.
     found = study(SensorBias("x", jnp.array(0.1)), seed=1)
     (kept,) = found.effects
-    assert {kept, *found.rounds[0].rivals} >= {"bias of x", "1 in v"}
+    rivals = {rival.name: rival for rival in found.rivals}
+    assert {kept, *rivals} >= {"bias of x", "1 in v"}
     assert found.outcome == "explained"
+    other = ({"bias of x", "1 in v"} - {kept}).pop()
+    assert rivals[other].instead_of == (kept,)
+    assert abs(rivals[other].chi_square) < 0.1  # of a hundred and more: the solver stops where a decision needs no more
+    # No record of the same kind would tell them apart either.
+    assert told_apart(found, fly(77, None)[0])[other] < 1e-6
 
 
 def test_nothing_is_found_where_nothing_is_missing():

@@ -127,7 +127,7 @@ def _singles() -> tuple[Scenario, ...]:
     return (
         scenario("cross-flow drag, faint", planted(QuadraticDrag, "v", "v", gain=-0.0009, places=SWAY)),
         scenario("cross-flow drag", planted(QuadraticDrag, "v", "v", gain=-0.01, places=SWAY)),
-        scenario("quadratic roll damping, faint", planted(QuadraticDrag, "p", "p", gain=-0.05, places=ROLL)),
+        scenario("quadratic roll damping, faint", planted(QuadraticDrag, "p", "p", gain=-0.1, places=ROLL)),
         scenario("quadratic roll damping", planted(QuadraticDrag, "p", "p", gain=-1.0, places=ROLL)),
         scenario("cubic righting moment", planted(Term, "p", "phi^3", gain=-3.0, places=ROLL)),
         scenario("Norrbin's cubic", planted(Term, "r", "r^3", gain=-50.0, places=YAW)),

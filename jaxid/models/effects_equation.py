@@ -81,6 +81,10 @@ class DryFriction(Effect):
         return (self.speed,)
 
     @property
+    def complexity(self):
+        return 2  # as drag: neither is the simpler thing to believe
+
+    @property
     def fixed(self):
         return ("width",)
 

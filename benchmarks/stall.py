@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.stall_flight import NOISE, TRAIN, Stalls, fly_stalls, lift
 from jaxid import FixedNoise, OutputError, close_loop, estimate, free
-from jaxid.aircraft import LagOfSeparation, Separation, aircraft_effects
+from jaxid.aircraft import aircraft_effects
 from jaxid.aircraft.longitudinal import Longitudinal
 from jaxid.diagnosis.validation import predict
 from jaxid.models import Augmented, general_effects
@@ -27,25 +27,14 @@ from jaxid.models.effects import Effect
 from jaxid.study import Study
 from jaxid.study.workbench import own_parameters
 
-ORDER = ("static separation", "lag of separation")
+ORDER = ("static separation", "separation with hysteresis")
 WINDOW = 50  # samples in which the test stall's first state is fitted
 HIGH = np.radians(13.0)
 
 
-def library(model: Longitudinal, whole: bool = False) -> tuple[Effect, ...]:
-    """Everything general, the model's own terms, and unsteady aerodynamics; each once.
-
-    Args:
-        model: the declared one.
-        whole: whether separation with hysteresis is one effect, as in the default library. Else its lag is an effect of its own
-            beside static separation, and what needs both is found in two rounds.
-    """
-    unsteady = aircraft_effects(model, groups=("unsteady",))
-    if not whole:
-        unsteady = tuple(
-            LagOfSeparation(one.acting, one.fraction) if isinstance(one, Separation) else one for one in unsteady
-        )
-    found = (*general_effects(model, ()), *model.effects(), *unsteady)
+def library(model: Longitudinal) -> tuple[Effect, ...]:
+    """Everything general, the model's own terms, and unsteady aerodynamics; each once."""
+    found = (*general_effects(model, ()), *model.effects(), *aircraft_effects(model, groups=("unsteady",)))
     return tuple({effect.name: effect for effect in found}.values())
 
 
@@ -109,11 +98,11 @@ def refitted(stalls: Stalls, study: Study, names: Sequence[str]) -> AbstractMode
     return estimate(model, chosen, list(stalls.records.values())[:TRAIN], OutputError()).model
 
 
-def measure(seed: int, whole: bool, progress=None) -> dict:
+def measure(seed: int, progress=None) -> dict:
     """Fly, close the loop, and say what was found in which order and what became of the error of lift."""
     stalls = fly_stalls(seed)
     start = time.perf_counter()
-    study = studied(stalls, library(stalls.model, whole), progress)
+    study = studied(stalls, library(stalls.model), progress)
     seconds = time.perf_counter() - start
     return {"seed": seed, "seconds": seconds, **told(study), "lift": after_each(stalls, study)}
 
@@ -175,15 +164,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.stall", description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     parser.add_argument("--seeds", type=int, default=1, help="how many studies (default: 1)")
-    parser.add_argument("--whole", action="store_true", help="separation with hysteresis as one effect")
     parser.add_argument("--progress", action="store_true", help="say on standard error what is going on")
     options = parser.parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
     progress = (lambda words: print(words, file=sys.stderr, flush=True)) if options.progress else None
-    rows = [measure(seed, options.whole, progress) for seed in range(options.seeds)]
+    rows = [measure(seed, progress) for seed in range(options.seeds)]
     reached = all(row["in order"] for row in rows)
     if options.json:
-        print(json.dumps({"status": "reached" if reached else "missed", "whole": options.whole, "studies": rows}))
+        print(json.dumps({"status": "reached" if reached else "missed", "studies": rows}))
     else:
         print(table(rows))
     return 0 if reached else 1

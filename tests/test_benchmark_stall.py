@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jaxid.aircraft.effects_flow import in_coefficient
-from jaxid.aircraft.effects_separation import LagOfSeparation, StaticSeparation
+from jaxid.aircraft.effects_separation import Separation
 from jaxid.models import Augmented
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -33,20 +33,19 @@ def benchmark(flown):
 
 
 def separated(flown):
-    """The right model: the true coefficients, and both effects with the true shape."""
+    """The right model: the true coefficients, and separation with the true shape."""
     moved = (("CX", ("u",)), ("CZ", ("w",)), ("Cm", ("q",)))
     acting = tuple(in_coefficient(*one) for one in moved)
     shape = {"gain": flown.GAIN, "alpha_star": flown.ALPHA_STAR, "steepness": flown.STEEPNESS}
     shape = {name: jnp.asarray(value) for name, value in shape.items()}
     shares = {"forward": jnp.asarray(flown.FORWARD), "pitching": jnp.asarray(flown.PITCHING)}
     times = {"lag": jnp.asarray(flown.LAG), "late": jnp.asarray(flown.LATE)}
-    effects = StaticSeparation(acting, **shape, **shares), LagOfSeparation(acting, **shape, **shares, **times)
-    return Augmented(flown.declared(THRUST, wrong=0.0), effects)
+    return Augmented(flown.declared(THRUST, wrong=0.0), (Separation(acting, **shape, **shares, **times),))
 
 
 @pytest.mark.parametrize("x", [0.95, 0.4, 0.1])
 def test_the_truth_is_what_the_loop_can_find(flown, x):
-    """Rates of the NumPy truth and of the library's two effects beside each other, at a state in the middle of a stall."""
+    """Rates of the NumPy truth and of the library's effect, at a state in the middle of a stall."""
     model = separated(flown)
     alpha = np.arctan2(STATE["w"], STATE["u"])
     own = x - flown.static(alpha)  # the effect's state is the distance from the static place
@@ -86,12 +85,8 @@ def test_lift_is_that_of_the_coefficients(flown):
     np.testing.assert_allclose(flown.lift(y, THRUST), forward * np.sin(alpha) - down * np.cos(alpha), rtol=1e-12)
 
 
-def test_the_library_has_the_parts_of_separation_or_their_sum(flown, benchmark):
-    model = flown.declared(THRUST)
-    parts, whole = ({effect.family for effect in benchmark.library(model, one)} for one in (False, True))
-    assert set(benchmark.ORDER) <= parts
-    assert whole - parts == {"separation with hysteresis"}
-    assert parts - whole == {"lag of separation"}
+def test_the_library_has_both(flown, benchmark):
+    assert set(benchmark.ORDER) <= {effect.family for effect in benchmark.library(flown.declared(THRUST))}
 
 
 @pytest.mark.parametrize(("order", "status", "code"), [(True, "reached", 0), (False, "missed", 1)])
@@ -101,7 +96,7 @@ def test_what_is_told(benchmark, monkeypatch, order, status, code):
     lift = [{"model": "declared", "all": 0.0625, "above 13 deg": 0.125}]
     row = {"seconds": 1.0, "verdict": "found", "in order": order, "lift": lift}
     row |= {"before": rms, "after": rms, "noise": rms}
-    monkeypatch.setattr(benchmark, "measure", lambda seed, whole, progress: row | {"seed": seed})
+    monkeypatch.setattr(benchmark, "measure", lambda seed, progress: row | {"seed": seed})
     words = io.StringIO()
     with contextlib.redirect_stdout(words):
         assert benchmark.main(["--json", "--seeds", "2"]) == code

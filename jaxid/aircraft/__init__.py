@@ -28,7 +28,6 @@ from .effects_flow import CoefficientGradient as CoefficientGradient
 from .effects_flow import GroundEffect as GroundEffect
 from .effects_flow import in_coefficient as in_coefficient
 from .effects_library import aircraft_effects as aircraft_effects
-from .effects_separation import LagOfSeparation as LagOfSeparation
 from .effects_separation import Separation as Separation
 from .effects_separation import StaticSeparation as StaticSeparation
 from .engine import ConstantThrust as ConstantThrust

@@ -78,12 +78,8 @@ class SeparatedFlow(Effect):
         """x0, where the flow separates at an angle of attack that stays."""
         return 0.5 * (1.0 - jnp.tanh(self.steepness * (alpha - self.alpha_star)))
 
-    def factor(self, signals: Signals) -> Float[Array, ""]:
-        """What is added to the slope, at a gain of one."""
-        return kirchhoff(self.place_of_separation(signals)) - 1.0
-
     def equations(self, dx, signals):
-        loss = self.gain * signals["alpha"] * self.factor(signals)
+        loss = self.gain * signals["alpha"] * (kirchhoff(self.place_of_separation(signals)) - 1.0)
         shares = {"CZ": 1.0, "CX": self.forward, "Cm": self.pitching}
         added: Signals = {}
         for acting in self.acting:
@@ -128,20 +124,48 @@ class StaticSeparation(SeparatedFlow):
         return self.static(signals["alpha"])
 
 
-class LateFlow(SeparatedFlow):
-    """What models of flow that separates late, and attaches again late, share:
+class Separation(SeparatedFlow):
+    """Flow that separates at high angle of attack late, and attaches again late:
 
         lag dx/dt + x = x0(alpha - late d(alpha)/dt)
 
-    Their own state is `x - x0(alpha)`, which is zero in steady flight, where records begin.
+    The state that is carried is `x - x0(alpha)`, which is zero in steady flight, where records begin. It is tried once
+    `StaticSeparation` is in: first that the flow separates, then that it does so late.
+
+    Args:
+        acting: in the coefficients CX, CZ and Cm, those of them that there are.
+        fraction: where alpha_star starts, as a fraction of the range of alpha.
 
     Attributes:
         lag: of the place of separation behind its static value, at least 0.02 s [s].
         late: by how much separation and attachment are put off in a quasi-steady motion [s].
     """
 
-    lag: eqx.AbstractVar[Float[Array, ""]]
-    late: eqx.AbstractVar[Float[Array, ""]]
+    acting: tuple[Acting, ...] = eqx.field(static=True)
+    fraction: float = eqx.field(static=True, default=0.75)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    alpha_star: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.3))
+    steepness: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(20.0))
+    forward: Float[Array, ""] = eqx.field(default_factory=zero)
+    pitching: Float[Array, ""] = eqx.field(default_factory=zero)
+    lag: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.3))
+    late: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.1))
+
+    @property
+    def family(self):
+        return "separation with hysteresis"
+
+    @property
+    def refines(self):
+        return "static separation"
+
+    @property
+    def sentence(self):
+        return "the flow separates at high angle of attack late and attaches again late: a hysteresis of lift"
+
+    @property
+    def complexity(self):
+        return 5
 
     @property
     def begin(self):
@@ -169,74 +193,3 @@ class LateFlow(SeparatedFlow):
         slope = -2.0 * self.steepness * static * (1.0 - static)  # d x0/d alpha
         aim = self.static(alpha - self.late * alphadot)
         return {own: (aim - static - extra[own]) / self.lag - slope * alphadot}
-
-
-class LagOfSeparation(LateFlow):
-    """What the lag of separation adds to flow that separates without delay: a hysteresis of lift, and nothing in steady flight.
-
-        CZ += gain alpha (k(x) - k(x0)),    k(x) = ((1 + sqrt x)/2)^2,    and likewise CX and Cm
-
-    With the gain, angle and steepness of a `StaticSeparation` beside it the two are one `Separation`. It is the effect that a
-    search tries, for it is asked only what the static one, which is simpler, leaves: first that the flow separates, then that
-    it does so late.
-
-    Args:
-        acting: in the coefficients CX, CZ and Cm, those of them that there are.
-        fraction: where alpha_star starts, as a fraction of the range of alpha.
-    """
-
-    acting: tuple[Acting, ...] = eqx.field(static=True)
-    fraction: float = eqx.field(static=True, default=0.75)
-    gain: Float[Array, ""] = eqx.field(default_factory=zero)
-    alpha_star: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.3))
-    steepness: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(20.0))
-    forward: Float[Array, ""] = eqx.field(default_factory=zero)
-    pitching: Float[Array, ""] = eqx.field(default_factory=zero)
-    lag: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.3))
-    late: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.1))
-
-    @property
-    def family(self):
-        return "lag of separation"
-
-    @property
-    def sentence(self):
-        return "separation of the flow, and its attachment, come late: a hysteresis of lift"
-
-    @property
-    def complexity(self):
-        return 5
-
-    def factor(self, signals):
-        return kirchhoff(self.place_of_separation(signals)) - kirchhoff(self.static(signals["alpha"]))
-
-
-class Separation(LateFlow):
-    """Flow that separates at high angle of attack late, and attaches again late: `StaticSeparation` and its lag in one.
-
-    Args:
-        acting: in the coefficients CX, CZ and Cm, those of them that there are.
-        fraction: where alpha_star starts, as a fraction of the range of alpha.
-    """
-
-    acting: tuple[Acting, ...] = eqx.field(static=True)
-    fraction: float = eqx.field(static=True, default=0.75)
-    gain: Float[Array, ""] = eqx.field(default_factory=zero)
-    alpha_star: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.3))
-    steepness: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(20.0))
-    forward: Float[Array, ""] = eqx.field(default_factory=zero)
-    pitching: Float[Array, ""] = eqx.field(default_factory=zero)
-    lag: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.3))
-    late: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.1))
-
-    @property
-    def family(self):
-        return "separation with hysteresis"
-
-    @property
-    def sentence(self):
-        return "the flow separates at high angle of attack late and attaches again late: a hysteresis of lift"
-
-    @property
-    def complexity(self):
-        return 5

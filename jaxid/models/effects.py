@@ -67,6 +67,13 @@ class Effect(eqx.Module):
         return 1
 
     @property
+    def refines(self) -> str:
+        """Family of a simpler effect that this one says more closely; empty where there is none. It is tried while that one is
+        in, takes its place, and starts from its values of the parameters that both have: first the effect, then its finer
+        points."""
+        return ""
+
+    @property
     def fixed(self) -> tuple[str, ...]:
         """Shape parameters that stay as `start` sets them; the others are estimated once the effect is in."""
         return ()

@@ -67,6 +67,7 @@ class Search:
             begin = fitted.effects
             if better is not None:
                 fitted, dropped = self.prune(better)
+                dropped = (*(name for name in begin if name not in better.effects), *dropped)
             elif number <= self.options.max_rounds:
                 fitted, added, dropped = self.exchange(fitted, candidates, number)
             rounds.append(Round(begin, tried, added, rivals, dropped, errors, predictable, self.threshold(candidates)))
@@ -75,12 +76,13 @@ class Search:
         return fitted, tuple(rounds)
 
     def candidates(self, fitted: Fitted, scores: Scores) -> tuple[Candidate, ...]:
-        """All effects that are not in, none of their family being in, best score first."""
+        """All effects that are not in, none of their family being in, and what they refine, if anything, being in; best score
+        first."""
         arrays = [np.asarray(one) for one in (scores.score, scores.significance, scores.expected, scores.left)]
         families_in = {self.bench.effects[name].family for name in fitted.effects}
         found = []
         for name, effect in self.bench.effects.items():
-            if effect.family not in families_in:
+            if effect.family not in families_in and (not effect.refines or effect.refines in families_in):
                 score, significance, expected, left = (float(array[self.bench.gains[name]]) for array in arrays)
                 words = (name, effect.family, effect.place, effect.sentence)
                 found.append(Candidate(*words, score, significance, expected, left))
@@ -197,11 +199,15 @@ class Search:
                 twins[one.name] = same
             elif one.score > threshold and len(chosen) < self.options.refits:
                 chosen.append(one.name)
-        unseen = {one.name for one in candidates if self.bench.effects[one.name].worth_trying(self.bench.measured)}
+        effects = {one.name: self.bench.effects[one.name] for one in candidates}
+        unseen = {name for name, one in effects.items() if one.refines or one.worth_trying(self.bench.measured)}
         return unseen.union(chosen), {name: same for name, same in twins.items() if name not in unseen}
 
     def refit(self, fitted: Fitted, candidate: Candidate) -> Fitted:
-        """All parameters together with one effect more, or a pair."""
+        """All parameters together with one effect more, or a pair; or with one in the place of what it refines."""
+        refined = self.refined(fitted, candidate)
+        if refined:
+            return self.replaced(fitted, candidate.parts, refined)
         effects, values = (*fitted.effects, *candidate.parts), np.array(fitted.values)
         for name in candidate.parts:
             values[self.bench.gains[name]] = self.bench.effects[name].begin
@@ -212,6 +218,11 @@ class Search:
         values[self.bench.gains[candidate.name]] = candidate.expected
         again = self.bench.fit(effects, values, fitted.fit.parameters.rows)
         return again if again.cost < found.cost else found
+
+    def refined(self, fitted: Fitted, candidate: Candidate) -> tuple[str, ...]:
+        """Names of the effects that are in and that a candidate says more closely."""
+        families = {self.bench.effects[name].refines for name in candidate.parts} - {""}
+        return tuple(name for name in fitted.effects if self.bench.effects[name].family in families)
 
     def judge(self, fitted: Fitted, refit: Fitted, candidate: Candidate, before: float, threshold: float) -> Candidate:
         """Whether a refitted candidate may be kept, and why not if not."""
@@ -295,11 +306,16 @@ class Search:
         return [(falls.flat[i], absent[i % len(absent)], sets[i // len(absent)]) for i in best]
 
     def replaced(self, fitted: Fitted, come: tuple[str, ...], out: tuple[str, ...]) -> Fitted:
-        """All parameters together with some effects in the place of others."""
+        """All parameters together with some effects in the place of others, whose values they take where they refine them."""
         values = np.array(fitted.values)
         values[[self.bench.gains[name] for name in out]] = 0.0
         for name in come:
-            values[self.bench.gains[name]] = self.bench.effects[name].begin
+            effect = self.bench.effects[name]
+            values[self.bench.gains[name]] = effect.begin
+            for other in out:
+                if self.bench.effects[other].family == effect.refines:
+                    for own, theirs in self.bench.shared_parameters(name, other):
+                        values[own] = fitted.values[theirs]
         stay = tuple(name for name in fitted.effects if name not in out)
         return self.bench.fit((*stay, *come), values, fitted.fit.parameters.rows)
 

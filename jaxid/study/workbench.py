@@ -248,6 +248,12 @@ class Workbench:
             for index, column in enumerate(fitted.columns)
         }
 
+    def shared_parameters(self, one: str, other: str) -> tuple[tuple[int, int], ...]:
+        """Columns of the parameters of the same name that two effects have."""
+        own = (name.removeprefix(f"{one}.") for name in own_parameters(self.effects[one]))
+        pairs = ((f"{one}.{field}", f"{other}.{field}") for field in own)
+        return tuple((self.column[mine], self.column[theirs]) for mine, theirs in pairs if theirs in self.column)
+
     def _width(self, chosen: Sequence[int]) -> int:
         """In how many columns so many parameters are fitted."""
         declared = len(self.free.shared)

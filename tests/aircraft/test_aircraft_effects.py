@@ -1,5 +1,7 @@
 """Effects of aircraft: what each does, absent at zero with the sensitivity that it should have, and a dropped mass found."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,7 +16,7 @@ from jaxid.aircraft.effectiveness import MOVED
 from jaxid.aircraft.effects import CoefficientTerm
 from jaxid.aircraft.effects_flow import CoefficientGradient, GroundEffect, in_coefficient
 from jaxid.aircraft.effects_library import GROUPS, aircraft_effects, centre_of_gravity
-from jaxid.aircraft.effects_separation import LagOfSeparation, Separation, StaticSeparation
+from jaxid.aircraft.effects_separation import Separation, StaticSeparation
 from jaxid.aircraft.frames import quaternion
 from jaxid.aircraft.longitudinal_flight import SPEED, level_trim, manoeuvres, true_aircraft
 from jaxid.data import record
@@ -303,26 +305,22 @@ def test_without_lag_separation_is_static():
     np.testing.assert_allclose(apart[0] / apart[1], 2.0, rtol=0.1)
 
 
-def test_static_separation_and_its_lag_are_separation_with_hysteresis():
-    """The two effects of one shape beside each other add what the one does that has both."""
-    times = {"lag": jnp.array(0.3), "late": jnp.array(0.15)}
-    t = 0.02 * jnp.arange(300)
-    own = {"gain": jnp.array(-4.0), **SHAPE}
-    parts = StaticSeparation(CZ_ONLY, **own), LagOfSeparation(CZ_ONLY, **own, **times)
-    _, static = swung(parts[0], t)
-    _, late = swung(parts[1], t)
-    _, whole = swung(Separation(CZ_ONLY, **own, **times), t)
-    np.testing.assert_allclose(static + late, whole, rtol=0, atol=1e-12)
-    assert np.ptp(late) > 0.1 * np.ptp(static)
-
-
 def test_in_steady_flight_the_lag_of_separation_does_nothing():
-    effect = LagOfSeparation(CZ_ONLY, gain=jnp.array(-4.0), **SHAPE)
-    (own,) = effect.extra_states
+    late = Separation(CZ_ONLY, gain=jnp.array(-4.0), **SHAPE)
+    at_once = StaticSeparation(CZ_ONLY, gain=jnp.array(-4.0), **SHAPE)
+    (own,) = late.extra_states
     for alpha in (0.1, 0.26, 0.4):
         signals = {"alpha": jnp.array(alpha), "w_per_CZ": jnp.ones(()), own: jnp.zeros(())}
-        assert effect.equations({}, signals)["w"] == 0.0
-        assert effect.extra_rates({own: jnp.zeros(())}, {}, signals, {"alpha": jnp.zeros(())})[own] == 0.0
+        assert late.equations({}, signals)["w"] == at_once.equations({}, signals)["w"]
+        assert late.extra_rates({own: jnp.zeros(())}, {}, signals, {"alpha": jnp.zeros(())})[own] == 0.0
+
+
+def test_what_comes_late_is_asked_once_it_is_known_that_it_comes():
+    late, at_once = Separation(CZ_ONLY), StaticSeparation(CZ_ONLY)
+    assert late.refines == at_once.family
+    shared = {"gain", "alpha_star", "steepness", "forward", "pitching"}
+    names = [{field.name for field in dataclasses.fields(one)} for one in (late, at_once)]
+    assert shared <= names[0] & names[1]  # a refined effect starts from the values of the simpler one
 
 
 def test_starts_of_separation_lie_in_the_range_of_alpha():

@@ -2,6 +2,7 @@
 
 import json
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +25,7 @@ from jaxid.models import (
     SensorScale,
     Term,
 )
+from jaxid.models.effects import Effect
 from jaxid.study.close_loop import SOLVER
 from jaxid.study.rivals import told_apart
 from jaxid.study.search import Search, pairs_of
@@ -206,6 +208,51 @@ def test_two_late_sensors_give_way_to_one_late_input():
     value, error = bench.standard_errors(found)[f"{late.name}.gain"]
     assert abs(value - 0.1) < 4.0 * error
     assert search.exchange(found, search.candidates(found, bench.score(found)), 1) == (found, None, ())
+
+
+class Bent(Effect):
+    """A cubic spring."""
+
+    gain: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
+
+    @property
+    def name(self):
+        return "bent"
+
+    def equations(self, dx, signals):
+        return {"v": self.gain * signals["x"] ** 3}
+
+
+class BentTwice(Effect):
+    """The same, with a fifth power."""
+
+    gain: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
+    fifth: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
+
+    @property
+    def name(self):
+        return "bent twice"
+
+    @property
+    def refines(self):
+        return "bent"
+
+    def equations(self, dx, signals):
+        x = signals["x"]
+        return {"v": self.gain * x**3 * (1.0 + self.fifth * x**2)}
+
+
+def test_a_finer_effect_comes_after_the_simple_one_and_takes_its_place():
+    truth = BentTwice(jnp.array(-0.6), jnp.array(0.5))
+    found = study(truth, 3, effects=(*LIBRARY[:3], BentTwice(), Bent()))
+    first, second, last = found.rounds
+    assert "bent twice" not in {one.name for one in first.candidates}
+    assert (first.added, second.added, second.dropped, last.added) == ("bent", "bent twice", ("bent",), None)
+    assert (found.effects, found.outcome) == (("bent twice",), "explained")
+    estimate = found.after.estimate
+    for name, true in (("bent twice.gain", -0.6), ("bent twice.fifth", 0.5)):
+        at = estimate.names.index(name)
+        assert abs(estimate.values[at] - true) < 4.0 * estimate.coloured_errors[at]
 
 
 class BothSeen(Spring):

@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Sequence
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -89,13 +90,23 @@ def refitted(stalls: Stalls, study: Study, names: Sequence[str]) -> AbstractMode
     """The declared model and some of the effects that were found, estimated on the training stalls."""
     whole = study.after.estimate.model
     assert isinstance(whole, Augmented)
-    effects = tuple(effect for effect in whole.effects_in if effect.name in names)
+    known = {effect.name: effect for effect in library(stalls.model)} | {one.name: one for one in whole.effects_in}
+    effects = tuple(from_finer(known[name], whole.effects_in) for name in names)
     own = tuple(name for effect in effects for name in own_parameters(effect))
     model = Augmented(study.before.estimate.model, effects)
     chosen = free(
         model, "CX", "CZ", "Cm", *own, per_record=tuple(f"initial_state.{one}" for one in stalls.model.states)
     )
     return estimate(model, chosen, list(stalls.records.values())[:TRAIN], OutputError()).model
+
+
+def from_finer(effect: Effect, found: Sequence[Effect]) -> Effect:
+    """An effect that a finer one has replaced, with the values of the latter where both have them."""
+    finer = next((one for one in found if one.refines == effect.family), effect)
+    fields = [name for name in ("gain", "alpha_star", "steepness", "forward", "pitching") if hasattr(effect, name)]
+    return eqx.tree_at(
+        lambda one: [getattr(one, name) for name in fields], effect, [getattr(finer, name) for name in fields]
+    )
 
 
 def measure(seed: int, progress=None) -> dict:

@@ -9,6 +9,8 @@ from .effects import Effect, zero
 from .polynomial import factors
 from .starts import level_in
 
+FASTEST = 2.0  # of a rate times the step between samples: the classical Runge-Kutta method is stable to 2.78
+
 
 class Term(Effect):
     """A monomial in one state equation: `d(state)/dt += gain * product`.
@@ -139,7 +141,8 @@ class StateLimit(Effect):
         excess = max(state - level, 0)
         d(state)/dt -= gain * excess,    d(into)/dt += share * gain * excess
 
-    An overflowing tank is the pattern: `gain` [1/s] is the rate at which what stands above the level runs off.
+    An overflowing tank is the pattern: `gain` [1/s] is the rate at which what stands above the level runs off, no faster than
+    fixed steps between the samples can follow.
 
     Args:
         state: the state that has a limit.
@@ -153,6 +156,7 @@ class StateLimit(Effect):
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
     level: Float[Array, ""] = eqx.field(default_factory=zero)
     share: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.5))
+    fastest: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(jnp.inf))
 
     @property
     def name(self):
@@ -182,11 +186,16 @@ class StateLimit(Effect):
         return True
 
     @property
+    def fixed(self):
+        return ("fastest",)
+
+    @property
     def bounds(self):
-        return {"gain": (0.0, float("inf")), "share": (0.0, 1.0)}
+        return {"gain": (0.0, float(self.fastest)), "share": (0.0, 1.0)}
 
     def start(self, signals, measured, step):
-        return eqx.tree_at(lambda effect: effect.level, self, level_in(signals[self.state], self.fraction))
+        shape = level_in(signals[self.state], self.fraction), jnp.asarray(FASTEST / step)
+        return eqx.tree_at(lambda effect: (effect.level, effect.fastest), self, shape)
 
     def equations(self, dx, signals):
         spill = self.gain * jnp.maximum(signals[self.state] - self.level, 0.0)

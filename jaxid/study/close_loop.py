@@ -1,5 +1,6 @@
 """`close_loop`: from the residual to the effect that the model lacks, and to the error before and after."""
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 import equinox as eqx
@@ -108,8 +109,8 @@ def close_loop(
     reading = {"before": bench.read(declared), "after": bench.read(found)}
     if whole is not None:
         progress("estimate on the whole of the training records")
-        declared = bench.fit((), declared.values, records=whole.anonymous())
-        found = bench.fit(found.effects, found.values, records=whole.anonymous())
+        declared, found, dropped = _on_the_whole(bench, search, declared, found, whole)
+        rounds = (*rounds[:-1], dataclasses.replace(rounds[-1], dropped=(*rounds[-1].dropped, *dropped)))
     progress("prediction of the test records")
     used = train if whole is None else whole
     return _study(bench, search, declared, found, rounds, rivals, (where, reading), tests, used, conclusion)
@@ -144,6 +145,13 @@ def _carve(train: Record, window: int | None) -> tuple[Record, Record]:
     row = jnp.arange(train.t.shape[1])[None]
     kept = (row >= (2 * train.samples[:, None]) // 3) | (row < (window or 0))
     return first, eqx.tree_at(lambda record: record.mask, train, train.mask & kept[..., None])
+
+
+def _on_the_whole(bench: Workbench, search: Search, declared: Fitted, found: Fitted, whole: Record):
+    """Both fits on the whole training records; what is superfluous there goes out, as no fit may end above one that it holds."""
+    bench.records = whole.anonymous()
+    declared, found = (bench.fit(one.effects, one.values, one.fit.parameters.rows) for one in (declared, found))
+    return declared, *search.prune(found, keep=0)
 
 
 def _tests(test, check: Record) -> dict[str, Record]:

@@ -10,7 +10,7 @@ from jax.scipy.special import ndtri
 from ..data.record import Record
 from ..diagnosis.predictable import allowance, predictable_share
 from ..diagnosis.scores import Scores
-from ..diagnosis.validation import root_mean_square
+from ..diagnosis.validation import Prediction, root_mean_square
 from ..estimation.coloured import tapered_covariance
 from .options import LoopOptions
 from .rivals import Rival
@@ -91,7 +91,7 @@ class Search:
     def best(self, fitted: Fitted, candidates: tuple[Candidate, ...], scores: Scores, number: int):
         """Refit the best-scored candidates; the one to keep, its fit, its rivals, and the candidates with their verdicts."""
         threshold = self.threshold(candidates)
-        before = self.check_error(fitted)
+        before = self.check_prediction(fitted)
         refits: dict[str, Fitted] = {}
         told: list[Candidate] = []
         chosen, twins = self.worth_refitting(candidates, scores, threshold)
@@ -224,14 +224,18 @@ class Search:
         families = {self.bench.effects[name].refines for name in candidate.parts} - {""}
         return tuple(name for name in fitted.effects if self.bench.effects[name].family in families)
 
-    def judge(self, fitted: Fitted, refit: Fitted, candidate: Candidate, before: float, threshold: float) -> Candidate:
+    def judge(
+        self, fitted: Fitted, refit: Fitted, candidate: Candidate, before: Prediction, threshold: float
+    ) -> Candidate:
         """Whether a refitted candidate may be kept, and why not if not."""
         fall = 2.0 * (fitted.cost - refit.cost)
-        check_fall = before - self.check_error(refit)
+        after = self.check_prediction(refit)
+        check_fall = mean_log(before) - mean_log(after)
         # Of a residual that is still predictable no significance is known; there only a material gain counts.
         noise = self.looks_like_noise(self.predictable(refit))
         significant = noise and fall / candidate.colour > threshold
-        material = fall > threshold and check_fall > self.options.material
+        stands_out = check_fall > DETERMINED * difference_error(before, after)
+        material = fall > threshold and check_fall > self.options.material and stands_out
         if not np.isfinite(check_fall) or check_fall < -self.options.harm:
             verdict = "predicts the check records worse"
         elif not self.determined(refit, candidate):
@@ -252,12 +256,12 @@ class Search:
         alone = filter(self.has_no_shape, candidate.parts)
         return all(abs(value) > DETERMINED * error for value, error in (errors[f"{name}.gain"] for name in alone))
 
-    def prune(self, fitted: Fitted) -> tuple[Fitted, tuple[str, ...]]:
-        """Take out earlier effects that the latest has made superfluous."""
+    def prune(self, fitted: Fitted, keep: int = 1) -> tuple[Fitted, tuple[str, ...]]:
+        """Take out effects that have become superfluous, but for so many of the latest."""
         dropped: tuple[str, ...] = ()
         threshold = critical(self.options.level / len(self.bench.effects))
         errors = self.bench.standard_errors(fitted)
-        for name in fitted.effects[:-1]:
+        for name in fitted.effects[: len(fitted.effects) - keep]:
             value, error = errors[f"{name}.gain"]
             if (value / error) ** 2 > threshold if error > 0 else False:
                 continue
@@ -337,10 +341,13 @@ class Search:
                     found.append(Rival(candidate.name, candidate.sentence, out, worse, model, free))
         return tuple(found)
 
+    def check_prediction(self, fitted: Fitted) -> Prediction:
+        """The check records as a fit predicts them."""
+        return self.bench.predict(fitted, self.check, self.window)
+
     def check_error(self, fitted: Fitted) -> float:
         """Mean over the channels of the logarithm of the error on the check records."""
-        rms = np.asarray(self.bench.predict(fitted, self.check, self.window).rms)
-        return float(np.mean(np.log(rms))) if np.all(np.isfinite(rms)) else np.inf
+        return mean_log(self.check_prediction(fitted))
 
     def threshold(self, candidates: tuple[Candidate, ...]) -> float:
         """The chi-square that counts as significant, with as many candidates tried (Bonferroni)."""
@@ -351,7 +358,7 @@ class Search:
 
         var(log rms) = 1/(4 N) sum_k 2 r_k^2        for a Gaussian residual with autocorrelation r_k
         """
-        prediction = self.bench.predict(fitted, self.check, self.window)
+        prediction = self.check_prediction(fitted)
         v = jnp.where(prediction.scored, prediction.residuals, 0.0)
         count = jnp.sum(prediction.scored, axis=(0, 1))
         covariance = tapered_covariance(v)
@@ -404,6 +411,27 @@ def pairs_of(candidates: tuple[Candidate, ...], scores: Scores, gains: Mapping[s
         if len(found) == MOST_PAIRS:
             break
     return tuple(found)
+
+
+def mean_log(prediction: Prediction) -> float:
+    """Mean over the channels of the logarithm of the error; infinite where the simulation fails."""
+    rms = np.asarray(prediction.rms)
+    return float(np.mean(np.log(rms))) if np.all(np.isfinite(rms)) else np.inf
+
+
+def difference_error(before: Prediction, after: Prediction) -> float:
+    """Standard error of the difference of two `mean_log`, whose residuals are of the same samples and coloured.
+
+    d(log rms) = 1/(2 N) sum_i (v_i^2 / mean v^2 - 1), the sum's variance from its autocovariance
+    """
+
+    def influence(one: Prediction):
+        v, counts = jnp.where(one.scored, one.residuals, 0.0), jnp.sum(one.scored, axis=(0, 1))
+        return 0.5 * jnp.where(one.scored, v**2 / one.rms**2, 0.0) / (counts * counts.size)
+
+    apart = jnp.sum(influence(before) - influence(after), axis=-1, keepdims=True)
+    rows = jnp.sum(jnp.any(before.scored, axis=-1))
+    return float(jnp.sqrt(jnp.maximum(rows * jnp.sum(tapered_covariance(apart)), 0.0)))
 
 
 def _check_fall(candidate: Candidate) -> float:

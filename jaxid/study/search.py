@@ -427,7 +427,7 @@ def difference_error(before: Prediction, after: Prediction) -> float:
 
     def influence(one: Prediction):
         v, counts = jnp.where(one.scored, one.residuals, 0.0), jnp.sum(one.scored, axis=(0, 1))
-        return 0.5 * jnp.where(one.scored, v**2 / one.rms**2, 0.0) / (counts * counts.size)
+        return 0.5 * v**2 / (one.rms**2 * counts * counts.size)[None, None]
 
     apart = jnp.sum(influence(before) - influence(after), axis=-1, keepdims=True)
     rows = jnp.sum(jnp.any(before.scored, axis=-1))

@@ -84,6 +84,11 @@ class Effect(eqx.Module):
         return {}
 
     @property
+    def void_on_bounds(self) -> tuple[str, ...]:
+        """Parameters on whose bounds the effect is none, or another: a bend where there are no samples beyond it."""
+        return ()
+
+    @property
     def begin(self) -> float:
         """The gain from which a refit starts: zero, but where nothing is felt of a small gain."""
         return 0.0

@@ -146,6 +146,10 @@ class Hinge(ActingEffect):
         return ("lowest", "highest")
 
     @property
+    def void_on_bounds(self):
+        return ("level",)
+
+    @property
     def bounds(self):
         return {"level": (float(self.lowest), float(self.highest))}
 

@@ -240,6 +240,8 @@ class Search:
             verdict = "predicts the check records worse"
         elif not self.determined(refit, candidate):
             verdict = "its size is not determined"
+        elif self.bench.is_void(refit, candidate.parts):
+            verdict = "its shape runs out of the records"
         elif not (significant or material):
             verdict = "not significant"
         else:

@@ -254,6 +254,12 @@ class Workbench:
         pairs = ((f"{one}.{field}", f"{other}.{field}") for field in own)
         return tuple((self.column[mine], self.column[theirs]) for mine, theirs in pairs if theirs in self.column)
 
+    def is_void(self, fitted: Fitted, names: Sequence[str]) -> bool:
+        """Whether one of these effects stands on a bound on which it is none."""
+        asked = [self.column[f"{name}.{field}"] for name in names for field in self.effects[name].void_on_bounds]
+        bounds = np.stack([self.lower[asked], self.upper[asked]])
+        return bool(np.any(np.isclose(fitted.values[asked][None], bounds, rtol=1e-9, atol=0.0)))
+
     def _width(self, chosen: Sequence[int]) -> int:
         """In how many columns so many parameters are fitted."""
         declared = len(self.free.shared)

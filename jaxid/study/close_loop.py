@@ -1,4 +1,6 @@
 """`close_loop`: from the residual to the effect that the model lacks, and to the error before and after."""
+# Pyright counts equinox's abstract fields as arguments of the constructor; at run time they are none.
+# pyright: reportCallIssue=false
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence

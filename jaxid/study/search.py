@@ -166,7 +166,7 @@ class Search:
         rivals = [
             one.name
             for one in equals
-            if one.family != kept[winner].family and kept[winner].cost_fall - one.cost_fall < INSEPARABLE
+            if one.family != kept[winner].family and _cost_fall(kept[winner]) - _cost_fall(one) < INSEPARABLE
         ]
         return winner, tuple(rivals)
 
@@ -434,6 +434,12 @@ def difference_error(before: Prediction, after: Prediction) -> float:
     apart = jnp.sum(influence(before) - influence(after), axis=-1, keepdims=True)
     rows = jnp.sum(jnp.any(before.scored, axis=-1))
     return float(jnp.sqrt(jnp.maximum(rows * jnp.sum(tapered_covariance(apart)), 0.0)))
+
+
+def _cost_fall(candidate: Candidate) -> float:
+    """The fall of the training cost of a candidate that was refitted."""
+    assert candidate.cost_fall is not None
+    return candidate.cost_fall
 
 
 def _check_fall(candidate: Candidate) -> float:

@@ -1,9 +1,9 @@
 """The search for effects: score, refit the best, keep what predicts, drop what has become insignificant, and again."""
 
+import dataclasses
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
-import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import ndtri
 
@@ -11,16 +11,15 @@ from ..data.record import Record
 from ..diagnosis.predictable import allowance, predictable_share
 from ..diagnosis.scores import Scores
 from ..diagnosis.validation import Prediction, root_mean_square
-from ..estimation.coloured import tapered_covariance
+from .check import difference_error, mean_log, uncertainty
 from .options import LoopOptions
+from .pairs import pairs_of
 from .rivals import Rival
 from .study import Candidate, Round
 from .workbench import Fitted, Workbench, own_parameters
 
 DETERMINED = 2.0  # standard errors that a gain must stand off zero to be told at all
-ALIKE = 0.99  # overlap up to which two effects are tried as a pair: beyond it their gains run away against each other
 STUCK = 0.25  # of the score: a refit that brings less than that is begun again elsewhere
-MOST_PAIRS = 20  # that are looked at
 COLLINEAR = 0.9999  # overlap from which on two candidates are one and the same to the data
 INSEPARABLE = 6.0  # fits whose chi-squares differ by less are rivals that the data cannot tell apart
 Progress = Callable[[str], None]
@@ -99,7 +98,7 @@ class Search:
             if candidate.name not in chosen:
                 same = twins.get(candidate.name)
                 verdict = f"to these records one and the same as {same}" if same else "not refitted"
-                told.append(_replaced(candidate, verdict=verdict))
+                told.append(dataclasses.replace(candidate, verdict=verdict))
                 continue
             self.progress(f"round {number}: refit with {candidate.name}")
             refit = self.refit(fitted, candidate)
@@ -122,7 +121,7 @@ class Search:
             else "helps less"
             for name in kept
         }
-        told = [_replaced(one, verdict=verdicts.get(one.name, one.verdict)) for one in told]
+        told = [dataclasses.replace(one, verdict=verdicts.get(one.name, one.verdict)) for one in told]
         return winner, refits[winner], rivals, tuple(told)
 
     def refit_pairs(self, fitted, candidates, scores, before, refits: dict[str, Fitted], number) -> list[Candidate]:
@@ -155,7 +154,7 @@ class Search:
         the rest the simplest wins, and of equally simple ones the best on the training records.
         """
         best = max(kept.values(), key=_check_fall)
-        error = self.check_uncertainty(refits[best.name])
+        error = uncertainty(self.check_prediction(refits[best.name]))
         equals = [one for one in kept.values() if _check_fall(one) >= _check_fall(best) - error]
         price = {one.name: one.cost_fall - np.log(self.samples) * len(refits[one.name].columns) for one in equals}
         top = max(equals, key=lambda one: price[one.name])
@@ -246,7 +245,7 @@ class Search:
             verdict = "not significant"
         else:
             verdict = "kept"
-        return _replaced(candidate, cost_fall=fall, check_fall=float(check_fall), verdict=verdict)
+        return dataclasses.replace(candidate, cost_fall=fall, check_fall=float(check_fall), verdict=verdict)
 
     def determined(self, refit: Fitted, candidate: Candidate) -> bool:
         """Whether each gain stands two standard errors off zero, the colour of what is left accounted for.
@@ -294,7 +293,8 @@ class Search:
             refit = self.replaced(fitted, (name,), out)
             gain = 2.0 * (fitted.cost - refit.cost)
             gain += np.log(self.samples) * (len(fitted.columns) - len(refit.columns)) - INSEPARABLE * (len(out) == 1)
-            harmless = self.check_error(refit) - before < self.check_uncertainty(refit)
+            after = self.check_prediction(refit)
+            harmless = mean_log(after) - before < uncertainty(after)
             if gain > found[0] and harmless:
                 found = (gain, refit, name, out)
         return found[1:]
@@ -355,18 +355,6 @@ class Search:
         """The chi-square that counts as significant, with as many candidates tried (Bonferroni)."""
         return critical(self.options.level / max(len(candidates), 1))
 
-    def check_uncertainty(self, fitted: Fitted) -> float:
-        """Standard error of `check_error`, from the number of independent samples that the coloured residual amounts to.
-
-        var(log rms) = 1/(4 N) sum_k 2 r_k^2        for a Gaussian residual with autocorrelation r_k
-        """
-        prediction = self.check_prediction(fitted)
-        v = jnp.where(prediction.scored, prediction.residuals, 0.0)
-        count = jnp.sum(prediction.scored, axis=(0, 1))
-        covariance = tapered_covariance(v)
-        squared = jnp.sum((covariance / covariance[:1]) ** 2, axis=0)
-        return float(jnp.sqrt(jnp.mean(0.5 * squared / count) / count.size))
-
     def errors(self, fitted: Fitted) -> dict[str, dict[str, float]]:
         """Root mean square error by part and channel."""
         names = self.bench.records.outputs
@@ -389,53 +377,6 @@ class Search:
         return dict(zip(self.bench.records.outputs, map(float, share), strict=True))
 
 
-def pairs_of(candidates: tuple[Candidate, ...], scores: Scores, gains: Mapping[str, int]) -> tuple[Candidate, ...]:
-    """All pairs of different families, the best joint score first, whose parts the data can tell apart.
-
-    Args:
-        candidates: single ones.
-        scores: of all columns.
-        gains: column of each candidate's gain.
-    """
-    at = np.array([gains[one.name] for one in candidates], int)
-    b = np.sign(np.asarray(scores.expected)[at]) * np.sqrt(np.asarray(scores.score)[at])
-    rho = np.asarray(scores.overlap)[np.ix_(at, at)]
-    apart = np.abs(rho) < ALIKE
-    joint = (b[:, None] ** 2 + b[None] ** 2 - 2.0 * rho * b[:, None] * b[None]) / np.where(apart, 1.0 - rho**2, 1.0)
-    colour = np.maximum(np.asarray(scores.inflation)[at][:, None], np.asarray(scores.inflation)[at][None])
-    rows, columns = np.triu_indices(len(candidates), 1)
-    order = np.argsort(-joint[rows, columns], kind="stable")
-    found = []
-    for i, j in zip(rows[order], columns[order], strict=True):
-        one, other = candidates[i], candidates[j]
-        if apart[i, j] and one.family != other.family and joint[i, j] > 0:
-            found.append(one.with_other(other, float(joint[i, j]), float(joint[i, j] / colour[i, j])))
-        if len(found) == MOST_PAIRS:
-            break
-    return tuple(found)
-
-
-def mean_log(prediction: Prediction) -> float:
-    """Mean over the channels of the logarithm of the error; infinite where the simulation fails."""
-    rms = np.asarray(prediction.rms)
-    return float(np.mean(np.log(rms))) if np.all(np.isfinite(rms)) else np.inf
-
-
-def difference_error(before: Prediction, after: Prediction) -> float:
-    """Standard error of the difference of two `mean_log`, whose residuals are of the same samples and coloured.
-
-    d(log rms) = 1/(2 N) sum_i (v_i^2 / mean v^2 - 1), the sum's variance from its autocovariance
-    """
-
-    def influence(one: Prediction):
-        v, counts = jnp.where(one.scored, one.residuals, 0.0), jnp.sum(one.scored, axis=(0, 1))
-        return 0.5 * v**2 / (one.rms**2 * counts * counts.size)[None, None]
-
-    apart = jnp.sum(influence(before) - influence(after), axis=-1, keepdims=True)
-    rows = jnp.sum(jnp.any(before.scored, axis=-1))
-    return float(jnp.sqrt(jnp.maximum(rows * jnp.sum(tapered_covariance(apart)), 0.0)))
-
-
 def _cost_fall(candidate: Candidate) -> float:
     """The fall of the training cost of a candidate that was refitted."""
     assert candidate.cost_fall is not None
@@ -451,7 +392,3 @@ def _check_fall(candidate: Candidate) -> float:
 def critical(probability: float) -> float:
     """The chi-square with one degree of freedom that is exceeded with the given probability."""
     return float(ndtri(0.5 * probability) ** 2)
-
-
-def _replaced(candidate: Candidate, **changes) -> Candidate:
-    return Candidate(**({name: getattr(candidate, name) for name in candidate.__dataclass_fields__} | changes))

@@ -27,8 +27,9 @@ from jaxid.models import (
 )
 from jaxid.models.effects import Effect
 from jaxid.study.close_loop import SOLVER
+from jaxid.study.pairs import pairs_of
 from jaxid.study.rivals import told_apart
-from jaxid.study.search import Search, pairs_of
+from jaxid.study.search import Search
 from jaxid.study.study import Candidate
 from jaxid.study.verdict import act_elsewhere, parts_of_one
 from jaxid.study.workbench import Workbench

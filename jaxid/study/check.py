@@ -1,0 +1,40 @@
+"""What the check records say: an error in one number, how well it is known, and how well a difference of two."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..diagnosis.validation import Prediction
+from ..estimation.coloured import tapered_covariance
+
+
+def mean_log(prediction: Prediction) -> float:
+    """Mean over the channels of the logarithm of the error; infinite where the simulation fails."""
+    rms = np.asarray(prediction.rms)
+    return float(np.mean(np.log(rms))) if np.all(np.isfinite(rms)) else np.inf
+
+
+def difference_error(before: Prediction, after: Prediction) -> float:
+    """Standard error of the difference of two `mean_log`, whose residuals are of the same samples and coloured.
+
+    d(log rms) = 1/(2 N) sum_i (v_i^2 / mean v^2 - 1), the sum's variance from its autocovariance
+    """
+
+    def influence(one: Prediction):
+        v, counts = jnp.where(one.scored, one.residuals, 0.0), jnp.sum(one.scored, axis=(0, 1))
+        return 0.5 * v**2 / (one.rms**2 * counts * counts.size)[None, None]
+
+    apart = jnp.sum(influence(before) - influence(after), axis=-1, keepdims=True)
+    rows = jnp.sum(jnp.any(before.scored, axis=-1))
+    return float(jnp.sqrt(jnp.maximum(rows * jnp.sum(tapered_covariance(apart)), 0.0)))
+
+
+def uncertainty(prediction: Prediction) -> float:
+    """Standard error of `mean_log`, from the number of independent samples that the coloured residual amounts to.
+
+    var(log rms) = 1/(4 N) sum_k 2 r_k^2        for a Gaussian residual with autocorrelation r_k
+    """
+    v = jnp.where(prediction.scored, prediction.residuals, 0.0)
+    count = jnp.sum(prediction.scored, axis=(0, 1))
+    covariance = tapered_covariance(v)
+    squared = jnp.sum((covariance / covariance[:1]) ** 2, axis=0)
+    return float(jnp.sqrt(jnp.mean(0.5 * squared / count) / count.size))

@@ -1,0 +1,37 @@
+"""Pairs of effects that hide each other: weak alone, strong together."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..diagnosis.scores import Scores
+from .study import Candidate
+
+ALIKE = 0.99  # overlap up to which two effects are tried as a pair: beyond it their gains run away against each other
+MOST_PAIRS = 20  # that are looked at
+
+
+def pairs_of(candidates: tuple[Candidate, ...], scores: Scores, gains: Mapping[str, int]) -> tuple[Candidate, ...]:
+    """All pairs of different families, the best joint score first, whose parts the data can tell apart.
+
+    Args:
+        candidates: single ones.
+        scores: of all columns.
+        gains: column of each candidate's gain.
+    """
+    at = np.array([gains[one.name] for one in candidates], int)
+    b = np.sign(np.asarray(scores.expected)[at]) * np.sqrt(np.asarray(scores.score)[at])
+    rho = np.asarray(scores.overlap)[np.ix_(at, at)]
+    apart = np.abs(rho) < ALIKE
+    joint = (b[:, None] ** 2 + b[None] ** 2 - 2.0 * rho * b[:, None] * b[None]) / np.where(apart, 1.0 - rho**2, 1.0)
+    colour = np.maximum(np.asarray(scores.inflation)[at][:, None], np.asarray(scores.inflation)[at][None])
+    rows, columns = np.triu_indices(len(candidates), 1)
+    order = np.argsort(-joint[rows, columns], kind="stable")
+    found = []
+    for i, j in zip(rows[order], columns[order], strict=True):
+        one, other = candidates[i], candidates[j]
+        if apart[i, j] and one.family != other.family and joint[i, j] > 0:
+            found.append(one.with_other(other, float(joint[i, j]), float(joint[i, j] / colour[i, j])))
+        if len(found) == MOST_PAIRS:
+            break
+    return tuple(found)

@@ -75,13 +75,14 @@ class Search:
         return fitted, tuple(rounds)
 
     def candidates(self, fitted: Fitted, scores: Scores) -> tuple[Candidate, ...]:
-        """All effects that are not in, none of their family being in, and what they refine, if anything, being in; best score
-        first."""
+        """All effects that are not in, best score first: none of their family is in, nor what refines them, and what they refine
+        themselves, if anything, is."""
         arrays = [np.asarray(one) for one in (scores.score, scores.significance, scores.expected, scores.left)]
-        families_in = {self.bench.effects[name].family for name in fitted.effects}
-        found = []
+        found, inside = [], [self.bench.effects[name] for name in fitted.effects]
+        families_in, refined = {one.family for one in inside}, {one.refines for one in inside}
         for name, effect in self.bench.effects.items():
-            if effect.family not in families_in and (not effect.refines or effect.refines in families_in):
+            absent = effect.family not in families_in | refined
+            if absent and (not effect.refines or effect.refines in families_in):
                 score, significance, expected, left = (float(array[self.bench.gains[name]]) for array in arrays)
                 words = (name, effect.family, effect.place, effect.sentence)
                 found.append(Candidate(*words, score, significance, expected, left))

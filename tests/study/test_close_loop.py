@@ -248,6 +248,7 @@ def test_a_finer_effect_comes_after_the_simple_one_and_takes_its_place():
     found = study(truth, 3, effects=(*LIBRARY[:3], BentTwice(), Bent()))
     first, second, last = found.rounds
     assert "bent twice" not in {one.name for one in first.candidates}
+    assert "bent" not in {one.name for one in last.candidates}
     assert (first.added, second.added, second.dropped, last.added) == ("bent", "bent twice", ("bent",), None)
     assert (found.effects, found.outcome) == (("bent twice",), "explained")
     estimate = found.after.estimate

@@ -234,7 +234,7 @@ class Search:
         # Of a residual that is still predictable no significance is known; there only a material gain counts.
         noise = self.looks_like_noise(self.predictable(refit))
         significant = noise and fall / candidate.colour > threshold
-        stands_out = check_fall > DETERMINED * difference_error(before, after)
+        stands_out = check_fall > difference_error(before, after)  # by one standard error, as in `choose`
         material = fall > threshold and check_fall > self.options.material and stands_out
         if not np.isfinite(check_fall) or check_fall < -self.options.harm:
             verdict = "predicts the check records worse"

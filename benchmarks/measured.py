@@ -23,7 +23,7 @@ ORIGIN = (
     "M. D. Champneys, G. I. Beintema, R. Toth, M. Schoukens, T. J. Rogers, Baseline Results for Selected Nonlinear System "
     "Identification Benchmarks, IFAC-PapersOnLine 58(15), 2024, pp. 474-479: the results kept with their code, github.com/"
     "MDCHAMP/nonlinear_baselines, of free-running simulation on the same test records, the first samples left out in their own "
-    "way. 'Best known' of the tanks is about what the best models on nonlinearbenchmark.org reach."
+    "way. 'Best known' of the tanks is about what the best published models reach, handed down without a printed source."
 )
 NOTES = f"""'simple fit': an independent fit of the declared model, without and with the effects that are known to matter.
 'others': {ORIGIN}

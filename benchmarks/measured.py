@@ -93,15 +93,8 @@ def measure(name: str, folder: str | None, tell: Callable[[str], None]) -> dict[
         found = CASES[name].load(folder)
     except InputError as missing:
         return {"set": name, "status": "skipped", "why": str(missing)}
-    (window,) = set(found.data.window.values())
     study = close_loop(
-        found.model,
-        found.free,
-        found.likelihood,
-        train=found.data.train,
-        test=found.data.test,
-        window=window,
-        progress=lambda words: tell(f"{time.perf_counter() - start:6.0f} s  {name}: {words}"),
+        **found.parts, progress=lambda words: tell(f"{time.perf_counter() - start:6.0f} s  {name}: {words}")
     )
     return {**row(name, study), "seconds": round(time.perf_counter() - start, 1)}
 

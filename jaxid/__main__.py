@@ -134,16 +134,7 @@ def dataset(
     with _told() as progress:
         progress("reading")
         case = {Set.silverbox: silverbox, Set.emps: emps, Set.tanks: tanks}[name](path)
-        (window,) = set(case.data.window.values())
-        study = close_loop(
-            case.model,
-            case.free,
-            case.likelihood,
-            train=case.data.train,
-            test=case.data.test,
-            window=window,
-            progress=progress,
-        )
+        study = close_loop(**case.parts, progress=progress)
     _deliver(study, f"{case.data.name}: {case.data.citation}", json, out)
 
 

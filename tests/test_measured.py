@@ -79,9 +79,8 @@ def test_the_loop_finds_the_overflow_of_the_tanks(data_folder):
     library = tuple(
         one for one in candidates(case.model, case.free, case.data.train[0]) if isinstance(one, TANKS_MAY_LACK)
     )
-    parts = dict(train=case.data.train, test=case.data.test, effects=library, window=5)
     # The whole search takes eight rounds and minutes, and ends at 0.16 V.
-    study = close_loop(case.model, case.free, case.likelihood, **parts, options=LoopOptions(max_rounds=3))
+    study = close_loop(**case.parts, effects=library, options=LoopOptions(max_rounds=3))
     assert any(name.startswith("overflow of upper into lower") for name in study.effects)
     assert study.before.rms["validation"]["level"] == pytest.approx(0.675, rel=0.02)
     assert study.after.rms["validation"]["level"] < 0.40

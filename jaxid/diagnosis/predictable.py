@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from .._foundation.types import Array, Bool, Float
+from .validation import root_mean_square
 
 ORDER = 10  # past samples that predict
 
@@ -61,9 +62,5 @@ def white_part(v: Float[Array, "case time output"], mask: Bool[Array, "case time
     """
     third = v[:, 3:] - 3.0 * v[:, 2:-1] + 3.0 * v[:, 1:-2] - v[:, :-3]
     whole = mask[:, 3:] & mask[:, 2:-1] & mask[:, 1:-2] & mask[:, :-3]
-    fast = _mean_square(third, whole) / 20.0
-    return jnp.where(jnp.any(whole, axis=(0, 1)), fast, _mean_square(v, mask))
-
-
-def _mean_square(v, mask):
-    return jnp.sum(jnp.where(mask, v, 0.0) ** 2, axis=(0, 1)) / jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)
+    fast = root_mean_square(third, whole) ** 2 / 20.0
+    return jnp.where(jnp.any(whole, axis=(0, 1)), fast, root_mean_square(v, mask) ** 2)

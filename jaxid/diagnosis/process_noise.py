@@ -22,6 +22,7 @@ from ..models.free import Parameters
 from ..sensitivity.information import gather, record_triangles
 from .free_form import Linear, answers, linear_model
 from .predictable import white_part
+from .validation import root_mean_square
 
 STEPS = 80  # of the search for the noise: it is smooth, and a few per cent of its strengths decide nothing
 TIMES = (1.0, 10.0, 100.0)  # typical steps: correlation times from which the search starts
@@ -129,7 +130,7 @@ def process_noise(
     white = problem.whiten(v, v)
     _, turns = jax.lax.scan(turn, white, None, TURNS)
     noise, last, whole = jax.tree.map(lambda one: one[-1], turns)
-    without = Noise(jnp.full_like(noise.force, SILENT), noise.time, jnp.log(_mean(white**2, seen)))
+    without = Noise(jnp.full_like(noise.force, SILENT), noise.time, 2.0 * jnp.log(root_mean_square(white, seen)))
     gain = 2.0 * jnp.sum(seen) * (cost(without, white) - cost(noise, last))
     instruments = jnp.where(known, 1.0, jnp.exp(0.5 * noise.instruments))
     strengths = (jnp.exp(noise.force), jnp.exp(noise.time), instruments)
@@ -225,8 +226,3 @@ def _filtered(
     start = jnp.diag(jnp.concatenate([jnp.zeros(n), deviation**2]))
     _, (white, log_det) = jax.lax.scan(step, (jnp.zeros((n + p, columns.shape[-1])), start), (H, R, F, Q, columns))
     return white, log_det
-
-
-def _mean(squares: Float[Array, "case time output"], seen: Bool[Array, "case time output"]) -> Float[Array, " output"]:
-    count = jnp.maximum(jnp.sum(seen, axis=(0, 1)), 1)
-    return jnp.sum(jnp.where(seen, squares, 0.0), axis=(0, 1)) / count

@@ -94,8 +94,7 @@ def scores_of(
     count = S.shape[-1] - is_free.size
     information = _information(S, v, is_free.size)
     columns, rhs = information.triangle, information.rhs
-    coefficients = _least_squares(jnp.where(is_free, columns, 0.0), jnp.column_stack([columns, rhs]))
-    rest = jnp.column_stack([columns, rhs]) - jnp.where(is_free, columns, 0.0) @ coefficients
+    rest, coefficients = _perpendicular(columns, rhs, is_free)
     left, toward = jnp.sum(rest[:, :-1] ** 2, axis=0), rest[:, :-1].T @ rest[:, -1]
     whole = jnp.sum(columns**2, axis=0)
     seen = (left > LEFT_OVER * whole) & (left > 0) & ~is_free
@@ -121,8 +120,8 @@ def left_over(
         shared: how many of the last columns are shared by all records.
     """
     information = _information(S, v, shared)
-    rest = information.rhs[:, None]
-    return jnp.sum((rest - information.triangle @ _least_squares(information.triangle, rest)) ** 2)
+    rest, _ = _perpendicular(information.triangle, information.rhs, jnp.ones(shared, bool))
+    return jnp.sum(rest[:, -1] ** 2)
 
 
 def exchange_falls(
@@ -151,9 +150,7 @@ def exchange_falls(
 @eqx.filter_jit
 def _exchange_fall(columns, rhs, is_free, out, values) -> Float[Array, " shared"]:
     """The same for one set."""
-    stay = jnp.where(is_free & ~out, columns, 0.0)
-    both = jnp.column_stack([columns, rhs + columns @ jnp.where(out, values, 0.0)])
-    rest = both - stay @ _least_squares(stay, both)
+    rest, _ = _perpendicular(columns, rhs + columns @ jnp.where(out, values, 0.0), is_free & ~out)
     left, toward = jnp.sum(rest[:, :-1] ** 2, axis=0), rest[:, :-1].T @ rest[:, -1]
     seen = (left > LEFT_OVER * jnp.sum(columns**2, axis=0)) & (left > 0) & ~is_free
     score = jnp.where(seen, toward**2 / jnp.where(seen, left, 1.0), -jnp.inf)
@@ -167,6 +164,13 @@ def _information(S, v, shared: int) -> Information:
     triangles = record_triangles(S[..., :count], S[..., count:], v)
     nothing = jnp.zeros((1, shared + 1))
     return gather(triangles, nothing, jnp.zeros((v.shape[0], count), bool), jnp.zeros(shared, bool))
+
+
+def _perpendicular(columns, rhs, is_free):
+    """What the free columns leave of all columns and, last, of a right-hand side; and with which coefficients."""
+    free, both = jnp.where(is_free, columns, 0.0), jnp.column_stack([columns, rhs])
+    coefficients = _least_squares(free, both)
+    return both - free @ coefficients, coefficients
 
 
 def _inflation(S, v, count, is_free, coefficients, information, expected):

@@ -1,6 +1,6 @@
 """What a measured set needs beside its records: a declared physical model and how it is simulated."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..data.datasets import DataSet
 from ..estimation.likelihoods import OutputError
@@ -22,3 +22,10 @@ class Declared(NamedTuple):
     model: AbstractModel
     free: Free
     likelihood: OutputError
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """All that `close_loop` is told of the set, by the names of its arguments; all its tests have one window."""
+        (window,) = set(self.data.window.values())
+        own = {"model": self.model, "free": self.free, "likelihood": self.likelihood}
+        return own | {"train": self.data.train, "test": self.data.test, "window": window}

@@ -14,6 +14,12 @@ from .search import Search, critical
 from .study import RandomForces, Round
 from .workbench import Fitted, Workbench
 
+PLACES = {
+    "equation": "equation of",
+    "input": "input",
+    "output": "sensor",
+    "parameter": "parameter",
+}  # as `Effect.place` calls them
 NEAR = 0.2  # of the residual's power: places whose shares differ by more are not the same
 
 
@@ -79,15 +85,9 @@ def act_elsewhere(effects: tuple[Effect, ...], where: Where) -> bool:
     What predicts well may still be of another kind than the cause: two late sensors for a late input. Only equations, inputs and
     sensors are held against it; what acts through a coefficient or a parameter may move several equations.
     """
-    kinds = {"equation of ": "equation", "input ": "input", "sensor ": "output"}
-    told = [
-        (kind, effect.place.removeprefix(words))
-        for effect in effects
-        for words, kind in kinds.items()
-        if effect.place.startswith(words)
-    ]
-    close = {(place.kind, place.name) for place in where.rivals(NEAR)}
-    return len(told) == len(effects) and not close.intersection(told)
+    told = {effect.place for effect in effects}
+    known, close = ({f"{PLACES[one.kind]} {one.name}" for one in some} for some in (where.places, where.rivals(NEAR)))
+    return told <= known and not told & close
 
 
 def _random_forces(search: Search, declared: Fitted, where: Where) -> RandomForces | None:

@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from small_spring import Spring
 
-from jaxid import AbstractModel, Augmented, LoopOptions, OutputError, close_loop, free, record, simulate
+from jaxid import Augmented, LoopOptions, OutputError, close_loop, free, record, simulate
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.types import Array
 from jaxid.diagnosis import Place, Scores, Where
@@ -38,20 +39,6 @@ SIGMA = 0.02
 WINDOW = 60
 COMPILED = "/jax/core/compile/backend_compile_duration"
 TRAIN, CHECK, TEST = (0, 1, 2), (3, 4), (5, 6)
-
-
-class Spring(AbstractModel):
-    """`dv/dt = force - k x - c v`, with the position seen."""
-
-    k: Array
-    c: Array
-    states, inputs, outputs = ("x", "v"), ("force",), ("x",)
-
-    def rhs(self, t, x, u):
-        return jnp.stack([x[1], u[0] - self.k * x[0] - self.c * x[1]])
-
-    def output(self, t, x, u):
-        return x[:1]
 
 
 LIBRARY = (

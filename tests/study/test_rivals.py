@@ -5,28 +5,14 @@ from types import SimpleNamespace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from small_spring import Spring
 
-from jaxid import AbstractModel, Augmented, OutputError, estimate, free, record, simulate
+from jaxid import Augmented, OutputError, estimate, free, record, simulate
 from jaxid._foundation.checks import InputError
-from jaxid._foundation.types import Array
 from jaxid.models import FixedNoise, Term
 from jaxid.study import Rival, told_apart
 
 SIGMA = 0.02
-
-
-class Spring(AbstractModel):
-    """`dv/dt = force - k x - c v`, with the position seen."""
-
-    k: Array
-    c: Array
-    states, inputs, outputs = ("x", "v"), ("force",), ("x",)
-
-    def rhs(self, t, x, u):
-        return jnp.stack([x[1], u[0] - self.k * x[0] - self.c * x[1]])
-
-    def output(self, t, x, u):
-        return x[:1]
 
 
 def with_term(product, gain):

@@ -33,7 +33,7 @@ from .study import Side, Study
 from .verdict import Conclusion, conclude, verdict
 from .workbench import Fitted, Workbench, starting_states
 
-SOLVER = GaussNewton(tolerance=1e-4, least_fall=1e-3, max_steps=60)  # a decision needs no more
+SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=60)  # of a standard error; a decision needs no more
 Records = Record | Sequence[Record]
 
 

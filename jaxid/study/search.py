@@ -15,12 +15,12 @@ from .check import difference_error, mean_log, uncertainty
 from .options import LoopOptions
 from .pairs import pairs_of
 from .rivals import Rival
+from .shortlist import has_no_shape, shortlist
 from .study import Candidate, Round
-from .workbench import Fitted, Workbench, own_parameters
+from .workbench import Fitted, Workbench
 
 DETERMINED = 2.0  # standard errors that a gain must stand off zero to be told at all
 STUCK = 0.25  # of the score: a refit that brings less than that is begun again elsewhere
-COLLINEAR = 0.9999  # overlap from which on two candidates are one and the same to the data
 INSEPARABLE = 6.0  # fits whose chi-squares differ by less are rivals that the data cannot tell apart
 Progress = Callable[[str], None]
 
@@ -94,17 +94,20 @@ class Search:
         before = self.check_prediction(fitted)
         refits: dict[str, Fitted] = {}
         told: list[Candidate] = []
-        chosen, twins = self.worth_refitting(candidates, scores, threshold)
+        bench, best_fall = self.bench, 0.0
+        listed = shortlist(
+            candidates, scores, bench.effects, bench.gains, bench.measured, threshold, self.options.refits
+        )
         for candidate in candidates:
-            if candidate.name not in chosen:
-                same = twins.get(candidate.name)
-                verdict = f"to these records one and the same as {same}" if same else "not refitted"
+            verdict = listed.verdict_without_refit(candidate, bench.effects[candidate.name], best_fall)
+            if verdict is not None:
                 told.append(dataclasses.replace(candidate, verdict=verdict))
                 continue
             self.progress(f"round {number}: refit with {candidate.name}")
-            refit = self.refit(fitted, candidate)
-            told.append(self.judge(fitted, refit, candidate, before, threshold))
-            refits[candidate.name] = refit
+            refits[candidate.name] = self.refit(fitted, candidate)
+            told.append(self.judge(fitted, refits[candidate.name], candidate, before, threshold))
+            if told[-1].verdict == "kept":
+                best_fall = max(best_fall, _cost_fall(told[-1]))
         kept = {one.name: one for one in told if one.verdict == "kept"}
         if not kept:
             pairs = self.refit_pairs(fitted, candidates, scores, before, refits, number)
@@ -113,7 +116,7 @@ class Search:
         if not kept:
             return None, None, (), tuple(told)
         winner, rivals = self.choose(kept, refits)
-        rivals += tuple(name for name, same in twins.items() if same == winner)
+        rivals += tuple(name for name, same in listed.twins.items() if same == winner)
         verdicts = {
             name: "added"
             if name == winner
@@ -174,35 +177,6 @@ class Search:
         """How much a single effect asks one to believe."""
         return self.bench.effects[name].complexity
 
-    def has_no_shape(self, name: str) -> bool:
-        """Whether the gain is all that is unknown of an effect."""
-        return len(own_parameters(self.bench.effects[name])) == 1
-
-    def worth_refitting(
-        self, candidates: tuple[Candidate, ...], scores: Scores, threshold: float
-    ) -> tuple[set[str], dict[str, str]]:
-        """The best-scored candidates and those that no score can see; and the twins of the former, which are the same to
-        the data and need no refit of their own, with the name of each one's twin, which is the simplest of them."""
-        overlap = np.abs(np.asarray(scores.overlap))
-        chosen: list[str] = []
-        twins: dict[str, str] = {}
-        for one in candidates:
-            # Two shapes can be alike at zero gain and differ further on: they are refitted each.
-            likes = chosen if self.has_no_shape(one.name) else []
-            near = overlap[self.bench.gains[one.name]]
-            alike = (name for name in likes if near[self.bench.gains[name]] > COLLINEAR and self.has_no_shape(name))
-            same = next(alike, None)
-            if same is not None and self.complexity(one.name) < self.complexity(same):
-                chosen[chosen.index(same)] = one.name
-                twins = {name: one.name if twin == same else twin for name, twin in twins.items()} | {same: one.name}
-            elif same is not None:
-                twins[one.name] = same
-            elif one.score > threshold and len(chosen) < self.options.refits:
-                chosen.append(one.name)
-        effects = {one.name: self.bench.effects[one.name] for one in candidates}
-        unseen = {name for name, one in effects.items() if one.refines or one.worth_trying(self.bench.measured)}
-        return unseen.union(chosen), {name: same for name, same in twins.items() if name not in unseen}
-
     def refit(self, fitted: Fitted, candidate: Candidate) -> Fitted:
         """All parameters together with one effect more, or a pair; or with one in the place of what it refines."""
         refined = self.refined(fitted, candidate)
@@ -255,7 +229,7 @@ class Search:
         the gain by itself says nothing.
         """
         errors = self.bench.standard_errors(refit)
-        alone = filter(self.has_no_shape, candidate.parts)
+        alone = (name for name in candidate.parts if has_no_shape(self.bench.effects[name]))
         return all(abs(value) > DETERMINED * error for value, error in (errors[f"{name}.gain"] for name in alone))
 
     def prune(self, fitted: Fitted, keep: int = 1) -> tuple[Fitted, tuple[str, ...]]:

@@ -1,0 +1,90 @@
+"""Which candidates of a round are refitted, and which need not be."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ..diagnosis.scores import Scores
+from ..models.effects import Effect
+from .study import Candidate
+from .workbench import own_parameters
+
+COLLINEAR = 0.9999  # overlap from which on two candidates are one and the same to the data
+HOPELESS = 0.05  # of the best fall so far: what scores less is no rival of it, whatever the score leaves out
+
+
+class Shortlist(NamedTuple):
+    """The candidates of a round that are refitted.
+
+    Attributes:
+        chosen: names of the best-scored candidates.
+        unseen: names of those whose score does not tell what they bring.
+        twins: candidates that are one and the same to the data as a chosen one, by name, with that one's name.
+    """
+
+    chosen: tuple[str, ...]
+    unseen: frozenset[str]
+    twins: dict[str, str]
+
+    def verdict_without_refit(self, candidate: Candidate, effect: Effect, best_fall: float) -> str | None:
+        """Why a candidate is not refitted; None where it is.
+
+        Args:
+            candidate, effect: what is asked about.
+            best_fall: of the training cost with the best candidate that was refitted so far.
+        """
+        if candidate.name in self.unseen:
+            return None
+        if candidate.name in self.twins:
+            return f"to these records one and the same as {self.twins[candidate.name]}"
+        if candidate.name not in self.chosen:
+            return "not refitted"
+        # A shape that starts far off can bring much more than its score; a gain alone cannot.
+        hopeless = has_no_shape(effect) and candidate.score < HOPELESS * best_fall
+        return "not refitted: scores far below the best" if hopeless else None
+
+
+def shortlist(
+    candidates: tuple[Candidate, ...],
+    scores: Scores,
+    effects: Mapping[str, Effect],
+    gains: Mapping[str, int],
+    measured: Mapping[str, np.ndarray],
+    threshold: float,
+    limit: int,
+) -> Shortlist:
+    """The best-scored candidates and those that no score can see; of each set of twins only the simplest.
+
+    Args:
+        candidates: the best score first.
+        scores: of all columns.
+        effects, gains: the library and the column of each gain, by name.
+        measured: samples of the outputs, by name.
+        threshold: the score from which on a candidate counts.
+        limit: how many of the best-scored.
+    """
+    overlap = np.abs(np.asarray(scores.overlap))
+    chosen: list[str] = []
+    twins: dict[str, str] = {}
+    for one in candidates:
+        # Two shapes can be alike at zero gain and differ further on: they are refitted each.
+        likes = chosen if has_no_shape(effects[one.name]) else []
+        near = overlap[gains[one.name]]
+        alike = (name for name in likes if near[gains[name]] > COLLINEAR and has_no_shape(effects[name]))
+        same = next(alike, None)
+        if same is not None and effects[one.name].complexity < effects[same].complexity:
+            chosen[chosen.index(same)] = one.name
+            twins = {name: one.name if twin == same else twin for name, twin in twins.items()} | {same: one.name}
+        elif same is not None:
+            twins[one.name] = same
+        elif one.score > threshold and len(chosen) < limit:
+            chosen.append(one.name)
+    asked = {one.name: effects[one.name] for one in candidates}
+    unseen = frozenset(name for name, one in asked.items() if one.refines or one.worth_trying(dict(measured)))
+    return Shortlist(tuple(chosen), unseen, {name: same for name, same in twins.items() if name not in unseen})
+
+
+def has_no_shape(effect: Effect) -> bool:
+    """Whether the gain is all that is unknown of an effect."""
+    return len(own_parameters(effect)) == 1

@@ -1,0 +1,54 @@
+"""Which candidates of a round are refitted, and which need not be."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxid.diagnosis.scores import Scores
+from jaxid.models.effects_equation import StateLimit, Term
+from jaxid.study.shortlist import HOPELESS, has_no_shape, shortlist
+from jaxid.study.study import Candidate
+
+EFFECTS = {one.name: one for one in (Term("v", "x^3"), Term("v", "x^2"), Term("v", "x"), StateLimit("x", "v"))}
+GAINS = {name: column for column, name in enumerate(EFFECTS)}
+
+
+def _listed(scores: dict[str, float], overlap=0.0, limit=8, threshold=10.0):
+    """The shortlist of candidates with given scores, the first two of which overlap."""
+    names = sorted(scores, key=lambda name: -scores[name])
+    alike = np.eye(len(GAINS))
+    alike[0, 1] = alike[1, 0] = overlap
+    zero = jnp.zeros(len(GAINS))
+    found = Scores(zero, zero + 1.0, zero, zero, jnp.asarray(alike))
+    candidates = tuple(Candidate(name, name, "", "", scores[name], scores[name], 0.0, 1.0) for name in names)
+    return shortlist(candidates, found, EFFECTS, GAINS, {}, threshold, limit), {one.name: one for one in candidates}
+
+
+def _verdict(listed, one: Candidate, best_fall: float):
+    return listed.verdict_without_refit(one, EFFECTS[one.name], best_fall)
+
+
+def test_the_best_scored_above_the_threshold_are_refitted():
+    listed, candidates = _listed({"x^3 in v": 50.0, "x^2 in v": 40.0, "x in v": 9.0})
+    assert listed.chosen == ("x^3 in v", "x^2 in v")
+    assert [_verdict(listed, one, 0.0) for one in candidates.values()] == [None, None, "not refitted"]
+    listed, _ = _listed({"x^3 in v": 50.0, "x^2 in v": 40.0}, limit=1)
+    assert listed.chosen == ("x^3 in v",)
+
+
+def test_of_twins_the_simpler_is_refitted():
+    listed, candidates = _listed({"x^3 in v": 50.0, "x^2 in v": 49.9}, overlap=1.0)
+    assert listed.chosen == ("x^2 in v",)
+    assert _verdict(listed, candidates["x^3 in v"], 0.0) == "to these records one and the same as x^2 in v"
+
+
+@pytest.mark.parametrize(("share", "refitted"), [(1.01 * HOPELESS, True), (0.99 * HOPELESS, False)])
+def test_what_scores_far_below_the_best_fall_is_not_refitted(share, refitted):
+    listed, candidates = _listed({"x^3 in v": 1000.0, "x^2 in v": 1000.0 * share})
+    assert (_verdict(listed, candidates["x^2 in v"], 1000.0) is None) == refitted
+
+
+def test_a_shape_is_refitted_however_little_it_scores():
+    (limit,) = (name for name, one in EFFECTS.items() if not has_no_shape(one))
+    listed, candidates = _listed({"x^3 in v": 1e6, limit: 20.0})
+    assert _verdict(listed, candidates[limit], 1e6) is None

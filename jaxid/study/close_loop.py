@@ -33,7 +33,8 @@ from .study import Side, Study
 from .verdict import Conclusion, conclude, verdict
 from .workbench import Fitted, Workbench, starting_states
 
-SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=60)  # of a standard error; a decision needs no more
+# Tolerance in standard errors: a decision needs no more. Effects bring corners, at which steps are refused.
+SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=60, cost_first=True)
 Records = Record | Sequence[Record]
 
 

@@ -152,24 +152,20 @@ class Search:
     def choose(self, kept: dict[str, Candidate], refits: dict[str, Fitted]) -> tuple[str, tuple[str, ...]]:
         """The winner and its rivals.
 
-        Those that predict the check records as well as the best, to within one standard error of its error, are equals
-        (Breiman et al., Classification and Regression Trees, 1984, section 3.4.3); but for those that fit the training records
-        much worse than another of them, a price for each parameter included and the colour of the residual accounted for. Of
-        the rest the simplest wins, and of equally simple ones the best on the training records.
+        Training and check records are one body of evidence: twice the log-likelihood of both, less a price for each parameter.
+        Of those that come near the best, the colour of the residual accounted for, the simplest wins, and of equally simple
+        ones the best. (A check record by itself is short: where a model drifts, its error is a matter of luck.)
         """
-        best = max(kept.values(), key=_check_fall)
-        error = uncertainty(self.check_prediction(refits[best.name]))
-        equals = [one for one in kept.values() if _check_fall(one) >= _check_fall(best) - error]
-        price = {one.name: one.cost_fall - np.log(self.samples) * len(refits[one.name].columns) for one in equals}
-        top = max(equals, key=lambda one: price[one.name])
-        near = [one for one in equals if price[top.name] - price[one.name] <= INSEPARABLE * top.colour]
-        complexity = {one.name: sum(map(self.complexity, one.parts)) for one in near}
-        simplest = min(complexity.values())
-        winner = max((name for name, asked in complexity.items() if asked == simplest), key=price.__getitem__)
+        evidence = {name: _cost_fall(one) - 2.0 * self.check_cost(refits[name]) for name, one in kept.items()}
+        worth = {name: fall - np.log(self.samples) * len(refits[name].columns) for name, fall in evidence.items()}
+        top = max(worth, key=worth.__getitem__)
+        near = [name for name in kept if worth[top] - worth[name] <= INSEPARABLE * kept[top].colour]
+        complexity = {name: sum(map(self.complexity, kept[name].parts)) for name in near}
+        winner = min(near, key=lambda name: (complexity[name], -worth[name]))
         rivals = [
-            one.name
-            for one in equals
-            if one.family != kept[winner].family and _cost_fall(kept[winner]) - _cost_fall(one) < INSEPARABLE
+            name
+            for name, one in kept.items()
+            if one.family != kept[winner].family and evidence[winner] - evidence[name] < INSEPARABLE
         ]
         return winner, tuple(rivals)
 
@@ -208,7 +204,7 @@ class Search:
         # Of a residual that is still predictable no significance is known; there only a material gain counts.
         noise = self.looks_like_noise(self.predictable(refit))
         significant = noise and fall / candidate.colour > threshold
-        stands_out = check_fall > difference_error(before, after)  # by one standard error, as in `choose`
+        stands_out = check_fall > difference_error(before, after)  # by one standard error
         material = fall > threshold and check_fall > self.options.material and stands_out
         if not np.isfinite(check_fall) or check_fall < -self.options.harm:
             verdict = "predicts the check records worse"
@@ -322,6 +318,11 @@ class Search:
         """The check records as a fit predicts them."""
         return self.bench.predict(fitted, self.check, self.window)
 
+    def check_cost(self, fitted: Fitted) -> float:
+        """Negative log-likelihood of the check records."""
+        predicted = self.check_prediction(fitted)
+        return float(self.bench.likelihood.noise.cost(predicted.residuals, predicted.scored))
+
     def check_error(self, fitted: Fitted) -> float:
         """Mean over the channels of the logarithm of the error on the check records."""
         return mean_log(self.check_prediction(fitted))
@@ -356,12 +357,6 @@ def _cost_fall(candidate: Candidate) -> float:
     """The fall of the training cost of a candidate that was refitted."""
     assert candidate.cost_fall is not None
     return candidate.cost_fall
-
-
-def _check_fall(candidate: Candidate) -> float:
-    """The fall of the check records' error of a candidate that was refitted."""
-    assert candidate.check_fall is not None
-    return candidate.check_fall
 
 
 def critical(probability: float) -> float:

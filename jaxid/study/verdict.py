@@ -20,7 +20,9 @@ PLACES = {
     "output": "sensor",
     "parameter": "parameter",
 }  # as `Effect.place` calls them
-NEAR = 0.2  # of the residual's power: places whose shares differ by more are not the same
+# Of the residual's power: places whose shares differ by more are not the same. Two effects in two places can together do what
+# one does in a third, so that more is asked of them.
+NEAR, NEAR_OF_SEVERAL = 0.2, 0.05
 
 
 class Conclusion(NamedTuple):
@@ -86,7 +88,8 @@ def act_elsewhere(effects: tuple[Effect, ...], where: Where) -> bool:
     sensors are held against it; what acts through a coefficient or a parameter may move several equations.
     """
     told = {effect.place for effect in effects}
-    known, close = ({f"{PLACES[one.kind]} {one.name}" for one in some} for some in (where.places, where.rivals(NEAR)))
+    rivals = where.rivals(NEAR if len(told) == 1 else NEAR_OF_SEVERAL)
+    known, close = ({f"{PLACES[one.kind]} {one.name}" for one in some} for some in (where.places, rivals))
     return told <= known and not told & close
 
 

@@ -288,13 +288,16 @@ def place(kind, name, share):
         ((Term("v", "x^3"), SensorBias("x")), False),  # one of them does
         ((SensorDelay("x"), SensorDelay("a")), True),
         ((SensorDelay("x"), ParameterShift("k")), False),  # a parameter may act anywhere
+        ((SensorDelay("b"),), False),  # nearly as well
+        ((SensorDelay("b"), SensorDelay("a")), True),  # of two, more is asked
     ],
-    ids=["there", "one of two", "elsewhere", "anywhere"],
+    ids=["there", "one of two", "elsewhere", "anywhere", "near", "near with another"],
 )
 def test_what_explains_must_act_where_the_residual_sits(effects, elsewhere):
     places = (
         place("input", "force", 0.9),
-        place("equation", "v", 0.85),
+        place("equation", "v", 0.88),
+        place("output", "b", 0.8),
         place("output", "x", 0.6),
         place("output", "a", 0.1),
     )

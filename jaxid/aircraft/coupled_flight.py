@@ -43,7 +43,7 @@ TABLES_ARE_OFF_BY = {
 STARTS = ("u", "v", "w", "p", "q", "r", "e1", "e2")  # of the initial state; heading and place are seen by no instrument
 
 
-def coupled_flight(key: Array) -> SimulatedFlight:
+def coupled_flight(key: Array, samples: int = SAMPLES) -> SimulatedFlight:
     r"""Simulate seven manoeuvres of 20 s at 25 Hz with an F-4-like aircraft, with a moment in sideslip undeclared.
 
         C = C_tables + corrections,    Cm = ... - 0.8 beta^2 in the truth only,    z_i = y(t_i) + bias + e_i
@@ -55,6 +55,7 @@ def coupled_flight(key: Array) -> SimulatedFlight:
 
     Args:
         key: of the offsets and the noise.
+        samples: of each record; the flight goes on with the controls held, or ends early.
 
     Returns:
         Declared model, free parameters, records, truth and what it shows without noise.
@@ -63,7 +64,7 @@ def coupled_flight(key: Array) -> SimulatedFlight:
         InputError: when JAX is not in 64 bit.
     """
     for_bias, for_noise = jax.random.split(key)
-    t, surfaces, clean, truth = _fly(_drawn(for_bias))
+    t, surfaces, clean, truth = _fly(_drawn(for_bias), samples)
     names = (*TRAIN, *CHECK, *TEST)
     noise = jnp.array([BASE.noise[name] for name in CHANNELS])
     z = np.asarray(clean) + np.asarray(noise) * np.asarray(jax.random.normal(for_noise, clean.shape))
@@ -145,12 +146,12 @@ def manoeuvres(t: Float[Array, " time"]) -> dict[str, Float[Array, "time surface
     return {name: jnp.radians(jnp.stack([smoothed(one) for one in of], axis=1)) for name, of in commanded.items()}
 
 
-def _fly(instruments: Instruments):
+def _fly(instruments: Instruments, samples: int):
     """Sample times, surfaces and outputs free of noise of all manoeuvres, and the truth as a model for identification."""
     frame = _airframe({name: terms | PLANTED.get(name, {}) for name, terms in TABLES_ARE_OFF_BY.items()})
     aircraft = Aircraft(frame, controls=ControlSystem(standard_actuators(frame.limits)), instruments=instruments)
     trimmed = level(aircraft, SPEED, ALTITUDE)
-    t = SAMPLE_TIME * jnp.arange(SAMPLES)
+    t = SAMPLE_TIME * jnp.arange(samples)
     pilot = jnp.stack(list(jax.jit(manoeuvres)(t).values()))
     surfaces, clean = _flown(trimmed.aircraft, t, pilot, trimmed.state)
     return t, surfaces, clean, _recorded(frame, instruments, trimmed.aircraft)

@@ -105,6 +105,7 @@ def close_loop(
     where = {"before": bench.where(declared)}
     search = Search(bench, check, tests, window, options, progress)
     found, rounds = search.run(declared)
+    found = bench.finish(found)
     conclusion = conclude(search, rounds, declared, found, where["before"])
     found = declared if conclusion.process_noise else found
     rivals = search.rivals(found, rounds)
@@ -153,7 +154,8 @@ def _carve(train: Record, window: int | None) -> tuple[Record, Record]:
 def _on_the_whole(bench: Workbench, search: Search, declared: Fitted, found: Fitted, whole: Record):
     """Both fits on the whole training records; what is superfluous there goes out, as no fit may end above one that it holds."""
     bench.records = whole.anonymous()
-    declared, found = (bench.fit(one.effects, one.values, one.fit.parameters.rows) for one in (declared, found))
+    again = (bench.fit(one.effects, one.values, one.fit.parameters.rows) for one in (declared, found))
+    declared, found = map(bench.finish, again)
     return declared, *search.prune(found, keep=0)
 
 

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.results import RESULTS
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..diagnosis.free_form import Kind
@@ -36,6 +37,7 @@ from ..models.library import started, uncertain_equations
 from ..models.names import flatten
 from ..models.noise import FixedNoise
 
+GO_ON = 10  # times that a fit goes on behind its iteration limit
 WIDTH = 8  # effects' parameters are fitted in columns of this many, so that few widths are ever compiled
 
 
@@ -142,6 +144,14 @@ class Workbench:
         new = np.array(values)
         new[chosen] = np.asarray(found.parameters.shared)[: len(chosen)]
         return Fitted(tuple(effects), new, found, tuple(chosen))
+
+    def finish(self, fitted: Fitted) -> Fitted:
+        """A fit that its iteration limit ended, gone on with: a search need not wait for it, a figure that is reported must."""
+        for _ in range(GO_ON):
+            if fitted.fit.result != RESULTS.steps_exhausted:
+                break
+            fitted = self.fit(fitted.effects, fitted.values, fitted.fit.parameters.rows)
+        return fitted
 
     def score(self, fitted: Fitted) -> Scores:
         """Score all columns that are not in a fit."""

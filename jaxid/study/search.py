@@ -19,7 +19,7 @@ from .shortlist import has_no_shape, shortlist
 from .study import Candidate, Round
 from .workbench import Fitted, Workbench
 
-DETERMINED = 2.0  # standard errors that a gain must stand off zero to be told at all
+DETERMINED = 2.0  # standard errors that a gain, or a fall of the check's error, must stand off zero to be told at all
 STUCK = 0.25  # of the score: a refit that brings less than that is begun again elsewhere
 INSEPARABLE = 6.0  # fits whose chi-squares differ by less are rivals that the data cannot tell apart
 Progress = Callable[[str], None]
@@ -204,7 +204,7 @@ class Search:
         # Of a residual that is still predictable no significance is known; there only a material gain counts.
         noise = self.looks_like_noise(self.predictable(refit))
         significant = noise and fall / candidate.colour > threshold
-        stands_out = check_fall > difference_error(before, after)  # by one standard error
+        stands_out = check_fall > DETERMINED * difference_error(before, after)
         material = fall > threshold and check_fall > self.options.material and stands_out
         if not np.isfinite(check_fall) or check_fall < -self.options.harm:
             verdict = "predicts the check records worse"

@@ -156,7 +156,8 @@ def _on_the_whole(bench: Workbench, search: Search, declared: Fitted, found: Fit
     bench.records = whole.anonymous()
     again = (bench.fit(one.effects, one.values, one.fit.parameters.rows) for one in (declared, found))
     declared, found = map(bench.finish, again)
-    return declared, *search.prune(found, keep=0)
+    found, dropped = search.prune(found, keep=0)
+    return declared, bench.finish(found), dropped
 
 
 def _tests(test, check: Record) -> dict[str, Record]:

@@ -201,10 +201,12 @@ class Search:
         fall = 2.0 * (fitted.cost - refit.cost)
         after = self.check_prediction(refit)
         check_fall = mean_log(before) - mean_log(after)
-        # Of a residual that is still predictable no significance is known; there only a material gain counts.
+        # Of a residual that is still predictable no significance is known; there only a material gain counts, which stands out
+        # of the check's scatter: by more where the training records, as far as their colour is known, do not bear it out.
         noise = self.looks_like_noise(self.predictable(refit))
-        significant = noise and fall / candidate.colour > threshold
-        stands_out = check_fall > DETERMINED * difference_error(before, after)
+        borne_out = fall / candidate.colour > threshold
+        significant = noise and borne_out
+        stands_out = check_fall > (1.0 if borne_out else DETERMINED) * difference_error(before, after)
         material = fall > threshold and check_fall > self.options.material and stands_out
         if not np.isfinite(check_fall) or check_fall < -self.options.harm:
             verdict = "predicts the check records worse"

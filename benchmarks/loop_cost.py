@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, NamedTuple
 from unittest import mock
 
@@ -105,14 +105,10 @@ def timed():
 
         return mock.patch.object(Workbench, name, wrapped)
 
-    patches = [measured(name) for name in STEPS]
-    for one in patches:
-        one.start()
-    try:
+    with ExitStack() as stack:
+        for name in STEPS:
+            stack.enter_context(measured(name))
         yield seconds
-    finally:
-        for one in patches:
-            one.stop()
 
 
 def apart(size: Size) -> dict[str, Any]:

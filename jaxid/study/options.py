@@ -11,7 +11,8 @@ class LoopOptions(eqx.Module):
     Args:
         level: probability of one false effect in a study in which nothing is missing, spread over all candidates tried.
         material: fall of the check records' error (mean over channels of its logarithm) from which on an effect counts
-            while the residual is still predictable, so that no significance is known.
+            while the residual is still predictable, so that no significance is known. It must also stand out of the check's
+            scatter: by one standard error where the training records bear the effect out, else by two.
         harm: rise of the same error that an effect may cause on check records that hardly excite it.
         refits: how many of the best-scored candidates are refitted in each round.
         pairs: how many of the best-scored pairs are refitted where no single candidate helps.

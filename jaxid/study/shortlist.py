@@ -50,7 +50,7 @@ def shortlist(
     scores: Scores,
     effects: Mapping[str, Effect],
     gains: Mapping[str, int],
-    measured: Mapping[str, np.ndarray],
+    measured: dict[str, np.ndarray],
     threshold: float,
     limit: int,
 ) -> Shortlist:
@@ -81,7 +81,7 @@ def shortlist(
         elif one.score > threshold and len(chosen) < limit:
             chosen.append(one.name)
     asked = {one.name: effects[one.name] for one in candidates}
-    unseen = frozenset(name for name, one in asked.items() if one.refines or one.worth_trying(dict(measured)))
+    unseen = frozenset(name for name, one in asked.items() if one.refines or one.worth_trying(measured))
     return Shortlist(tuple(chosen), unseen, {name: same for name, same in twins.items() if name not in unseen})
 
 

@@ -11,9 +11,9 @@ DEGREES = 180.0 / math.pi
 OUTCOMES = {
     "explained": "What is left of the error after the effects found is consistent with measurement noise, on every "
     "channel. Only then does jaxid name an effect as the cause.",
-    "proxies": "The effects found lower the error on the records that decided, but what is left is more than "
-    "measurement noise. So something else, or something more, is missing: take them as stand-ins for it, not as the "
-    "cause.",
+    "proxies": "The effects found lower the error on the records that decided, but they are not shown to be its cause: "
+    "either more than measurement noise is left, so that something else, or something more, is missing; or there is reason to "
+    "doubt that these effects are it. The verdict says which. Take them as stand-ins, not as the cause.",
     "unexplained": "The error is more than measurement noise, and no candidate that was tried lowers it on the records "
     "that decided. So something is missing that is not among the candidates; no cause is named. "
     "More candidates are the next thing to try.",

@@ -28,7 +28,7 @@ from ..models.noise import FixedNoise
 from ..sensitivity.spectrum import spectrum
 from .options import LoopOptions
 from .rivals import Rival
-from .search import Search
+from .search import INSEPARABLE, Search
 from .study import Side, Study
 from .verdict import Conclusion, conclude, verdict
 from .workbench import Fitted, Workbench, starting_states
@@ -106,9 +106,10 @@ def close_loop(
     search = Search(bench, check, tests, window, options, progress)
     found, rounds = search.run(declared)
     found = bench.finish(found)
-    conclusion = conclude(search, rounds, declared, found, where["before"])
-    found = declared if conclusion.process_noise else found
-    rivals = search.rivals(found, rounds)
+    contenders = search.contenders(found, rounds)
+    conclusion = conclude(search, rounds, declared, found, contenders, where["before"])
+    found, contenders = (declared, ()) if conclusion.process_noise else (found, contenders)
+    rivals = tuple(one for one in contenders if one.chi_square < INSEPARABLE)
     where["after"] = bench.where(found, like=where["before"]) if found.effects else where["before"]
     reading = {"before": bench.read(declared), "after": bench.read(found)}
     if whole is not None:

@@ -22,6 +22,7 @@ from .workbench import Fitted, Workbench
 DETERMINED = 2.0  # standard errors that a gain, or a fall of the check's error, must stand off zero to be told at all
 STUCK = 0.25  # of the score: a refit that brings less than that is begun again elsewhere
 INSEPARABLE = 6.0  # fits whose chi-squares differ by less are rivals that the data cannot tell apart
+SETTLED = 25.0  # by how much worse another shape must fit for this one to be the cause: a discovery's five standard deviations
 Progress = Callable[[str], None]
 
 
@@ -298,20 +299,20 @@ class Search:
         stay = tuple(name for name in fitted.effects if name not in out)
         return self.bench.fit((*stay, *come), values, fitted.fit.parameters.rows)
 
-    def rivals(self, fitted: Fitted, rounds: tuple[Round, ...]) -> tuple[Rival, ...]:
-        """The rivals of each round that still do as well in the place of what came in then, now that all is in."""
+    def contenders(self, fitted: Fitted, rounds: tuple[Round, ...]) -> tuple[Rival, ...]:
+        """What fits worse by less than `SETTLED`, now that all is in, in the place of what came in in a round."""
         found = []
         for one in rounds:
             out = one.came_in
-            if not set(out) <= set(fitted.effects):
+            if not out or not set(out) <= set(fitted.effects):
                 continue
-            for candidate in one.candidates:
-                if candidate.name not in one.rivals or set(candidate.parts) & set(fitted.effects):
+            for candidate in one.contenders(SETTLED):
+                if set(candidate.parts) & set(fitted.effects):
                     continue
-                self.progress(f"rival {candidate.name}")
+                self.progress(f"contender {candidate.name}")
                 refit = self.replaced(fitted, candidate.parts, out)
                 worse = 2.0 * (refit.cost - fitted.cost)
-                if worse < INSEPARABLE:
+                if worse < SETTLED:
                     model, free = self.bench.model_and_free(refit)
                     found.append(Rival(candidate.name, candidate.sentence, out, worse, model, free))
         return tuple(found)

@@ -94,9 +94,24 @@ class Round:
     threshold: float
 
     @property
+    def winner(self) -> Candidate | None:
+        """The candidate that was kept, None when none was."""
+        return next((one for one in self.candidates if one.name == self.added), None)
+
+    @property
     def came_in(self) -> tuple[str, ...]:
         """The names of the effects that were added: none, one, or a pair."""
-        return next((one.parts for one in self.candidates if one.name == self.added), ())
+        return self.winner.parts if self.winner else ()
+
+    def contenders(self, margin: float) -> tuple[Candidate, ...]:
+        """The rivals of what was added, and all of other families that were refitted and fit worse by less than a margin of
+        chi-square."""
+        if self.winner is None or self.winner.cost_fall is None:
+            return ()
+        best, family = self.winner.cost_fall, self.winner.family
+        others = (one for one in self.candidates if one.cost_fall is not None and one.family != family)
+        near = {one.name for one in others if best - one.cost_fall < margin} | set(self.rivals)
+        return tuple(one for one in self.candidates if one.name in near)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -23,6 +23,7 @@ PLACES = {
 # Of the residual's power: places whose shares differ by more are not the same. Two effects in two places can together do what
 # one does in a third, so that more is asked of them.
 NEAR, NEAR_OF_SEVERAL = 0.2, 0.05
+ALIKE = 0.01  # of what an effect explains: a contender that differs by less is to these records the same, and one set with it
 
 
 class Conclusion(NamedTuple):
@@ -32,22 +33,32 @@ class Conclusion(NamedTuple):
         outcome: as in `Study`.
         process_noise: the random forces where these are it.
         parts: of the effects that are in, those that only together make up one function (`parts_of_one`).
-        elsewhere: whether no effect that is in acts where the residual sits (`act_elsewhere`).
+        elsewhere: whether most of the effects that are in act elsewhere than where the residual sits (`act_elsewhere`).
+        unsettled: what might as well be the cause (`unsettled`).
     """
 
     outcome: str
     process_noise: RandomForces | None = None
     parts: tuple[str, ...] = ()
     elsewhere: bool = False
+    unsettled: tuple[str, ...] = ()
 
 
-def conclude(search: Search, rounds: tuple[Round, ...], declared: Fitted, found: Fitted, where: Where) -> Conclusion:
+def conclude(
+    search: Search,
+    rounds: tuple[Round, ...],
+    declared: Fitted,
+    found: Fitted,
+    contenders: tuple[Rival, ...],
+    where: Where,
+) -> Conclusion:
     """Whether the residual is consistent with noise after what was added, and if not, whether with random forces alone.
 
     Args:
         search: with its workbench and options.
         rounds: what was tried.
         declared, found: the declared model's fit, and the one with what was added.
+        contenders: what fits hardly worse in the place of what was added.
         where: the places of the declared model's residual.
     """
     last = rounds[-1]
@@ -59,8 +70,8 @@ def conclude(search: Search, rounds: tuple[Round, ...], declared: Fitted, found:
         if not found.effects:
             return Conclusion("nothing missing")
         effects = tuple(search.bench.effects[name] for name in found.effects)
-        parts, elsewhere = parts_of_one(effects), act_elsewhere(effects, where)
-        return Conclusion("proxies" if parts or elsewhere else "explained", parts=parts, elsewhere=elsewhere)
+        doubts = parts_of_one(effects), act_elsewhere(effects, where), unsettled(contenders, rounds)
+        return Conclusion("proxies" if any(doubts) else "explained", None, *doubts)
     forces = _random_forces(search, declared, where)
     if forces is not None:
         return Conclusion("process noise", forces)
@@ -82,15 +93,25 @@ def parts_of_one(effects: tuple[Effect, ...]) -> tuple[str, ...]:
 
 
 def act_elsewhere(effects: tuple[Effect, ...], where: Where) -> bool:
-    """Whether none of the effects acts in a place that explains about as much of the residual as the best one does.
+    """Whether most of the effects act in places that explain clearly less of the residual than the best one does.
 
     What predicts well may still be of another kind than the cause: two late sensors for a late input. Only equations, inputs and
     sensors are held against it; what acts through a coefficient or a parameter may move several equations.
     """
-    told = {effect.place for effect in effects}
-    rivals = where.rivals(NEAR if len(told) == 1 else NEAR_OF_SEVERAL)
+    told = [effect.place for effect in effects]
+    rivals = where.rivals(NEAR if len(set(told)) == 1 else NEAR_OF_SEVERAL)
     known, close = ({f"{PLACES[one.kind]} {one.name}" for one in some} for some in (where.places, rivals))
-    return told <= known and not told & close
+    return set(told) <= known and 2 * sum(place not in close for place in told) > len(told)
+
+
+def unsettled(contenders: tuple[Rival, ...], rounds: tuple[Round, ...]) -> tuple[str, ...]:
+    """Names of the contenders that these records do not refute, although they are of another shape.
+
+    A faint effect is fitted to within the noise by whatever resembles it. Where the library's nearest other shape is not
+    clearly worse, a shape that the library lacks could be the cause as well.
+    """
+    falls = {one.came_in: one.winner.cost_fall for one in rounds if one.winner}
+    return tuple(one.name for one in contenders if abs(one.chi_square) > ALIKE * (falls[one.instead_of] or 0.0))
 
 
 def _random_forces(search: Search, declared: Fitted, where: Where) -> RandomForces | None:
@@ -131,12 +152,15 @@ def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Ri
     """
     what = "; ".join(sentences)
     names = ", ".join(rival.name for rival in rivals)
-    also = f" (these records cannot tell it from: {names})" if rivals else ""
+    also = f" (these records cannot tell it from: {names})" if rivals and not conclusion.unsettled else ""
     stays = "What stays after them is more than noise."
     if conclusion.parts:
         stays = f"Together {' and '.join(conclusion.parts)} make up one function, and its form is not settled."
     elif conclusion.elsewhere:
         stays = "They leave nothing but noise, but act elsewhere than where the residual sits."
+    elif conclusion.unsettled:
+        nearly = ", ".join(conclusion.unsettled)
+        stays = f"What stays is noise, but these records do not settle the form: nearly as well would do {nearly}."
     sits = " or the ".join(f"{one.kind} {one.name}" for one in left.rivals())
     return {
         "nothing missing": "Nothing is missing: the residual is consistent with noise, and no candidate explains any of it.",

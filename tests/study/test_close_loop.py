@@ -29,10 +29,10 @@ from jaxid.models import (
 from jaxid.models.effects import Effect
 from jaxid.study.close_loop import SOLVER
 from jaxid.study.pairs import pairs_of
-from jaxid.study.rivals import told_apart
-from jaxid.study.search import Search
-from jaxid.study.study import Candidate
-from jaxid.study.verdict import act_elsewhere, parts_of_one
+from jaxid.study.rivals import Rival, told_apart
+from jaxid.study.search import SETTLED, Search
+from jaxid.study.study import Candidate, Round
+from jaxid.study.verdict import act_elsewhere, parts_of_one, unsettled
 from jaxid.study.workbench import Workbench
 
 SIGMA = 0.02
@@ -290,8 +290,9 @@ def place(kind, name, share):
         ((SensorDelay("x"), ParameterShift("k")), False),  # a parameter may act anywhere
         ((SensorDelay("b"),), False),  # nearly as well
         ((SensorDelay("b"), SensorDelay("a")), True),  # of two, more is asked
+        ((SensorDelay("x"), InputDelay("force"), SensorDelay("a")), True),  # most of them act elsewhere
     ],
-    ids=["there", "one of two", "elsewhere", "anywhere", "near", "near with another"],
+    ids=["there", "one of two", "elsewhere", "anywhere", "near", "near with another", "one of three"],
 )
 def test_what_explains_must_act_where_the_residual_sits(effects, elsewhere):
     places = (
@@ -303,6 +304,30 @@ def test_what_explains_must_act_where_the_residual_sits(effects, elsewhere):
     )
     where = Where(places, np.zeros((1, 2)), {}, (2, 20), 1.0)
     assert act_elsewhere(effects, where) is elsewhere
+
+
+def test_a_form_that_another_shape_nearly_has_is_not_settled():
+    def refitted(name, fall):
+        return Candidate(name, name, "equation of v", name, fall, fall, 1.0, 1.0, cost_fall=fall)
+
+    def contender(name, worse):
+        return Rival(name, name, ("best",), worse, Spring(1.0, 0.1), free(Spring(1.0, 0.1), "k"))
+
+    candidates = (refitted("best", 1000.0), refitted("near", 980.0), refitted("far", 970.0))
+    one = Round((), candidates, "best", (), (), {}, {}, 12.0)
+    assert [name.name for name in one.contenders(SETTLED)] == ["near"]
+    # Of an effect of a thousand, a contender that differs by less than a hundredth is the same to these records.
+    assert unsettled((contender("same", 5.0), contender("near", 20.0)), (one,)) == ("near",)
+
+
+def test_a_faint_effect_is_no_cause_where_another_shape_does_nearly_as_well():
+    # Faint dry friction, which the library lacks: a drag resembles it to within the noise.
+    friction = DryFriction("v", "v", jnp.array(-0.012), width=jnp.array(0.01))
+    effects = (QuadraticDrag("v", "v"), Term("v", "v^3"), Term("v", "x^3"), SensorBias("x"))
+    found = study(friction, seed=1, effects=effects)
+    assert len(found.effects) == 1
+    assert found.outcome == "proxies"
+    assert "do not settle the form" in found.verdict
 
 
 def test_known_noise_is_held_against_the_residual():

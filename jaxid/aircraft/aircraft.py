@@ -23,7 +23,7 @@ from .effects_library import usual_effects
 from .engine import ConstantThrust, Engine, loads
 from .first_samples import first_samples
 from .flow import flow
-from .frames import air_angles, euler, quaternion, quaternion_rate, rotation, velocity
+from .frames import air_angle_rates, euler_of, quaternion, quaternion_rate, rotation, velocity
 from .instruments import Instruments
 from .rigid_body import accelerations, specific_force
 from .turbulence import GUSTS
@@ -131,11 +131,12 @@ class Aircraft(AbstractModel):
         rigid, control_states, engine_states = self._split_state(x)
         pilot, levers, disturbances = self._split_input(u)
         signals = dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
-        signals |= self._flow(rigid, disturbances) | self.controls.positions(control_states, pilot)
+        T = rotation(rigid[6:10])
+        signals |= self._flow(rigid, T, disturbances) | self.controls.positions(control_states, pilot)
         signals |= self._propulsion(engine_states, signals)
         signals |= dict(zip(COEFFICIENTS, self._coefficients(signals), strict=True))
-        vdot, omegadot = self._accelerations(rigid, engine_states, signals)
-        signals |= self._felt(rigid, vdot, omegadot) | self._effectiveness(signals)
+        vdot, omegadot = self._accelerations(rigid, T, engine_states, signals)
+        signals |= self._felt(rigid, T, vdot, omegadot) | self._effectiveness(signals)
         signals |= self._rates_of_angles(rigid, vdot, signals)
         moving = self.controls.rates(t, control_states, pilot, signals)
         pushing = [
@@ -143,7 +144,7 @@ class Aircraft(AbstractModel):
             for engine, own, lever in zip(self.engines, engine_states, levers, strict=True)
         ]
         attitude_rate = quaternion_rate(rigid[6:10], rigid[3:6])
-        over_ground = rotation(rigid[6:10]).T @ rigid[:3] * jnp.array([1.0, 1.0, -1.0])
+        over_ground = T.T @ rigid[:3] * jnp.array([1.0, 1.0, -1.0])
         return jnp.concatenate([vdot, omegadot, attitude_rate, over_ground, moving, *pushing]), signals
 
     def output(self, t, x, u):
@@ -152,9 +153,10 @@ class Aircraft(AbstractModel):
     def output_given(self, t, x, u, dx):
         rigid, control_states, engine_states = self._split_state(x)
         pilot, _, disturbances = self._split_input(u)
-        signals = self._flow(rigid, disturbances) | self.controls.positions(control_states, pilot)
+        T = rotation(rigid[6:10])
+        signals = self._flow(rigid, T, disturbances) | self.controls.positions(control_states, pilot)
         signals |= self._propulsion(engine_states, signals)
-        return self.instruments.read(signals | self._felt(rigid, dx[:3], dx[3:6]))
+        return self.instruments.read(signals | self._felt(rigid, T, dx[:3], dx[3:6]))
 
     def observe(self, t, y):
         return self.instruments.observe(t, y)
@@ -267,13 +269,12 @@ class Aircraft(AbstractModel):
 
     # Parts ----------------------------------------------------------------------------------------------------------------
 
-    def _flow(self, rigid: Float[Array, "13"], disturbances: Signals) -> Signals:
+    def _flow(self, rigid: Float[Array, "13"], T: Float[Array, "3 3"], disturbances: Signals) -> Signals:
         """Motion relative to ground and air, and the pressures that it makes."""
-        T = rotation(rigid[6:10])
         altitude = rigid[12]
         air_velocity = rigid[:3] - T @ self.wind.velocity(altitude) - jnp.stack([disturbances[g] for g in GUSTS[:3]])
         air_omega = rigid[3:6] - jnp.stack([disturbances[g] for g in GUSTS[3:]])
-        phi, pitch, psi = euler(rigid[6:10])
+        phi, pitch, psi = euler_of(T)
         climb = -(T.T @ rigid[:3])[2]
         return disturbances | {
             **dict(zip(("u", "v", "w", "p", "q", "r"), rigid[:6], strict=True)),
@@ -299,35 +300,31 @@ class Aircraft(AbstractModel):
             for state in states
         }
 
-    def _accelerations(self, rigid, engine_states, signals: Signals):
+    def _accelerations(self, rigid, T, engine_states, signals: Signals):
         """Rates of velocity and angular rate from all that acts on the body."""
         frame, mass = self.airframe, self.airframe.mass_properties
         coefficients = jnp.stack([signals[name] for name in COEFFICIENTS])
         force, moment = aerodynamic_loads(frame, signals["qbar"], coefficients)
         pushes = [engine.thrust(own, signals) for engine, own in zip(self.engines, engine_states, strict=True)]
         push, turning, momentum = loads(self.engines, pushes)
-        force, moment = force + push + mass.mass * self._gravity(rigid), moment + turning
+        force, moment = force + push + mass.mass * GRAVITY * T[:, 2], moment + turning
         return accelerations(mass.mass, mass.inertia(), rigid[:3], rigid[3:6], force, moment, momentum)
 
-    def _felt(self, rigid, vdot, omegadot) -> Signals:
+    def _felt(self, rigid, T, vdot, omegadot) -> Signals:
         """Specific force at the centre of gravity and angular acceleration, by name."""
-        felt = specific_force(vdot, rigid[:3], rigid[3:6], self._gravity(rigid))
+        felt = specific_force(vdot, rigid[:3], rigid[3:6], GRAVITY * T[:, 2])
         return dict(zip(("ax", "ay", "az", "pdot", "qdot", "rdot"), jnp.concatenate([felt, omegadot]), strict=True))
 
     def _rates_of_angles(self, rigid, vdot, signals: Signals) -> Signals:
         """The reduced rates of alpha and beta in air whose motion over ground is steady."""
         velocity = jnp.stack([signals[name] for name in ("u_air", "v_air", "w_air")])
         change = vdot + jnp.cross(rigid[3:6], rigid[:3] - velocity)  # a steady wind turns in body axes
-        _, (_, alphadot, betadot) = jax.jvp(air_angles, (velocity,), (change,))
+        alphadot, betadot = air_angle_rates(velocity, change)
         reduced = 1.0 / (2.0 * signals["V"])
         return {
             "alphadot_hat": alphadot * self.airframe.cbar * reduced,
             "betadot_hat": betadot * self.airframe.b * reduced,
         }
-
-    @staticmethod
-    def _gravity(rigid) -> Float[Array, "3"]:
-        return GRAVITY * rotation(rigid[6:10])[:, 2]
 
     def _assemble(self, rigid: Float[Array, "13"]) -> Float[Array, " state"]:
         return jnp.concatenate([rigid, self.controls.resting(), *(engine.source.resting() for engine in self.engines)])

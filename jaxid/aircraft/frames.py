@@ -5,10 +5,12 @@ Source: B. L. Stevens, F. L. Lewis, Aircraft Control and Simulation, 2nd ed., Wi
 """
 
 import jax.numpy as jnp
+import numpy as np
 
 from .._foundation.types import Array, Float
 
 Scalar = Float[Array, ""] | float | int
+CROSS = np.cross(np.eye(3)[:, None], np.eye(3)[None])
 
 
 def quaternion(phi: Scalar, pitch: Scalar, psi: Scalar) -> Float[Array, "4"]:
@@ -43,24 +45,28 @@ def rotation(e: Float[Array, "4"]) -> Float[Array, "3 3"]:
     Args:
         e: quaternion, of any length but zero.
     """
-    e0, e1, e2, e3 = e
-    rows = [
-        [e0**2 + e1**2 - e2**2 - e3**2, 2 * (e1 * e2 + e0 * e3), 2 * (e1 * e3 - e0 * e2)],
-        [2 * (e1 * e2 - e0 * e3), e0**2 - e1**2 + e2**2 - e3**2, 2 * (e2 * e3 + e0 * e1)],
-        [2 * (e1 * e3 + e0 * e2), 2 * (e2 * e3 - e0 * e1), e0**2 - e1**2 - e2**2 + e3**2],
-    ]
-    return jnp.stack([jnp.stack(row) for row in rows]) / jnp.dot(e, e)
+    e0, v = e[0], e[1:]
+    T = (e0**2 - jnp.dot(v, v)) * jnp.eye(3) + 2.0 * (jnp.outer(v, v) + e0 * (CROSS @ v))
+    return T / jnp.dot(e, e)
 
 
 def euler(e: Float[Array, "4"]) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-    """Bank, pitch and heading of an attitude [rad]; at a pitch of 90 deg bank and heading are not unique.
-
-        phi = atan2(T23, T33),    pitch = atan2(-T13, sqrt(T11^2 + T12^2)),    psi = atan2(T12, T11)
+    """Bank, pitch and heading of an attitude [rad], `euler_of` its rotation.
 
     Args:
         e: quaternion, of any length but zero.
     """
-    T = rotation(e)
+    return euler_of(rotation(e))
+
+
+def euler_of(T: Float[Array, "3 3"]) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    """Bank, pitch and heading of a rotation [rad]; at a pitch of 90 deg bank and heading are not unique.
+
+        phi = atan2(T23, T33),    pitch = atan2(-T13, sqrt(T11^2 + T12^2)),    psi = atan2(T12, T11)
+
+    Args:
+        T: from earth to body axes.
+    """
     level = jnp.sqrt(T[0, 0] ** 2 + T[0, 1] ** 2)
     return jnp.arctan2(T[1, 2], T[2, 2]), jnp.arctan2(-T[0, 2], level), jnp.arctan2(T[0, 1], T[0, 0])
 
@@ -75,11 +81,8 @@ def quaternion_rate(e: Float[Array, "4"], omega: Float[Array, "3"], restoring: f
         omega: angular rate (p, q, r) in body axes [rad/s].
         restoring: k [1/s].
     """
-    e0, e1, e2, e3 = e
-    p, q, r = omega
-    turning = jnp.stack(
-        [-e1 * p - e2 * q - e3 * r, e0 * p - e3 * q + e2 * r, e3 * p + e0 * q - e1 * r, -e2 * p + e1 * q + e0 * r]
-    )
+    e0, v = e[0], e[1:]
+    turning = jnp.concatenate([-jnp.dot(v, omega)[None], e0 * omega - (CROSS @ v) @ omega])
     return 0.5 * turning + restoring * (1.0 - jnp.dot(e, e)) * e
 
 
@@ -106,6 +109,20 @@ def air_angles(v: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, ""]
     """
     in_plane = jnp.sqrt(v[0] ** 2 + v[2] ** 2)
     return jnp.sqrt(jnp.dot(v, v)), jnp.arctan2(v[2], v[0]), jnp.arctan2(v[1], in_plane)
+
+
+def air_angle_rates(v: Float[Array, "3"], vdot: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Rates of the angles of attack and of sideslip [rad/s], the derivatives of `air_angles`, written out.
+
+        alphadot = (u wdot - w udot)/(u^2 + w^2),    betadot = (vdot - v Vdot/V)/sqrt(u^2 + w^2)
+
+    Args:
+        v: velocity relative to the air, body axes, not along the y axis [m/s].
+        vdot: its rate [m/s^2].
+    """
+    in_plane = v[0] ** 2 + v[2] ** 2
+    along = jnp.dot(v, vdot) / jnp.dot(v, v)  # Vdot/V
+    return (v[0] * vdot[2] - v[2] * vdot[0]) / in_plane, (vdot[1] - v[1] * along) / jnp.sqrt(in_plane)
 
 
 def euler_rates(

@@ -114,6 +114,7 @@ def found(study: Study, planted: tuple[Planted, ...]) -> dict[str, Any]:
         "wrong": sum(not is_right(name) for name in study.effects),
         "where": [f"{place.kind} {place.name}" for place in rivals],
         "place_right": bool({(place.kind, place.name) for place in rivals} & expected),
+        "fall": 2.0 * float(study.before.estimate.cost - study.after.estimate.cost),
         "error_before": mean_log(study.before.rms["test"]),
         "error_after": mean_log(study.after.rms["test"]),
         "rounds": [_round(one) for one in study.rounds],

@@ -107,10 +107,11 @@ def close_loop(
     found, rounds = search.run(declared)
     found = bench.finish(found)
     contenders = search.contenders(found, rounds)
-    conclusion = conclude(search, rounds, declared, found, contenders, where["before"])
-    found, contenders = (declared, ()) if conclusion.process_noise else (found, contenders)
-    rivals = tuple(one for one in contenders if one.chi_square < INSEPARABLE)
     where["after"] = bench.where(found, like=where["before"]) if found.effects else where["before"]
+    conclusion = conclude(search, rounds, declared, found, contenders, where)
+    if conclusion.process_noise:
+        found, contenders, where["after"] = declared, (), where["before"]
+    rivals = tuple(one for one in contenders if one.chi_square < INSEPARABLE)
     reading = {"before": bench.read(declared), "after": bench.read(found)}
     if whole is not None:
         progress("estimate on the whole of the training records")

@@ -1,5 +1,6 @@
 """What a loop may claim: the gate between an effect that explains and one that only helps, and the words for it."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -50,7 +51,7 @@ def conclude(
     declared: Fitted,
     found: Fitted,
     contenders: tuple[Rival, ...],
-    where: Where,
+    where: Mapping[str, Where],
 ) -> Conclusion:
     """Whether the residual is consistent with noise after what was added, and if not, whether with random forces alone.
 
@@ -59,23 +60,34 @@ def conclude(
         rounds: what was tried.
         declared, found: the declared model's fit, and the one with what was added.
         contenders: what fits hardly worse in the place of what was added.
-        where: the places of the declared model's residual.
+        where: the places of the residual `before` and `after`, of these two.
     """
     last = rounds[-1]
     fires = any(min(one.score, one.significance) > last.threshold for one in last.candidates)
     coloured = not search.looks_like_noise(last.predictable)
     if isinstance(search.bench.likelihood.noise, FixedNoise):
         coloured = coloured or _above_known_noise(found, search.bench, search.options.level)
+    if found.effects:
+        coloured = coloured or stands_out(where["after"], search.options.level)
     if not (coloured or fires):
         if not found.effects:
             return Conclusion("nothing missing")
         effects = tuple(search.bench.effects[name] for name in found.effects)
-        doubts = parts_of_one(effects), act_elsewhere(effects, where), unsettled(contenders, rounds)
+        doubts = parts_of_one(effects), act_elsewhere(effects, where["before"]), unsettled(contenders, rounds)
         return Conclusion("proxies" if any(doubts) else "explained", None, *doubts)
-    forces = _random_forces(search, declared, where)
+    forces = _random_forces(search, declared, where["before"])
     if forces is not None:
         return Conclusion("process noise", forces)
     return Conclusion("proxies" if found.effects else "unexplained")
+
+
+def stands_out(where: Where, level: float) -> bool:
+    """Whether a disturbance of free form, at one of the places, explains more of a residual than it would of white noise.
+
+    What comes and goes, such as a stop that is hit now and then, leaves little for the residual's own past to predict.
+    """
+    chances = [float(chi2.sf(one.score, one.dof)) for one in where.places if one.dof]
+    return min(chances, default=1.0) < level / max(len(chances), 1)
 
 
 def parts_of_one(effects: tuple[Effect, ...]) -> tuple[str, ...]:

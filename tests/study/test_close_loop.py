@@ -32,7 +32,7 @@ from jaxid.study.pairs import pairs_of
 from jaxid.study.rivals import Rival, told_apart
 from jaxid.study.search import SETTLED, Search
 from jaxid.study.study import Candidate, Round
-from jaxid.study.verdict import act_elsewhere, parts_of_one, unsettled
+from jaxid.study.verdict import act_elsewhere, parts_of_one, stands_out, unsettled
 from jaxid.study.workbench import Workbench
 
 SIGMA = 0.02
@@ -304,6 +304,15 @@ def test_what_explains_must_act_where_the_residual_sits(effects, elsewhere):
     )
     where = Where(places, np.zeros((1, 2)), {}, (2, 20), 1.0)
     assert act_elsewhere(effects, where) is elsewhere
+
+
+@pytest.mark.parametrize(("score", "expected"), [(10.0, False), (21.0, False), (24.0, True)])
+def test_what_a_free_form_explains_beyond_chance_is_no_noise(score, expected):
+    # The chi-square of ten degrees of freedom is above 23.2 in one case of a hundred, above 25.2 in one of two hundred.
+    places = (Place("equation", "v", score, 10, 0.1, np.zeros((1, 2)), np.ones((1, 2))), place("output", "x", 0.0))
+    where = Where((places[0],), np.zeros((1, 2)), {}, (2, 20), 1.0)
+    assert stands_out(where, 0.01) is expected
+    assert not stands_out(Where((*where.places, places[1]._replace(score=1.0)), *where[1:]), 0.01)
 
 
 def test_a_form_that_another_shape_nearly_has_is_not_settled():

@@ -10,7 +10,7 @@ Result = dict[str, Any]
 FALSE = 0.01  # stated level: share of studies with a false effect
 WITHIN = 1.05  # error on the test records over what the true model attains
 REFUTED = (
-    25.0  # of chi-square, five standard deviations: a cause that fits the records worse than the truth by less is not
+    25.0  # chi-square: a cause that fits worse than the truth by less than five standard deviations is not refuted
 )
 
 
@@ -104,7 +104,6 @@ def names_no_cause(one: Result) -> bool:
 def _unrefuted(results: Sequence[Result]) -> Callable[[Result], bool]:
     """Whether a study names no cause, or one that its records do not refute even where the truth is known."""
     truths = {_flight(one): one["chi_square"] for one in results if not one["removed"] and "chi_square" in one}
-
     return lambda one: names_no_cause(one) or truths.get(_flight(one), np.inf) - one["fall"] < REFUTED
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from .._foundation.types import Array, Float
 
 Scalar = Float[Array, ""] | float | int
-CROSS = np.cross(np.eye(3)[:, None], np.eye(3)[None])
+CROSS = np.cross(np.eye(3)[:, None], np.eye(3)[None])  # Levi-Civita's symbol: (CROSS @ v) @ w = w x v
 
 
 def quaternion(phi: Scalar, pitch: Scalar, psi: Scalar) -> Float[Array, "4"]:

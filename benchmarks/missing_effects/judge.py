@@ -9,9 +9,7 @@ from scipy.stats import beta
 Result = dict[str, Any]
 FALSE = 0.01  # stated level: share of studies with a false effect
 WITHIN = 1.05  # error on the test records over what the true model attains
-REFUTED = (
-    25.0  # chi-square: a cause that fits worse than the truth by less than five standard deviations is not refuted
-)
+REFUTED = 25.0  # chi-square by which a cause must fit worse than the truth to be refuted: five standard deviations
 
 
 class Share(NamedTuple):

@@ -84,7 +84,7 @@ def conclude(
 def stands_out(where: Where, level: float) -> bool:
     """Whether a disturbance of free form, at one of the places, explains more of a residual than it would of white noise.
 
-    What comes and goes, such as a stop that is hit now and then, leaves little for the residual's own past to predict.
+    It asks more than that the past of the residual predict little of it: what is slow and small passes there.
     """
     chances = [float(chi2.sf(one.score, one.dof)) for one in where.places if one.dof]
     return min(chances, default=1.0) < level / max(len(chances), 1)

@@ -106,12 +106,11 @@ def close_loop(
     search = Search(bench, check, tests, window, options, progress)
     found, rounds = search.run(declared)
     found = bench.finish(found)
-    contenders = search.contenders(found, rounds)
     where["after"] = bench.where(found, like=where["before"]) if found.effects else where["before"]
-    conclusion = conclude(search, rounds, declared, found, contenders, where)
+    conclusion = conclude(search, rounds, declared, found, where)
     if conclusion.process_noise:
-        found, contenders, where["after"] = declared, (), where["before"]
-    rivals = tuple(one for one in contenders if one.chi_square < INSEPARABLE)
+        found, where["after"] = declared, where["before"]
+    rivals = tuple(one for one in conclusion.contenders if one.chi_square < INSEPARABLE)
     reading = {"before": bench.read(declared), "after": bench.read(found)}
     if whole is not None:
         progress("estimate on the whole of the training records")

@@ -22,7 +22,6 @@ from .workbench import Fitted, Workbench
 DETERMINED = 2.0  # standard errors that a gain, or a fall of the check's error, must stand off zero to be told at all
 STUCK = 0.25  # of the score: a refit that brings less than that is begun again elsewhere
 INSEPARABLE = 6.0  # fits whose chi-squares differ by less are rivals that the data cannot tell apart
-SETTLED = 25.0  # by how much worse another shape must fit for this one to be the cause: a discovery's five standard deviations
 Progress = Callable[[str], None]
 
 
@@ -299,20 +298,20 @@ class Search:
         stay = tuple(name for name in fitted.effects if name not in out)
         return self.bench.fit((*stay, *come), values, fitted.fit.parameters.rows)
 
-    def contenders(self, fitted: Fitted, rounds: tuple[Round, ...]) -> tuple[Rival, ...]:
-        """What fits worse by less than `SETTLED`, now that all is in, in the place of what came in in a round."""
+    def contenders(self, fitted: Fitted, rounds: tuple[Round, ...], margin: float) -> tuple[Rival, ...]:
+        """What fits worse by less than a margin, now that all is in, in the place of what came in in a round."""
         found = []
         for one in rounds:
             out = one.came_in
             if not out or not set(out) <= set(fitted.effects):
                 continue
-            for candidate in one.contenders(SETTLED):
+            for candidate in one.contenders(margin):
                 if set(candidate.parts) & set(fitted.effects):
                     continue
                 self.progress(f"contender {candidate.name}")
                 refit = self.replaced(fitted, candidate.parts, out)
                 worse = 2.0 * (refit.cost - fitted.cost)
-                if worse < SETTLED:
+                if worse < margin:
                     model, free = self.bench.model_and_free(refit)
                     found.append(Rival(candidate.name, candidate.sentence, out, worse, model, free))
         return tuple(found)

@@ -11,7 +11,7 @@ from ..diagnosis.where import Where
 from ..models.effects import Effect
 from ..models.noise import FixedNoise
 from .rivals import Rival
-from .search import Search, critical
+from .search import INSEPARABLE, Search, critical
 from .study import RandomForces, Round
 from .workbench import Fitted, Workbench
 
@@ -24,6 +24,7 @@ PLACES = {
 # Of the residual's power: places whose shares differ by more are not the same. Two effects in two places can together do what
 # one does in a third, so that more is asked of them.
 NEAR, NEAR_OF_SEVERAL = 0.2, 0.05
+SETTLED = 25.0  # by how much worse another shape must fit for this one to be the cause: a discovery's five standard deviations
 ALIKE = 0.01  # of what an effect explains: a contender that differs by less is to these records the same, and one set with it
 
 
@@ -33,6 +34,7 @@ class Conclusion(NamedTuple):
     Attributes:
         outcome: as in `Study`.
         process_noise: the random forces where these are it.
+        contenders: what fits hardly worse in the place of what was added.
         parts: of the effects that are in, those that only together make up one function (`parts_of_one`).
         elsewhere: whether most of the effects that are in act elsewhere than where the residual sits (`act_elsewhere`).
         unsettled: what might as well be the cause (`unsettled`).
@@ -40,6 +42,7 @@ class Conclusion(NamedTuple):
 
     outcome: str
     process_noise: RandomForces | None = None
+    contenders: tuple[Rival, ...] = ()
     parts: tuple[str, ...] = ()
     elsewhere: bool = False
     unsettled: tuple[str, ...] = ()
@@ -50,7 +53,6 @@ def conclude(
     rounds: tuple[Round, ...],
     declared: Fitted,
     found: Fitted,
-    contenders: tuple[Rival, ...],
     where: Mapping[str, Where],
 ) -> Conclusion:
     """Whether the residual is consistent with noise after what was added, and if not, whether with random forces alone.
@@ -59,7 +61,6 @@ def conclude(
         search: with its workbench and options.
         rounds: what was tried.
         declared, found: the declared model's fit, and the one with what was added.
-        contenders: what fits hardly worse in the place of what was added.
         where: the places of the residual `before` and `after`, of these two.
     """
     last = rounds[-1]
@@ -73,12 +74,15 @@ def conclude(
         if not found.effects:
             return Conclusion("nothing missing")
         effects = tuple(search.bench.effects[name] for name in found.effects)
+        contenders = search.contenders(found, rounds, SETTLED)
         doubts = parts_of_one(effects), act_elsewhere(effects, where["before"]), unsettled(contenders, rounds)
-        return Conclusion("proxies" if any(doubts) else "explained", None, *doubts)
+        return Conclusion("proxies" if any(doubts) else "explained", None, contenders, *doubts)
     forces = _random_forces(search, declared, where["before"])
     if forces is not None:
         return Conclusion("process noise", forces)
-    return Conclusion("proxies" if found.effects else "unexplained")
+    if not found.effects:
+        return Conclusion("unexplained")
+    return Conclusion("proxies", contenders=search.contenders(found, rounds, INSEPARABLE))
 
 
 def stands_out(where: Where, level: float) -> bool:

@@ -30,9 +30,9 @@ from jaxid.models.effects import Effect
 from jaxid.study.close_loop import SOLVER
 from jaxid.study.pairs import pairs_of
 from jaxid.study.rivals import Rival, told_apart
-from jaxid.study.search import SETTLED, Search
+from jaxid.study.search import Search
 from jaxid.study.study import Candidate, Round
-from jaxid.study.verdict import act_elsewhere, parts_of_one, stands_out, unsettled
+from jaxid.study.verdict import SETTLED, act_elsewhere, parts_of_one, stands_out, unsettled
 from jaxid.study.workbench import Workbench
 
 SIGMA = 0.02

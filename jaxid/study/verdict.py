@@ -176,7 +176,7 @@ def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Ri
         stays = "They leave nothing but noise, but act elsewhere than where the residual sits."
     elif conclusion.unsettled:
         nearly = ", ".join(conclusion.unsettled)
-        stays = f"What stays is noise, but these records do not settle the form: nearly as well would do {nearly}."
+        stays = f"What stays is noise, but these records do not settle the form: {nearly} would do nearly as well."
     sits = " or the ".join(f"{one.kind} {one.name}" for one in left.rivals())
     return {
         "nothing missing": "Nothing is missing: the residual is consistent with noise, and no candidate explains any of it.",

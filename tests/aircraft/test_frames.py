@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxid.aircraft.frames import air_angles, euler, quaternion, quaternion_rate, rotation, velocity
+from jaxid.aircraft.frames import air_angle_rates, air_angles, euler, quaternion, quaternion_rate, rotation, velocity
 
 ANGLES = np.random.default_rng(3).uniform([-np.pi, -1.5, -np.pi], [np.pi, 1.5, np.pi], (20, 3))
 
@@ -62,6 +62,12 @@ def test_air_angles_come_back(V, alpha, beta):
     v = velocity(V, alpha, beta)
     np.testing.assert_allclose(jnp.stack(air_angles(v)), [V, alpha, beta], rtol=1e-13)
     np.testing.assert_allclose(jnp.sin(air_angles(v)[2]), v[1] / V, rtol=1e-13)
+
+
+def test_rates_of_the_air_angles_are_their_derivatives():
+    v, vdot = jnp.array([90.0, -20.0, 35.0]), jnp.array([-3.0, 5.0, 11.0])
+    _, (_, *rates) = jax.jvp(air_angles, (v,), (vdot,))
+    np.testing.assert_allclose(air_angle_rates(v, vdot), rates, rtol=1e-14)  # rounding of a few products
 
 
 def test_sideslip_has_a_derivative_at_ninety_degrees():

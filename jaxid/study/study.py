@@ -109,9 +109,9 @@ class Round:
         if self.winner is None or self.winner.cost_fall is None:
             return ()
         best, family = self.winner.cost_fall, self.winner.family
-        others = (one for one in self.candidates if one.cost_fall is not None and one.family != family)
-        near = {one.name for one in others if best - one.cost_fall < margin} | set(self.rivals)
-        return tuple(one for one in self.candidates if one.name in near)
+        others = [one for one in self.candidates if one.family != family]
+        near = {one.name for one in others if one.cost_fall is not None and best - one.cost_fall < margin}
+        return tuple(one for one in self.candidates if one.name in near | set(self.rivals))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -91,9 +91,14 @@ def estimate(
 
 
 @eqx.filter_jit
-def fit_problem(problem: Problem, begin: Parameters, solver: GaussNewton) -> Fit:
-    """The pure inside of `estimate`: arrays in, arrays out, compiled once for each shape."""
-    parameters, state = minimise(problem, begin, solver)
+def fit_problem(
+    problem: Problem,
+    begin: Parameters,
+    solver: GaussNewton,
+    S: Float[Array, "case time output column"] | None = None,
+) -> Fit:
+    """The pure inside of `estimate`: arrays in, arrays out, compiled once for each shape; arguments as `minimise` takes them."""
+    parameters, state = minimise(problem, begin, solver, S)
     linearised, policy = state.linearised, solver.policy
     information, v = linearised.information, linearised.v
     found = (

@@ -103,14 +103,15 @@ class Problem(eqx.Module):
 
     def cost(self, parameters: Parameters) -> Float[Array, ""]:
         """Negative log-likelihood, priors included; infinite where the simulation fails."""
-        return self._cost(self.residuals(parameters), parameters)
+        return self.cost_of(self.residuals(parameters), parameters)
 
     def evaluate(self, parameters: Parameters) -> tuple[Float[Array, ""], "Linearised"]:
         """Cost and linearised problem from one pass."""
         linearised = self.linearise(parameters)
-        return self._cost(linearised.v, parameters), linearised
+        return self.cost_of(linearised.v, parameters), linearised
 
-    def _cost(self, v, parameters):
+    def cost_of(self, v: Float[Array, "case time output"], parameters: Parameters) -> Float[Array, ""]:
+        """Negative log-likelihood of given residuals, priors included."""
         cost = self.likelihood.noise.cost(v, self.records.mask) + self._prior_cost(parameters)
         return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
 
@@ -130,11 +131,19 @@ class Problem(eqx.Module):
         return self._residuals(y), S
 
     def linearise(self, parameters: Parameters) -> "Linearised":
-        """Residuals, sensitivities and their information, with parameters that press on a bound held.
+        """Residuals, sensitivities and their information."""
+        return self.informed(*self.sensitivities(parameters), parameters)
 
-        Where the simulation fails the information is zero.
+    def informed(
+        self,
+        v: Float[Array, "case time output"],
+        S: Float[Array, "case time output column"],
+        parameters: Parameters,
+    ) -> "Linearised":
+        """What given residuals and sensitivities say of the parameters, those that press on a bound held.
+
+        Where the simulation failed the information is zero.
         """
-        v, S = self.sensitivities(parameters)
         white_v, white_S = self.whiten(v, v), self.whiten(v, S)
         count = self.positions.rows.size
         triangles = record_triangles(white_S[..., :count], white_S[..., count:], white_v)

@@ -24,6 +24,8 @@ from .problem import Linearised, Problem
 SMALLEST_STEP = 2.0**-24
 GIVE_UP = 2.0**-10  # of a step along weak directions, which the next phase replaces
 ROUNDING = 64 * float(jnp.finfo(jnp.float64).eps)  # of a cost that is a sum over many samples, relative to its size
+NEAR = 100.0  # times the tolerance: sensitivities of parameters no farther away serve as those of the parameters themselves
+SLOW = 0.25  # of the step that was left: sensitivities of elsewhere that leave more are made anew
 
 
 class SpectrumDescent(optx.AbstractDescent):
@@ -73,6 +75,10 @@ class State(eqx.Module):
     Attributes:
         trial: where the likelihood is evaluated next.
         cost, linearised: at the last accepted parameters.
+        left: length of the whole step that is left there, in standard errors.
+        away: length of the steps since the sensitivities were made, in standard errors; at most.
+        renew: whether the trial is evaluated for its sensitivities; what was accepted is then its own trial.
+        ending: whether the iteration ends once they are renewed.
         search, descent: the states of their own.
         first: True before the first evaluation.
         converged, stuck, diverged: why the iteration ended, if it has.
@@ -83,6 +89,10 @@ class State(eqx.Module):
     trial: Parameters
     cost: Float[Array, ""]
     linearised: Linearised
+    left: Float[Array, ""]
+    away: Float[Array, ""]
+    renew: Bool[Array, ""]
+    ending: Bool[Array, ""]
     search: Any
     descent: Any
     first: Bool[Array, ""]
@@ -104,9 +114,12 @@ class GaussNewton(eqx.Module):
         least_fall: iteration also ends when an accepted step lowers the cost by less than this (zero: never). Where a model
             has corners, steps stay short, and the last thousandth of a unit of log-likelihood is not worth them.
         max_steps: evaluations of the likelihood before it gives up.
-        cost_first: whether a trial is simulated for its cost before it is for its sensitivities, so that a step that is refused
-            costs little: for models with corners, which refuse many. It compiles one simulation more. Under `vmap` nothing is
-            saved.
+        chord: whether sensitivities serve for several steps. A trial is then simulated for its residuals alone, which costs a
+            small part of the sensitivities. These are made anew where a step with those of elsewhere is refused, leaves more
+            than a quarter of what was left before it, or ends the iteration; elsewhere is more than 100 tolerances away.
+            It compiles one simulation more, and under `vmap` it saves nothing. (The chord method between Newton's
+            steps: V. E. Shamanskii, Ukrainian Mathematical Journal 19, 1967; C. T. Kelley, Iterative Methods for Linear and
+            Nonlinear Equations, SIAM 1995, section 5.4.)
     """
 
     policy: AbstractPolicy = eqx.field(default_factory=Clip)
@@ -114,34 +127,42 @@ class GaussNewton(eqx.Module):
     tolerance: float = eqx.field(static=True, default=1e-6)
     least_fall: float = eqx.field(static=True, default=0.0)
     max_steps: int = eqx.field(static=True, default=200)
-    cost_first: bool = eqx.field(static=True, default=False)
+    chord: bool = eqx.field(static=True, default=False)
 
 
 class Minimiser(optx.AbstractMinimiser):
-    """`GaussNewton` as optimistix runs it, for `fn(y, problem) -> (cost, linearised)`; the latter None where costs are first."""
+    """`GaussNewton` as optimistix runs it, on a problem that it is given as `args`, which knows more than its cost."""
 
     descent: SpectrumDescent
     search: optx.AbstractSearch
     tolerance: float = eqx.field(static=True)
     least_fall: float = eqx.field(static=True)
     max_steps: int = eqx.field(static=True)
+    chord: bool = eqx.field(static=True)
     rtol: float = eqx.field(static=True, default=0.0)
     atol: float = eqx.field(static=True, default=0.0)
     norm: Callable = eqx.field(static=True, default=optx.max_norm)
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
         problem: Problem = args
-        structure = aux_struct or jax.eval_shape(lambda y: _linearise(problem, y), y)
+        structure = jax.eval_shape(lambda y: problem.informed(*_sensitivities(problem, y), y), y)
         empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), structure)
         evaluation = _evaluation(jnp.zeros(()), empty.information)
-        no, history = jnp.array(False), jnp.full(self.max_steps, jnp.nan)
+        known = options.get("S")
+        if known is not None:
+            empty = eqx.tree_at(lambda one: one.S, empty, known)
+        yes, no, history = jnp.array(True), jnp.array(False), jnp.full(self.max_steps, jnp.nan)
         return State(
             trial=problem.project(y),
             cost=jnp.array(jnp.inf),
             linearised=empty,
+            left=jnp.array(jnp.inf),
+            away=jnp.array(0.0),
+            renew=yes if known is None else ~jnp.all(jnp.isfinite(known)),
+            ending=no,
             search=self.search.init(y, evaluation),
             descent=self.descent.init(y, evaluation),
-            first=jnp.array(True),
+            first=yes,
             converged=no,
             stuck=no,
             diverged=no,
@@ -152,43 +173,71 @@ class Minimiser(optx.AbstractMinimiser):
 
     def step(self, fn, y, args, options, state, tags):
         problem: Problem = args
-        cost, aux = fn(state.trial, args)
+        cost, trial = self._evaluate(problem, state)
         # Costs that differ by rounding are equal; otherwise the last, smallest steps would be refused at random.
         slack = jnp.where(jnp.isfinite(cost), ROUNDING * jnp.abs(cost), 0.0)
         before, seen = _evaluation(state.cost, state.linearised.information), optx.FunctionInfo.Eval(cost - slack)
         step_size, accept, _, search = self.search.step(state.first, y, state.trial, before, seen, state.search)
-        accept = accept & (state.first | jnp.isfinite(cost))
-        skip = ~accept & state.descent[-1] & (step_size < GIVE_UP)
+        accept = state.first | state.renew | (accept & jnp.isfinite(cost))
+        moved, optional = accept & ~state.first & ~state.renew, state.descent[-1]
 
-        linearised = aux or jax.lax.cond(
-            accept, lambda trial: _linearise(problem, trial), lambda _: state.linearised, state.trial
-        )
         choose = partial(jax.tree.map, partial(jnp.where, accept))
-        little = ~state.first & ~state.descent[-1] & (jnp.abs(state.cost - cost) < self.least_fall)
-        y, cost, linearised = choose((state.trial, cost, linearised), (y, state.cost, state.linearised))
-        information = linearised.information
-        asked = self.descent.query(y, _evaluation(cost, information), state.descent)
+        y, new_cost, linearised = choose((state.trial, cost, trial), (y, state.cost, state.linearised))
+        left = self.descent.decrement(linearised.information)
+        little = moved & ~optional & (jnp.abs(state.cost - cost) < self.least_fall)
+        close = NEAR * self.tolerance
+        enough = little & (state.away <= close)  # a bad direction, too, brings little
+        done = (left < self.tolerance) | enough
+        away = self._away(state, moved)
+        near = away <= close
+        renew = ~near & (~accept | done | little | (left < close) | (left > SLOW * state.left))
+
+        skip = ~accept & ~renew & optional & (step_size < GIVE_UP)
+        asked = self.descent.query(y, _evaluation(new_cost, linearised.information), state.descent)
         descent = jax.tree.map(partial(jnp.where, accept | skip), asked, state.descent)
-        decrement = self.descent.decrement(information)
-        step_size = jnp.where(skip, 1.0, step_size)
-        search = jax.tree.map(partial(jnp.where, skip), self.search.init(y, before), search)
-        difference, _ = self.descent.step(step_size, descent)
-        at = jnp.where(accept, state.accepted, self.max_steps)
+        search = jax.tree.map(partial(jnp.where, skip | renew), self.search.init(y, before), search)
+        step_size = jnp.where(skip | renew, 1.0, step_size)
+        difference, _ = self.descent.step(jnp.where(renew, 0.0, step_size), descent)
+        again = state.renew & ~state.first  # the same parameters once more
+        at = jnp.where(accept, state.accepted - again, self.max_steps)
         new = State(
             trial=problem.project(jax.tree.map(jnp.add, y, difference)),
-            cost=cost,
+            cost=new_cost,
             linearised=linearised,
+            left=left,
+            away=away,
+            renew=renew,
+            ending=enough,
             search=search,
             descent=descent,
             first=jnp.array(False),
-            converged=accept & ((decrement < self.tolerance) | little) & jnp.isfinite(cost),
+            converged=accept & near & (done | state.ending) & jnp.isfinite(new_cost),
             stuck=step_size < SMALLEST_STEP,
             diverged=state.first & ~jnp.isfinite(cost),
-            accepted=state.accepted + accept,
-            costs=state.costs.at[at].set(cost, mode="drop"),
-            decrements=state.decrements.at[at].set(decrement, mode="drop"),
+            accepted=state.accepted + (accept & ~again),
+            costs=state.costs.at[at].set(new_cost, mode="drop"),
+            decrements=state.decrements.at[at].set(left, mode="drop"),
         )
-        return y, new, aux
+        return y, new, None
+
+    def _away(self, state: State, moved: Bool[Array, ""]) -> Float[Array, ""]:
+        """How far the parameters are, after a trial, from those at which the sensitivities were made."""
+        if not self.chord:
+            return state.away
+        return jnp.where(state.renew, 0.0, state.away + jnp.where(moved, state.left, 0.0))
+
+    def _evaluate(self, problem: Problem, state: State) -> tuple[Float[Array, ""], Linearised]:
+        """The trial's cost and linearised problem, with old sensitivities unless they are due."""
+        if self.chord:
+            v, S = jax.lax.cond(
+                state.renew,
+                lambda trial: _sensitivities(problem, trial),
+                lambda trial: (problem.residuals(trial), state.linearised.S),
+                state.trial,
+            )
+        else:
+            v, S = _sensitivities(problem, state.trial)
+        return problem.cost_of(v, state.trial), problem.informed(v, S, state.trial)
 
     def terminate(self, fn, y, args, options, state, tags):
         return state.converged | state.stuck | state.diverged, optx.RESULTS.successful
@@ -197,13 +246,19 @@ class Minimiser(optx.AbstractMinimiser):
         return y, aux, {}
 
 
-def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[Parameters, State]:
+def minimise(
+    problem: Problem,
+    begin: Parameters,
+    solver: GaussNewton,
+    S: Float[Array, "case time output column"] | None = None,
+) -> tuple[Parameters, State]:
     """Run the solver on a problem: the best parameters, and the state in which it ended.
 
     Args:
         problem: what is to be solved.
         begin: where to start.
         solver: how to iterate.
+        S: the sensitivities at the start, of use to a solver with `chord`; NaN where they are not known.
     """
     minimiser = Minimiser(  # pyright: ignore[reportCallIssue]  (as in models/library.py)
         SpectrumDescent(solver.policy, problem.limits.scale),
@@ -211,13 +266,14 @@ def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[
         solver.tolerance,
         solver.least_fall,
         solver.max_steps,
+        solver.chord,
     )
     solution = optx.minimise(
-        lambda y, problem: (problem.cost(y), None) if solver.cost_first else problem.evaluate(y),
+        lambda y, problem: problem.cost_of(_sensitivities(problem, y)[0], y),
         minimiser,
         begin,
         args=problem,
-        has_aux=True,
+        options={"S": S},
         max_steps=solver.max_steps,
         throw=False,
     )
@@ -225,9 +281,9 @@ def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[
 
 
 @eqx.filter_jit
-def _linearise(problem: Problem, y: Parameters) -> Linearised:
+def _sensitivities(problem: Problem, y: Parameters):
     """A function of its own, to be traced once."""
-    return problem.linearise(y)
+    return problem.sensitivities(y)
 
 
 def _evaluation(cost, information: Information) -> Evaluation:

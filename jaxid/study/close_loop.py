@@ -34,7 +34,7 @@ from .verdict import Conclusion, conclude, verdict
 from .workbench import Fitted, Workbench, starting_states
 
 # Tolerance in standard errors: a decision needs no more. Effects bring corners, at which steps are refused.
-SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=60, cost_first=True)
+SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
 Records = Record | Sequence[Record]
 
 

@@ -70,6 +70,7 @@ def identifiable(one: Result) -> bool:
 def goals(results: Sequence[Result]) -> list[Goal]:
     """Every figure that has a goal, where there are studies for it."""
     parts = split(results)
+    placed, no_cause = _without(parts["removed"], results)
     singles = [one for one in parts["single"] if identifiable(one)]
     doubles = [one for one in parts["double"] if identifiable(one)]
     both = singles + doubles
@@ -78,8 +79,8 @@ def goals(results: Sequence[Result]) -> list[Goal]:
         ("right effect named in the top three", share(singles, lambda one: all(one["top_three"])), 1.0),
         ("error on test records within 5 % of the true model's", share(both, lambda one: one["ratio"] < WITHIN), 1.0),
         ("both effects of a double found", share(doubles, lambda one: all(one["in"])), 0.9),
-        ("effect not in the library: place right", share(parts["removed"], lambda one: one["place_right"]), 0.9),
-        ("effect not in the library: no cause named", share(parts["removed"], names_no_cause), 0.9),
+        ("effect not in the library: place right", placed, 0.9),
+        ("effect not in the library: no cause named", no_cause, 0.9),
         ("the same, or one that fits no worse than the truth", share(parts["removed"], _unrefuted(results)), 0.9),
         ("gusts told as such", share(parts["process"], lambda one: one["outcome"] == "process noise"), 0.95),
         ("gusts: no cause named", share(parts["process"], names_no_cause), 0.95),
@@ -94,15 +95,30 @@ def goals(results: Sequence[Result]) -> list[Goal]:
     return [*told, Goal("studies that failed", failed, 0.0, True, failed.count == 0)]
 
 
-def names_no_cause(one: Result) -> bool:
-    """Whether a study claims nothing that is not so, and does not say that nothing is missing either."""
-    return one["outcome"] not in ("explained", "nothing missing")
+def names_no_cause(one: Result, unseen: bool = False) -> bool:
+    """Whether a study claims nothing that is not so, and says that nothing is missing at most where nothing can be seen."""
+    return not one["effects"] if unseen else one["outcome"] not in ("explained", "nothing missing")
+
+
+def unseen_in(results: Sequence[Result]) -> Callable[[Result], bool]:
+    """Whether a study is of a flight in which not even the true model's fit finds anything of what is planted significant."""
+    whole = [one for one in results if not one["removed"] and one.get("identifiable")]
+    flights = {_flight(one) for one in whole if not any(one["identifiable"])}
+    return lambda one: _flight(one) in flights
 
 
 def _unrefuted(results: Sequence[Result]) -> Callable[[Result], bool]:
     """Whether a study names no cause, or one that its records do not refute even where the truth is known."""
     truths = {_flight(one): one["chi_square"] for one in results if not one["removed"] and "chi_square" in one}
-    return lambda one: names_no_cause(one) or truths.get(_flight(one), np.inf) - one["fall"] < REFUTED
+    unseen = unseen_in(results)
+    return lambda one: names_no_cause(one, unseen(one)) or truths.get(_flight(one), np.inf) - one["fall"] < REFUTED
+
+
+def _without(removed: Sequence[Result], results: Sequence[Result]) -> tuple[Share, Share]:
+    """Of the studies without their effect in the library: where the place is right, if there is one, and no cause named."""
+    unseen = unseen_in(results)
+    place = share([one for one in removed if not unseen(one)], lambda one: one["place_right"])
+    return place, share(removed, lambda one: names_no_cause(one, unseen(one)))
 
 
 def _flight(one: Result) -> tuple:
@@ -157,6 +173,7 @@ def _row(key: tuple[str, str], results: list[Result]) -> Row:
     removed = [one for one in results if one["removed"]]
     good = [one for one in whole if not one["failed"]]
     seen = [one for one in whole if identifiable(one)]
+    place, no_cause = _without(removed, results)
     outcomes: dict[str, int] = {}
     for one in good:
         outcomes[one["outcome"]] = outcomes.get(one["outcome"], 0) + 1
@@ -174,8 +191,8 @@ def _row(key: tuple[str, str], results: list[Result]) -> Row:
         wrong=_mean(one["wrong"] for one in good),
         ratio=(_median(one["ratio"] for one in good), _median(before)),
         outcomes=outcomes,
-        place=share(removed, lambda one: one["place_right"]),
-        no_cause=share(removed, names_no_cause),
+        place=place,
+        no_cause=no_cause,
         naive=share(good, lambda one: one["naive"]["right"]),
         naive_terms=_mean(one["naive"]["terms"] for one in good),
         seconds=_median(one["seconds"] for one in results),

@@ -144,7 +144,7 @@ def _singles() -> tuple[Scenario, ...]:
             "bias of the inclinometer",
             planted(SensorBias, "phi", gain=0.002, places=constant, also=("bias of phi", "1 in p")),
         ),
-        scenario("delay of the log", planted(SensorDelay, "v", gain=0.5, places=(("output", "v"),))),
+        scenario("delay of the log", planted(SensorDelay, "v", gain=1.0, places=(("output", "v"),))),
         scenario("lag of the inclinometer", planted(SensorLag, "phi", gain=0.3, places=(("output", "phi"),))),
         scenario("cross-talk of the gyros", planted(SensorCrossTalk, "r", "p", gain=0.05, places=(("output", "r"),))),
     )

@@ -2,7 +2,17 @@
 
 from collections.abc import Sequence
 
-from benchmarks.missing_effects.judge import Goal, Result, Row, Share, goals, identifiable, names_no_cause, rows
+from benchmarks.missing_effects.judge import (
+    Goal,
+    Result,
+    Row,
+    Share,
+    goals,
+    identifiable,
+    names_no_cause,
+    rows,
+    unseen_in,
+)
 
 NOTES = """chi2: median fall of twice the cost that the true model brings. id: the planted effect is significant in that fit;
 first, top 3 and found count these studies only. wrong: effects added that are none of the planted. ratio: error on test records
@@ -82,23 +92,24 @@ def controls_table(found: Sequence[Row]) -> str:
 
 def shortfalls(results: Sequence[Result]) -> str:
     """Every study that falls short, with what won instead."""
-    lines = []
+    lines, unseen = [], unseen_in(results)
     for one in results:
-        why = shortfall(one)
+        why = shortfall(one, unseen(one))
         if why:
             left_out = ", not in the library" if one["removed"] else ""
             lines.append(f"{one['system']}, {one['scenario']}{left_out}, seed {one['seed']}: {why}")
     return "\n".join(["Studies that fall short:", *lines]) if lines else ""
 
 
-def shortfall(one: Result) -> str:
-    """Why a study falls short, empty where it does not."""
+def shortfall(one: Result, unseen: bool = False) -> str:
+    """Why a study falls short, empty where it does not; `unseen` where nothing of what is planted shows in its records."""
     if one["failed"]:
         return f"failed, {one['failed']}"
     added = ", ".join(one["effects"]) or "nothing"
     if one["removed"]:
-        words = [f"{one['outcome']}: {added}"] * (not names_no_cause(one))
-        return "; ".join(words + [f"place told: {', '.join(one['where'])}"] * (not one["place_right"]))
+        words = [f"{one['outcome']}: {added}"] * (not names_no_cause(one, unseen))
+        misplaced = not (one["place_right"] or unseen)
+        return "; ".join(words + [f"place told: {', '.join(one['where'])}"] * misplaced)
     if one["kind"] == "control":
         return f"false: {added} ({one['outcome']})" if one["effects"] else ""
     if one["kind"] == "process":

@@ -61,8 +61,10 @@ def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effe
         effects += [StateLimit(state, into, start) for into in equations if into != state for start in LEVELS]
         for signal in model.states if pairs <= MOST_PAIRS_FOR_SHAPES else ():
             effects += [DeadBand(acting, signal), *(Hinge(acting, signal, fraction) for fraction in KNOTS)]
-        for signal in model.states if pairs <= MOST_PAIRS_FOR_MEMORY else ():
-            effects += [LaggedSignal(acting, signal), Hysteresis(acting, signal)]
+        if pairs <= MOST_PAIRS_FOR_MEMORY:
+            # A place that acts late is its speed that acts late, in other words: their lags are one, where damping is free.
+            effects += [LaggedSignal(acting, signal) for signal in equations]
+            effects += [Hysteresis(acting, signal) for signal in model.states]
     return effects
 
 

@@ -21,6 +21,7 @@ from .workbench import Fitted, Workbench
 
 DETERMINED = 2.0  # standard errors that a gain, or a fall of the check's error, must stand off zero to be told at all
 STUCK = 0.25  # of the score: a refit that brings less than that is begun again elsewhere
+FAR = 2.0  # times the best score: a fall that is larger tells that the scores were asked far from the solution
 INSEPARABLE = 6.0  # fits whose chi-squares differ by less are rivals that the data cannot tell apart
 Progress = Callable[[str], None]
 
@@ -116,6 +117,10 @@ class Search:
         if not kept:
             return None, None, (), tuple(told)
         winner, rivals = self.choose(kept, refits)
+        second = self.second_look(fitted, kept[winner], candidates, tuple(listed.twins), before, refits, number)
+        told = [second.get(one.name, one) for one in told]
+        kept |= {name: one for name, one in second.items() if one.verdict == "kept"}
+        winner, rivals = self.choose(kept, refits)
         rivals += tuple(name for name, same in listed.twins.items() if same == winner)
         verdicts = {
             name: "added"
@@ -127,6 +132,30 @@ class Search:
         }
         told = [dataclasses.replace(one, verdict=verdicts.get(one.name, one.verdict)) for one in told]
         return winner, refits[winner], rivals, tuple(told)
+
+    def second_look(
+        self, fitted: Fitted, winner: Candidate, candidates, twins, before, refits: dict[str, Fitted], number: int
+    ) -> dict[str, Candidate]:
+        """Refit what, asked at the winner's solution, would do better in its place.
+
+        A score is asked where the declared model was fitted. Where what is missing is large, that is far from the truth, and the
+        right effect can score behind others; the winner's solution is nearer.
+        """
+        if winner.pair or _cost_fall(winner) < FAR * candidates[0].score:
+            return {}
+        at, effects = refits[winner.name], self.bench.effects
+        waiting = [one for one in candidates if one.name not in (*refits, *twins) and not effects[one.name].refines]
+        gains = [self.bench.gains[one.name] for one in waiting]
+        falls = np.asarray(self.bench.exchange_falls(at, [winner.parts]))[0, gains]
+        told = {}
+        for index in np.argsort(-falls)[: self.options.pairs]:
+            if falls[index] <= 0.0:
+                break
+            other = waiting[index]
+            self.progress(f"round {number}: refit with {other.name}, in the place of {winner.name}")
+            refits[other.name] = self.replaced(at, other.parts, winner.parts)
+            told[other.name] = self.judge(fitted, refits[other.name], other, before, self.threshold(candidates))
+        return told
 
     def refit_pairs(self, fitted, candidates, scores, before, refits: dict[str, Fitted], number) -> list[Candidate]:
         """Refit the pairs that score best together, for effects that hide each other: weak alone, strong together.

@@ -28,6 +28,10 @@ class InputDelay(Effect):
         return f"input {self.channel}"
 
     @property
+    def signals_used(self):
+        return (self.channel,)
+
+    @property
     def sentence(self):
         return f"the input {self.channel} acts later than it is recorded"
 
@@ -54,6 +58,10 @@ class InputBetweenSamples(Effect):
     @property
     def place(self):
         return f"input {self.channel}"
+
+    @property
+    def signals_used(self):
+        return (self.channel,)
 
     @property
     def sentence(self):
@@ -85,6 +93,10 @@ class InputLag(Effect):
     @property
     def place(self):
         return f"input {self.channel}"
+
+    @property
+    def signals_used(self):
+        return (self.channel,)
 
     @property
     def sentence(self):

@@ -123,6 +123,10 @@ class SensorDelay(SensorEffect):
         return f"delay of {self.channel}"
 
     @property
+    def signals_used(self):
+        return (self.channel,)
+
+    @property
     def sentence(self):
         return f"the sensor of {self.channel} is late"
 
@@ -147,6 +151,10 @@ class SensorLag(SensorEffect):
     @property
     def name(self):
         return f"lag of {self.channel}"
+
+    @property
+    def signals_used(self):
+        return (self.channel,)
 
     @property
     def sentence(self):

@@ -98,7 +98,7 @@ def parts_of_one(effects: tuple[Effect, ...]) -> tuple[str, ...]:
     """Names of effects that, being of different shapes, only together make up a function of the same signals in one place.
 
     A series of terms is a way to write a function; a kink, a friction and a cubic that it takes to say what one signal does are
-    not three causes.
+    not three causes, and a delay with a lag says that an input is late in a way of which two things are known.
     """
     groups: dict[tuple, list[Effect]] = {}
     for effect in effects:

@@ -15,13 +15,17 @@ from jaxid._foundation.types import Array
 from jaxid.diagnosis import Place, Scores, Where
 from jaxid.estimation.estimate import as_stack
 from jaxid.models import (
+    Acting,
+    DeadBand,
     DryFriction,
     FixedNoise,
+    InputBetweenSamples,
     InputDelay,
     ParameterShift,
     QuadraticDrag,
     SensorBias,
     SensorDelay,
+    SensorLag,
     SensorSaturation,
     SensorScale,
     Term,
@@ -180,6 +184,36 @@ def test_pairs_score_together_what_their_parts_hide():
     assert best.score > 2.0 * max(one.score for one in single)
 
 
+def hard_spring(seed):
+    """One record of a spring that hardens, so much that the linear one is far from it."""
+    rng = np.random.default_rng(seed)
+    t = 0.1 * np.arange(200)
+    u = np.convolve(3.0 * rng.normal(size=200), np.ones(8) / 2.5, "same")[:, None]
+    truth = Augmented(Spring(jnp.array(1.5), jnp.array(0.2)), (Term("v", "x^3", jnp.array(-0.3)),))
+    y = np.asarray(simulate(truth, t, u, jnp.zeros(2)).y)
+    return record(t, u, y + SIGMA * rng.normal(size=y.shape), inputs=("force",), outputs=("x",))
+
+
+@pytest.mark.parametrize("first", [0, 10, 20])
+def test_what_scores_second_far_from_the_solution_is_asked_again_at_it(first):
+    """A dead band scores best where the linear spring was fitted, and is the only one refitted; at its solution x^3 is better."""
+    flown = [hard_spring(first + i) for i in range(4)]
+    cubic, band = Term("v", "x^3"), DeadBand(Acting.equation("v"), "x")
+    model = Spring(jnp.array(1.5), jnp.array(0.2))
+    library = (cubic, band, Term("v", "x v"), Term("v", "v^3"), Term("v", "force^3"))
+    bench = Workbench(model, free(model, "k", "c"), library, OutputError(), as_stack(flown[:2]), SOLVER)
+    search = Search(bench, as_stack(flown[2:]), {}, None, LoopOptions(refits=1), lambda _: None)
+    declared = bench.set_shapes(bench.base())
+    scores = bench.score(declared)
+    candidates = search.candidates(declared, scores)
+    assert candidates[0].name == band.name
+    added, _, _, told = search.best(declared, candidates, scores, 1)
+    verdicts = {one.name: one.verdict for one in told}
+    assert added == cubic.name
+    assert (verdicts[cubic.name], verdicts[band.name]) == ("added", "helps less")
+    assert len(told) == len(candidates)
+
+
 def test_two_late_sensors_give_way_to_one_late_input():
     """A late input is two late sensors; where it comes last in the list of candidates, it comes in by an exchange."""
     late = InputDelay("force", jnp.array(0.1))
@@ -270,8 +304,10 @@ def both_seen(seed, effect):
         ((Term("v", "x^3"), QuadraticDrag("v", "v")), ()),
         ((SensorBias("x"), SensorScale("x")), ()),
         ((Term("v", "x^3"), DryFriction("v", "v"), Term("v", "v^3")), ("sign(v) in v", "v^3 in v")),
+        ((SensorDelay("x"), SensorBias("x"), SensorLag("v")), ()),
+        ((InputDelay("force"), InputBetweenSamples("force")), ("delay of input force", "force between samples")),
     ],
-    ids=["series", "two signals", "one sensor", "shapes of one signal"],
+    ids=["series", "two signals", "one sensor", "shapes of one signal", "late and off", "late in two ways"],
 )
 def test_shapes_of_one_signal_are_not_several_causes(effects, parts):
     assert parts_of_one(effects) == parts

@@ -31,7 +31,7 @@ from jaxid.study.workbench import Workbench
 TRUTH = "beta^2 in Cm"
 PASS = "jit(sensitivities)"  # as JAX calls the program that scores all candidates
 WINDOW = 50  # samples in which a flight's initial state is fitted
-STEPS = ("fit", "score", "where", "predict", "read", "set_shapes")
+STEPS = ("compile", "fit", "score", "where", "predict", "read", "set_shapes")
 
 
 class Size(NamedTuple):

@@ -99,6 +99,8 @@ def close_loop(
             check_window(model, records, window, len(starting_states(free, model, model)))
 
     bench = Workbench(model, free, library, likelihood, train, solver)
+    progress("compilation of the model with its candidates")
+    bench.compile((check, *tests.values()), window)
     progress("estimate of the declared model")
     declared = bench.set_shapes(_started(bench))
     progress("where the residual sits")

@@ -1,6 +1,7 @@
 """The workbench of a loop: one augmented model, compiled once, in which any set of effects can be fitted and scored."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax
@@ -102,9 +103,33 @@ class Workbench:
         self.variables: dict[str, Array] = {}
         self.passed: tuple | None = None
 
+    def compile(self, tests: Sequence[Record], window: int | None) -> None:
+        """Compile the programs that every study needs, side by side, before any of them runs.
+
+        XLA compiles one program on little more than one core, and outside of Python's lock. (Programs that run beside each other
+        could lock up on few cores; these only come into being.)
+
+        Args:
+            tests: records that will be predicted.
+            window: as `predict` takes it.
+        """
+        values = self._values()
+        problem, shared = self._problem(range(len(self.columns)), len(self.columns), values, None)
+        rows = start(problem.model, problem.positions, problem.records).rows
+        noise = jnp.eye(len(self.records.outputs))
+        by_shape = {(records.z.shape, records.u.shape): records for records in tests}
+        programs = [
+            (fit_problem, self._to_fit(self._chosen(()), values, None, None)),
+            (sensitivities, (problem, Parameters(shared, rows))),
+            *((predict_stack, self._to_predict(values, noise, records, window)) for records in by_shape.values()),
+        ]
+        with ThreadPoolExecutor() as beside:
+            for done in [beside.submit(program.lower(*arguments).compile) for program, arguments in programs]:
+                done.result()
+
     def base(self, records: Record | None = None) -> Fitted:
         """The declared model by itself."""
-        return self.fit((), np.asarray(flatten(self.model)[0])[self.at], records=records)
+        return self.fit((), self._values(), records=records)
 
     def set_shapes(self, fitted: Fitted) -> Fitted:
         """Set the effects' shapes from the signals of the declared model's fit; the fit itself is not touched."""
@@ -114,7 +139,7 @@ class Workbench:
         self.model = eqx.tree_at(lambda model: model.effects_in, self.model, canonical(effects))
         self.effects = {effect.name: effect for effect in effects}
         self.lower, self.upper = self._effect_bounds()
-        values = np.array(flatten(self.model)[0])[self.at]
+        values = self._values()
         values[: len(self.free.shared)] = fitted.values[: len(self.free.shared)]
         return eqx.tree_at(lambda one: one.values, fitted, values)
 
@@ -133,17 +158,8 @@ class Workbench:
             rows: the records' own parameters, where to start; what the model reads from the records by default.
             records: other records than the training ones.
         """
-        declared = range(len(self.free.shared))
-        chosen = [
-            *declared,
-            *(self.column[name] for effect in effects for name in own_parameters(self.effects[effect])),
-        ]
-        problem, shared = self._problem(chosen, self._width(chosen), values, records)
-        begin = start(problem.model, problem.positions, problem.records)
-        parameters = Parameters(shared, begin.rows if rows is None else rows)
-        found = fit_problem(
-            problem, parameters, self.solver, self._known_sensitivities(problem, chosen, values, parameters)
-        )
+        chosen = self._chosen(effects)
+        found = fit_problem(*self._to_fit(chosen, values, rows, records))
         new = np.array(values)
         new[chosen] = np.asarray(found.parameters.shared)[: len(chosen)]
         return Fitted(tuple(effects), new, found, tuple(chosen))
@@ -172,7 +188,7 @@ class Workbench:
 
     def predict(self, fitted: Fitted, records: Record, window: int | None) -> Prediction:
         """Predict records that were not used."""
-        return self._predict(fitted.values, fitted.fit.noise, records, window)
+        return predict_stack(*self._to_predict(fitted.values, fitted.fit.noise, records, window))
 
     def where(self, fitted: Fitted, like: Where | None = None) -> Where:
         """Where the residual of a fit sits, among the declared equations, the inputs and the outputs.
@@ -235,6 +251,23 @@ class Workbench:
             self.passed = (fitted, (problem, parameters, sensitivities(problem, parameters)))
         return self.passed[1]
 
+    def _values(self) -> Float[np.ndarray, " column"]:
+        """Of all columns, as the model has them."""
+        return np.array(flatten(self.model)[0])[self.at]
+
+    def _chosen(self, effects: Sequence[str]) -> list[int]:
+        """Columns of the declared parameters and of those of some effects."""
+        own = (self.column[name] for effect in effects for name in own_parameters(self.effects[effect]))
+        return [*range(len(self.free.shared)), *own]
+
+    def _to_fit(self, chosen: Sequence[int], values, rows, records: Record | None):
+        """What `fit_problem` takes."""
+        problem, shared = self._problem(chosen, self._width(chosen), values, records)
+        if rows is None:
+            rows = start(problem.model, problem.positions, problem.records).rows
+        parameters = Parameters(shared, rows)
+        return problem, parameters, self.solver, self._known_sensitivities(problem, chosen, values, parameters)
+
     def _known_sensitivities(self, problem: Problem, chosen: Sequence[int], values, parameters: Parameters):
         """Those of the latest pass, where a fit starts from there; else NaN."""
         records, width = problem.records, parameters.shared.size
@@ -250,9 +283,10 @@ class Workbench:
     def _is_free(self, columns) -> Bool[Array, " column"]:
         return jnp.zeros(len(self.columns), bool).at[np.array(columns, int)].set(True)
 
-    def _predict(self, values, noise, records, window) -> Prediction:
+    def _to_predict(self, values, noise, records: Record, window: int | None):
+        """What `predict_stack` takes."""
         known = eqx.tree_at(lambda likelihood: likelihood.noise, self.likelihood, FixedNoise(_regular(noise)))
-        return predict_stack(self._with(values), records.anonymous(), known, window, self.starts)
+        return self._with(values), records.anonymous(), known, window, self.starts
 
     def model_and_free(self, fitted: Fitted) -> tuple[AbstractModel, Free]:
         """The declared model with the effects of a fit and its values, and what is free in it."""

@@ -2,9 +2,10 @@
 
 They follow from the linear model along a trajectory,
 
-    dx_(i+1) = Phi_i dx_i + h/2 (Phi_i B_i d_i + B_(i+1) d_(i+1)),    dy_i = C_i dx_i + D_i d_i
+    dx_(i+1) = Phi_i dx_i + P_i d_i + Q_i d_(i+1),    dy_i = C_i dx_i + D_i d_i
 
-so that every place costs a linear recursion and no simulation.
+so that every place costs a linear recursion and no simulation. P and Q are what a push does over one step, straight in time from
+`d_i` at its beginning to `d_(i+1)` at its end.
 """
 # Pyright counts the arguments of functions that equinox and jaxtyping wrap in its own way; the tests execute them.
 # pyright: reportCallIssue=false
@@ -20,7 +21,6 @@ from ..estimation.likelihoods import OutputError
 from ..estimation.problem import Problem
 from ..models.base import AbstractModel
 from ..models.free import insert
-from ..simulation.simulate import run
 from ..simulation.steppers import rate
 
 Kind = Literal["equation", "input", "output", "parameter"]
@@ -33,9 +33,44 @@ class Linear(NamedTuple):
     y: Float[Array, "time output"]
 
     Phi: Float[Array, "step state state"]
+    P: Float[Array, "step state place"]
+    Q: Float[Array, "step state place"]
     C: Float[Array, "time output state"]
-    B: Float[Array, "time state place"]
     D: Float[Array, "time output place"]
+
+
+class Pushed(AbstractModel):
+    """A model with a force in each equation and a push on each input, straight in time over one step.
+
+    Attributes:
+        model: what is pushed.
+        begin, length: of the step [s].
+        first, last: forces, then pushes, at its beginning and at its end.
+    """
+
+    model: AbstractModel
+    begin: Float[Array, ""]
+    length: Float[Array, ""]
+    first: Float[Array, " push"]
+    last: Float[Array, " push"]
+
+    states = property(lambda self: self.model.states)
+    inputs = property(lambda self: self.model.inputs)
+    outputs = property(lambda self: self.model.outputs)
+
+    def rhs(self, t, x, u):
+        force, push = self._at(t)
+        return rate(self.model, t, x, u + push) + force
+
+    def output(self, t, x, u):
+        return self.output_given(t, x, u, self.rhs(t, x, u))
+
+    def output_given(self, t, x, u, dx):
+        return self.model.output_given(t, x, u + self._at(t)[1], dx)
+
+    def _at(self, t):
+        share = jnp.where(self.length > 0, (t - self.begin) / jnp.where(self.length > 0, self.length, 1.0), 0.0)
+        return jnp.split(self.first + share * (self.last - self.first), [len(self.states)])
 
 
 def linear_model(problem: Problem, own, shared, case, kinds: tuple[Kind, ...], equations: tuple[str, ...]) -> Linear:
@@ -55,40 +90,43 @@ def linear_model(problem: Problem, own, shared, case, kinds: tuple[Kind, ...], e
         return insert(problem.model, flat, problem.positions, theta, own)
 
     model, x0 = made(shared)
-    t, u = record.t, record.u
-    solution = run(model, t, u, x0, likelihood.hold, likelihood.stepper)
-    x = solution.x
+    t, u, stepper = record.t, record.u, likelihood.stepper
     path = model.input_path(likelihood.hold.path(t, u))
+    x, _ = stepper.states(model, t, path, x0)
+    spans = jnp.stack([t, jnp.append(t[1:], t[-1])], axis=1)  # one more step, of no length: the last sample's outputs
 
-    def interval(i, x):
-        return likelihood.stepper.states(model, jax.lax.dynamic_slice(t, (i,), (2,)), path, x)[0][1]
+    def step(span, x, u, first, last):
+        """State behind a step, and outputs before it, under a push."""
+        pushed = Pushed(model, span[0], span[1] - span[0], first, last)
+        later, rates = stepper.states(pushed, span, path, x)
+        y = pushed.output_given(span[0], x, u, rates[0])
+        return (later[1], y), y
 
-    Phi = jax.vmap(jax.jacfwd(interval, argnums=1))(jnp.arange(t.size - 1), x[:-1])
-    Phi = jnp.where((jnp.diff(t) > 0)[:, None, None], Phi, jnp.eye(x.shape[1]))
+    still = jnp.zeros(x.shape[1] + u.shape[1])
+    # All three derivatives at once: the model is compiled once for them.
+    slopes = jax.jacfwd(step, argnums=(1, 3, 4), has_aux=True)
+    (moved, seen), y = jax.vmap(slopes, in_axes=(0, 0, 0, None, None))(spans, x, u, still, still)
+    goes_on = (jnp.diff(t) > 0)[:, None, None]
+    Phi = jnp.where(goes_on, moved[0][:-1], jnp.eye(x.shape[1]))
+    before, after = (jnp.where(goes_on, one[:-1], 0.0) for one in moved[1:])
+    outputs = len(model.outputs)
 
-    def moved(t, x, u, force):
-        """Rates and outputs under a force in each equation: one function, so that the model is compiled once for all places."""
-        dx = rate(model, t, x, u) + force
-        return dx, model.output_given(t, x, u, dx)
+    def entering(kind):
+        """P, Q and D of the places of a kind."""
+        if kind == "output":
+            nothing = jnp.zeros((t.size - 1, x.shape[1], outputs))
+            return nothing, nothing, jnp.broadcast_to(jnp.eye(outputs), (t.size, outputs, outputs))
+        if kind == "parameter":
+            B, D = jax.vmap(lambda t, x, u: _by_parameter(made, t, x, u, shared))(t, x, u)
+            half = jnp.diff(t)[:, None, None] / 2
+            return half * Phi @ B[:-1], half * B[1:], D
+        states, inputs = len(model.states), len(model.inputs)
+        chosen = [model.states.index(name) for name in equations]
+        columns = np.array(chosen if kind == "equation" else range(states, states + inputs), int)
+        return before[..., columns], after[..., columns], seen[1][..., columns]
 
-    def at(t, x, u):
-        A, C = jax.jacfwd(moved, argnums=(1, 2, 3))(t, x, u, jnp.zeros(x.size))
-        parts = []
-        for kind in kinds:
-            if kind == "equation":
-                chosen = np.array([model.states.index(name) for name in equations], int)
-                parts.append((A[2][:, chosen], C[2][:, chosen]))
-            elif kind == "input":
-                parts.append((A[1], C[1]))
-            elif kind == "output":
-                parts.append((jnp.zeros((x.size, len(model.outputs))), jnp.eye(len(model.outputs))))
-            else:
-                parts.append(_by_parameter(made, t, x, u, shared))
-        B, D = (jnp.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-        return C[0], B, D
-
-    C, B, D = jax.vmap(at)(t, x, u)
-    return Linear(x, solution.y, Phi, C, B, D)
+    P, Q, D = (jnp.concatenate(part, axis=2) for part in zip(*map(entering, kinds), strict=True))
+    return Linear(x, y, Phi, P, Q, seen[0], D)
 
 
 def _by_parameter(made, t, x, u, shared):
@@ -107,17 +145,16 @@ def hats_of(t: Float[Array, " time"], knots: int) -> tuple[Float[Array, "time kn
     return jnp.clip(1.0 - jnp.abs(t[:, None] - grid[None]) / (grid[1] - grid[0]), 0.0), grid
 
 
-def answers(linear: Linear, t, hats) -> Float[Array, "time output place knot"]:
+def answers(linear: Linear, hats) -> Float[Array, "time output place knot"]:
     """The outputs' answers to every hat at every place."""
-    h = jnp.diff(t)
-    forcing = jnp.einsum("tsp,tk->tspk", linear.B, hats)
+    forcing = jnp.einsum("tsp,tk->tspk", linear.P, hats[:-1]) + jnp.einsum("tsp,tk->tspk", linear.Q, hats[1:])
 
     def step(dx, now):
-        Phi, h, before, after = now
-        dx = jnp.tensordot(Phi, dx + h / 2 * before, 1) + h / 2 * after
+        Phi, pushed = now
+        dx = jnp.tensordot(Phi, dx, 1) + pushed
         return dx, dx
 
     start = jnp.zeros(forcing.shape[1:])
-    _, later = jax.lax.scan(step, start, (linear.Phi, h, forcing[:-1], forcing[1:]))
+    _, later = jax.lax.scan(step, start, (linear.Phi, forcing))
     dx = jnp.concatenate([start[None], later])
     return jnp.einsum("tos,tspk->topk", linear.C, dx) + jnp.einsum("top,tk->topk", linear.D, hats)

@@ -79,7 +79,7 @@ def process_noise(
 ) -> ProcessNoise:
     r"""Fit process noise to the residuals of a problem, and filter residuals and columns with it.
 
-        dx_(i+1) = Phi_i dx_i + h/2 (Phi_i B_i d_i + B_(i+1) d_(i+1)),    d_(i+1) = a d_i + sqrt(1 - a^2) s w_i
+        dx_(i+1) = Phi_i dx_i + P_i d_i + Q_i d_(i+1),    d_(i+1) = a d_i + sqrt(1 - a^2) s w_i
         v_i = C_i dx_i + D_i d_i + S_i dtheta + e_i,    a = exp(-h / time)
 
     What the free parameters took of the forces is given back: noise and linear step `dtheta` are found in turn.
@@ -105,7 +105,7 @@ def process_noise(
     signals = jnp.concatenate([linear.x, problem.records.u, linear.y], axis=-1)
     linear = linear._replace(C=problem.whiten(v, linear.C), D=problem.whiten(v, linear.D))
     t, seen = problem.records.t, problem.records.mask
-    probes = jax.vmap(answers)(linear, t, probing(signals, t))
+    probes = jax.vmap(answers)(linear, probing(signals, t))
     probes = probes.reshape(*seen.shape, -1)
 
     def filtered(noise: Noise, columns):
@@ -197,21 +197,21 @@ def _filtered(
     """Whitened innovations of all columns of one case, and the log-determinant of their covariance at each sample."""
     deviation = jnp.exp(noise.force)
     h = jnp.concatenate([jnp.diff(t), jnp.zeros(1)])
-    n, p = linear.B.shape[1:]
+    n, p = linear.P.shape[1:]
     H = jnp.concatenate([linear.C, linear.D], axis=-1)
     # Padding, and samples that are not valid, say nothing: no row, and a noise of one.
     R = jnp.where(seen, jnp.exp(noise.instruments)[None], 1.0)
     a = jnp.exp(-h / jnp.exp(noise.time))
 
-    def transition(Phi, h, a, before, after):
-        kick = h / 2 * after
-        F = jnp.block([[Phi, Phi @ (h / 2 * before) + a * kick], [jnp.zeros((p, n)), a * jnp.eye(p)]])
-        G = jnp.concatenate([kick, jnp.eye(p)])
+    def transition(Phi, a, before, after):
+        F = jnp.block([[Phi, before + a * after], [jnp.zeros((p, n)), a * jnp.eye(p)]])
+        G = jnp.concatenate([after, jnp.eye(p)])
         return F, (1.0 - a**2) * (G * deviation[None] ** 2) @ G.T
 
-    Phi = jnp.concatenate([linear.Phi, jnp.eye(n)[None]])
-    after = jnp.concatenate([linear.B[1:], linear.B[-1:]])
-    F, Q = jax.vmap(transition)(Phi, h, a, linear.B, after)
+    # Behind the last sample nothing moves any more.
+    still = jnp.zeros((1, n, p))
+    pushes = (jnp.concatenate([one, still]) for one in (linear.P, linear.Q))
+    F, Q = jax.vmap(transition)(jnp.concatenate([linear.Phi, jnp.eye(n)[None]]), a, *pushes)
 
     def step(carry, now):
         state, P = carry

@@ -246,7 +246,7 @@ def search(
         hats, grid = hats_of(t, knots)
         at = jnp.clip(jnp.searchsorted(t, grid), 0, rows - 1)
         variables = jnp.concatenate([linear.x, u, linear.y], axis=-1)[at]
-        return seen[..., None, None] * answers(linear, t, hats), grid, variables
+        return seen[..., None, None] * answers(linear, hats), grid, variables
 
     G, grid, variables = jax.vmap(one)(parameters.rows, problem.cases(), scaled)
     white, columns = v * scaled, S * scaled[..., None]

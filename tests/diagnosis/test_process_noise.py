@@ -34,8 +34,8 @@ class Spring(jaxid.AbstractModel):
 def some_linear(key, rows=12, states=2, outputs=2, places=2):
     """A time-varying linear model of arbitrary numbers."""
     shapes = (
-        (rows, states), (rows, outputs), (rows - 1, states, states), (rows, outputs, states),
-        (rows, states, places), (rows, outputs, places),
+        (rows, states), (rows, outputs), (rows - 1, states, states), (rows - 1, states, places),
+        (rows - 1, states, places), (rows, outputs, states), (rows, outputs, places),
     )  # fmt: skip
     keys = jax.random.split(key, len(shapes))
     return Linear(*(0.6 * jax.random.normal(one, shape) for one, shape in zip(keys, shapes, strict=True)))
@@ -43,7 +43,7 @@ def some_linear(key, rows=12, states=2, outputs=2, places=2):
 
 def dense(linear: Linear, t, noise: Noise):
     """The covariance of all outputs, by the impulse response of each of the forces' independent parts."""
-    h, (rows, places) = np.diff(t), (len(t), linear.B.shape[2])
+    h, (rows, places) = np.diff(t), (len(t), linear.P.shape[2])
     a = np.exp(-h / np.exp(noise.time))
     answers = []
     for k in range(rows):
@@ -56,7 +56,7 @@ def dense(linear: Linear, t, noise: Noise):
             for i in range(rows):
                 y.append(linear.C[i] @ x + linear.D[i] @ d[i])
                 if i < rows - 1:
-                    x = linear.Phi[i] @ (x + h[i] / 2 * linear.B[i] @ d[i]) + h[i] / 2 * linear.B[i + 1] @ d[i + 1]
+                    x = linear.Phi[i] @ x + linear.P[i] @ d[i] + linear.Q[i] @ d[i + 1]
             answers.append(np.concatenate(y))
     A = np.array(answers).T
     return A @ A.T + np.diag(np.tile(np.exp(noise.instruments), rows))

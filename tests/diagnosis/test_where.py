@@ -11,10 +11,11 @@ import jaxid
 from jaxid._foundation.checks import InputError
 from jaxid.data import Record
 from jaxid.diagnosis import where
+from jaxid.diagnosis.free_form import answers, hats_of, linear_model
 from jaxid.diagnosis.where import resolution, search
 from jaxid.estimation import estimate
 from jaxid.estimation.problem import Limits, Problem
-from jaxid.models import InputDelay, SensorScale, Term
+from jaxid.models import InputDelay, InputLag, SensorScale, Term
 
 SIGMA, ROWS, DRAWS, KNOTS = 0.01, 200, 2000, 8
 
@@ -93,21 +94,62 @@ def test_a_missing_force_is_placed_in_its_equation_and_not_told_from_the_input_t
     assert {one.name for one in found.places} == {"v", "force", "x"}  # x' = v is exact and is not asked about
 
 
-def test_the_disturbance_is_the_missing_force(cubic):
-    """Up to what the free parameters can do as well, a force along x and v: together they say 90 % of the missing one at the
-    knots, which x and v alone do not."""
-    found, records = cubic
-    place = next(one for one in found.places if one.kind == "equation")
-    at = [[np.interp(found.knots[i], one.t, one.channel(name)) for name in ("x", "v")] for i, one in enumerate(records)]
-    x, v = np.concatenate([one[0] for one in at]), np.concatenate([one[1] for one in at])
-    missing, d = -0.1 * x**3, place.disturbance.reshape(-1)
+def test_the_disturbance_is_the_missing_force():
+    """Up to what the free parameters can do as well, a force along x and v. Of what these two leave of the missing force at the
+    knots, the disturbance takes away 60 %, on four pairs of records: 57 to 80 % in one pair, as few knots are coarse."""
+    effect, taken = Term("v", "x^3", gain=jnp.array(-0.1)), []
+    for first in (1, 3, 5, 7):
+        records = [measured(effect, seed) for seed in (first, first + 1)]
+        found = where(estimate(SPRING, FREE, records, KNOWN), records, KNOWN, knots=20)
+        d = next(one for one in found.places if one.kind == "equation").disturbance.reshape(-1)
+        at = [[np.interp(found.knots[i], T, one.channel(name)) for name in ("x", "v")] for i, one in enumerate(records)]
+        x, v = (np.concatenate([one[k] for one in at]) for k in (0, 1))
+        left = [_left(x**3, x, v), _left(x**3, x, v, d)]
+        taken.append(1.0 - left[1] / left[0])
+    assert np.mean(taken) > 0.6, taken
 
-    def explained(*columns):
-        A = np.stack(columns, axis=1)
-        return 1 - np.sum((missing - A @ np.linalg.lstsq(A, missing, rcond=None)[0]) ** 2) / np.sum(missing**2)
 
-    assert explained(x, v, d) > 0.9
-    assert explained(x, v) < 0.75
+def _left(missing, *columns):
+    """Sum of squares that a regression on these leaves."""
+    A = np.stack(columns, axis=1)
+    return np.sum((missing - A @ np.linalg.lstsq(A, missing, rcond=None)[0]) ** 2)
+
+
+@pytest.mark.parametrize(
+    "likelihood", [KNOWN, jaxid.OutputError(KNOWN.noise, stepper=jaxid.RK4(3))], ids=["one", "three"]
+)
+def test_answers_to_hats_are_derivatives_of_the_simulation(likelihood):
+    """Hats that are straight between the samples, as the input is: a push of the input is a change of the record's."""
+    truth = jaxid.Augmented(
+        SPRING, (Term("v", "x^3", gain=jnp.array(-0.1)), InputLag("force", jnp.array(1.0), jnp.array(0.3)))
+    )
+    start, u = jnp.array([0.5, 0.0, 0.0]), force(1)
+    one = jax.tree.map(lambda leaf: leaf[None], record_of(jnp.zeros((ROWS, 2)), u))
+    problem = Problem.of(truth, jaxid.free(truth, per_record=("initial_state",)), one, likelihood)
+    case = jax.tree.map(lambda leaf: leaf[0], problem.cases())
+    linear = linear_model(problem, start, jnp.zeros(0), case, ("equation", "input", "output"), ("v",))
+    hats, _ = hats_of(T, KNOTS)
+    found = answers(linear, hats)
+
+    moving = jaxid.Augmented(Forced(SPRING.k, SPRING.c), truth.effects_in)
+
+    def under(force, push):
+        both = u + (hats @ push)[:, None], (hats @ force)[:, None]
+        return jaxid.simulate(moving, T, jnp.concatenate(both, axis=1), start, stepper=likelihood.stepper).y
+
+    of_force, of_push = jax.jacfwd(under, argnums=(0, 1))(jnp.zeros(KNOTS), jnp.zeros(KNOTS))
+    np.testing.assert_allclose(found[:, :, 0], of_force, atol=1e-12)
+    np.testing.assert_allclose(found[:, :, 1], of_push, atol=1e-12)  # the push goes through the lag, as the input does
+    np.testing.assert_allclose(found[:, :, 2:], jnp.eye(2)[None, :, :, None] * hats[:, None, None], atol=0.0)
+
+
+class Forced(Spring):
+    """The spring with one more input, which nothing acts on."""
+
+    inputs = ("force", "more")
+
+    def rhs(self, t, x, u):
+        return super().rhs(t, x, u) + jnp.stack([jnp.zeros(()), u[1]])
 
 
 def test_the_variable_that_the_force_follows_is_told(cubic):

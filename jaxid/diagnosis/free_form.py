@@ -12,6 +12,7 @@ so that every place costs a linear recursion and no simulation. P and Q are what
 
 from typing import Literal, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -54,9 +55,13 @@ class Pushed(AbstractModel):
     first: Float[Array, " push"]
     last: Float[Array, " push"]
 
-    states = property(lambda self: self.model.states)
-    inputs = property(lambda self: self.model.inputs)
-    outputs = property(lambda self: self.model.outputs)
+    states: tuple[str, ...] = eqx.field(static=True)
+    inputs: tuple[str, ...] = eqx.field(static=True)
+    outputs: tuple[str, ...] = eqx.field(static=True)
+
+    def __init__(self, model: AbstractModel, begin, length, first, last):
+        self.model, self.begin, self.length, self.first, self.last = model, begin, length, first, last
+        self.states, self.inputs, self.outputs = model.states, model.inputs, model.outputs
 
     def rhs(self, t, x, u):
         force, push = self._at(t)

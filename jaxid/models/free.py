@@ -139,6 +139,12 @@ def flat_vectors(model: AbstractModel, records: Record) -> Float[Array, "case fl
     """For each record the flat vector of everything: the model's parameters, and its initial state.
 
     Constants of the record that are called as a parameter take its place; others are there for `model.initial_state`."""
+    return _flat_vectors(model, records.anonymous())
+
+
+@eqx.filter_jit
+def _flat_vectors(model: AbstractModel, records: Record) -> Float[Array, "case flat"]:
+    """Compiled: an aircraft that reads its state from a record, one operation at a time, compiles a hundred small programs."""
     vector, unflatten = flatten(model)
     names = parameter_names(model)
     known = [name for name in records.constants if name in names]

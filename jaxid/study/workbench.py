@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.results import RESULTS
-from .._foundation.types import Array, Bool, Float
+from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
 from ..diagnosis.free_form import Kind
 from ..diagnosis.process_noise import ProcessNoise, process_noise
@@ -336,9 +336,8 @@ class Workbench:
         shared = jnp.asarray(np.r_[values[chosen], np.zeros(padding)])
         return Problem(model, positions, records, self.likelihood, limits), shared
 
-    def _with(self, values):
-        vector, unflatten = flatten(self.model)
-        return unflatten(jnp.asarray(np.asarray(vector)).at[self.at].set(values))
+    def _with(self, values) -> Augmented:
+        return _placed(self.model, jnp.asarray(self.at), jnp.asarray(values))
 
     def _limits(self, chosen, padding, n_cases) -> Limits:
         own = Limits.of(Free((), self.free.per_record, self.free.lower, self.free.upper), n_cases)
@@ -379,6 +378,13 @@ class Workbench:
         mask, z = np.asarray(self.records.mask), np.asarray(self.records.z)
         measured = {name: z[..., i][mask[..., i]] for i, name in enumerate(self.records.outputs)}
         return {name: np.asarray(signal)[real] for name, signal in signals.items()}, measured
+
+
+@eqx.filter_jit
+def _placed(model: Augmented, at: Int[Array, " column"], values: Float[Array, " column"]) -> Augmented:
+    """A model with values at positions of its flat vector; compiled, as it is asked for before each program runs."""
+    vector, unflatten = flatten(model)
+    return unflatten(vector.at[at].set(values))
 
 
 @eqx.filter_jit

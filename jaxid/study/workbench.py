@@ -1,15 +1,13 @@
 """The workbench of a loop: one augmented model, compiled once, in which any set of effects can be fitted and scored."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.results import RESULTS
-from .._foundation.types import Array, Bool, Float, Int
+from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..diagnosis.free_form import Kind
 from ..diagnosis.process_noise import ProcessNoise, process_noise
@@ -37,6 +35,7 @@ from ..models.free import (
 from ..models.library import started, uncertain_equations
 from ..models.names import flatten
 from ..models.noise import FixedNoise
+from .programs import compile_together, placed, signals_of
 
 GO_ON = 10  # times that a fit goes on behind its iteration limit
 WIDTH = 8  # effects' parameters are fitted in columns of this many, so that few widths are ever compiled
@@ -106,9 +105,6 @@ class Workbench:
     def compile(self, tests: Sequence[Record], window: int | None) -> None:
         """Compile the programs that every study needs, side by side, before any of them runs.
 
-        XLA compiles one program on little more than one core, and outside of Python's lock. (Programs that run beside each other
-        could lock up on few cores; these only come into being.)
-
         Args:
             tests: records that will be predicted.
             window: as `predict` takes it.
@@ -123,9 +119,7 @@ class Workbench:
             (sensitivities, (problem, Parameters(shared, rows))),
             *((predict_stack, self._to_predict(values, noise, records, window)) for records in by_shape.values()),
         ]
-        with ThreadPoolExecutor() as beside:
-            for done in [beside.submit(program.lower(*arguments).compile) for program, arguments in programs]:
-                done.result()
+        compile_together(programs)
 
     def base(self, records: Record | None = None) -> Fitted:
         """The declared model by itself."""
@@ -337,7 +331,7 @@ class Workbench:
         return Problem(model, positions, records, self.likelihood, limits), shared
 
     def _with(self, values) -> Augmented:
-        return _placed(self.model, jnp.asarray(self.at), jnp.asarray(values))
+        return placed(self.model, jnp.asarray(self.at), jnp.asarray(values))
 
     def _limits(self, chosen, padding, n_cases) -> Limits:
         own = Limits.of(Free((), self.free.per_record, self.free.lower, self.free.upper), n_cases)
@@ -372,29 +366,12 @@ class Workbench:
         declared = with_values(self.model.model, self.free.shared, jnp.asarray(fitted.values[: len(self.free.shared)]))
         problem = Problem.of(declared, self.free, self.records, self.likelihood)
         shared = jnp.asarray(fitted.values[: len(self.free.shared)])
-        signals, real = _signals_of(problem, Parameters(shared, fitted.fit.parameters.rows))
+        signals, real = signals_of(problem, Parameters(shared, fitted.fit.parameters.rows))
         self.variables = {name: signals[name] for name in (*self.model.model.states, *self.model.inputs, "t")}
         real = np.asarray(real)
         mask, z = np.asarray(self.records.mask), np.asarray(self.records.z)
         measured = {name: z[..., i][mask[..., i]] for i, name in enumerate(self.records.outputs)}
         return {name: np.asarray(signal)[real] for name, signal in signals.items()}, measured
-
-
-@eqx.filter_jit
-def _placed(model: Augmented, at: Int[Array, " column"], values: Float[Array, " column"]) -> Augmented:
-    """A model with values at positions of its flat vector; compiled, as it is asked for before each program runs."""
-    vector, unflatten = flatten(model)
-    return unflatten(vector.at[at].set(values))
-
-
-@eqx.filter_jit
-def _signals_of(problem: Problem, parameters: Parameters) -> tuple[dict[str, Array], Bool[Array, "case time"]]:
-    """Every signal of the model at every sample, the time with them, and which samples are real time."""
-    solutions = problem.solve(parameters)
-    signals = jax.vmap(jax.vmap(problem.model.signals))(solutions.t, solutions.x, problem.records.u)
-    signals = {"t": solutions.t} | signals
-    moving = jnp.diff(problem.records.t, axis=1) > 0
-    return signals, jnp.concatenate([jnp.ones((moving.shape[0], 1), bool), moving], axis=1)
 
 
 def starting_states(free: Free, declared: AbstractModel, augmented: AbstractModel) -> tuple[str, ...]:

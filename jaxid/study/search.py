@@ -118,9 +118,10 @@ class Search:
             return None, None, (), tuple(told)
         winner, rivals = self.choose(kept, refits)
         second = self.second_look(fitted, kept[winner], candidates, tuple(listed.twins), before, refits, number)
-        told = [second.get(one.name, one) for one in told]
-        kept |= {name: one for name, one in second.items() if one.verdict == "kept"}
-        winner, rivals = self.choose(kept, refits)
+        if second:
+            told = [second.get(one.name, one) for one in told]
+            kept |= {name: one for name, one in second.items() if one.verdict == "kept"}
+            winner, rivals = self.choose(kept, refits)
         rivals += tuple(name for name, same in listed.twins.items() if same == winner)
         verdicts = {
             name: "added"

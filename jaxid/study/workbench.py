@@ -110,13 +110,12 @@ class Workbench:
             window: as `predict` takes it.
         """
         values = self._values()
-        problem, shared = self._problem(range(len(self.columns)), len(self.columns), values, None)
-        rows = start(problem.model, problem.positions, problem.records).rows
+        declared = self._to_fit(self._chosen(()), values, None, None)
         noise = jnp.eye(len(self.records.outputs))
         by_shape = {(records.z.shape, records.u.shape): records for records in tests}
         programs = [
-            (fit_problem, self._to_fit(self._chosen(()), values, None, None)),
-            (sensitivities, (problem, Parameters(shared, rows))),
+            (fit_problem, declared),
+            (sensitivities, self._of_all(values, declared[1].rows)),
             *((predict_stack, self._to_predict(values, noise, records, window)) for records in by_shape.values()),
         ]
         compile_together(programs)
@@ -240,10 +239,14 @@ class Workbench:
         """The problem with all columns, a fit's values in it, and residuals and sensitivities there; the last is kept, as
         several questions are asked of each fit."""
         if self.passed is None or self.passed[0] is not fitted:
-            problem, shared = self._problem(range(len(self.columns)), len(self.columns), fitted.values, None)
-            parameters = Parameters(shared, fitted.fit.parameters.rows)
-            self.passed = (fitted, (problem, parameters, sensitivities(problem, parameters)))
+            asked = self._of_all(fitted.values, fitted.fit.parameters.rows)
+            self.passed = (fitted, (*asked, sensitivities(*asked)))
         return self.passed[1]
+
+    def _of_all(self, values, rows) -> tuple[Problem, Parameters]:
+        """The problem with all columns free, and its parameters."""
+        problem, shared = self._problem(range(len(self.columns)), len(self.columns), values, None)
+        return problem, Parameters(shared, rows)
 
     def _values(self) -> Float[np.ndarray, " column"]:
         """Of all columns, as the model has them."""

@@ -182,6 +182,10 @@ class Aircraft(AbstractModel):
         place = jnp.stack([jnp.zeros(()), jnp.zeros(()), at["altitude"]])
         return self.flight_state(ground, jnp.stack([at["p"], at["q"], at["r"]]), e, place)
 
+    def gusty(self):
+        """The same aircraft with the three velocities of the air that are not yet among its inputs."""
+        return self.disturbed(*self.disturbances, *(gust for gust in GUSTS[:3] if gust not in self.disturbances))
+
     def effects(self):
         """Terms that the coefficients may lack beside what the airframe has, `beta^2 in Cm` and so on, and what else an
         aircraft lacks most often: unsteady and separated flow, mass, thrust, wind, places of instruments. `aircraft_effects`

@@ -31,6 +31,7 @@ from .instruments import Instruments
 from .instruments_inverse import air_of
 from .regressors import TABLE_6_1
 from .rigid_body import solve_3x3, specific_force
+from .turbulence import GUSTS
 
 MOMENTS = dict(zip(("Cl", "Cm", "Cn"), RATES, strict=True))
 
@@ -61,7 +62,7 @@ class IdentificationModel(AbstractModel):
     add. By default those whose equation is propagated: V, alpha, beta, ax, ay, az go with the translation along them, a rate and
     its acceleration with that rate.
 
-    The air is still: velocity over ground and relative to the air are one.
+    The air is still, velocity over ground and relative to the air are one, but for gusts that are named in `measured`.
 
     Args:
         airframe: mass, size, and aerodynamics: `PolynomialAerodynamics` with a `Polynomial` for each coefficient, or tables with
@@ -69,8 +70,8 @@ class IdentificationModel(AbstractModel):
         states: "coupled" (all nine), "longitudinal" (u w q pitch), "lateral" (v p r phi psi), or names among u v w (V alpha
             beta) p q r phi pitch psi altitude.
         frame: "body" or "air path".
-        measured: inputs beside the surfaces and the states not propagated: thrust [N], altitude [m], density [kg/m^3], and
-            pdot, qdot, rdot of rates not propagated [rad/s^2].
+        measured: inputs beside the surfaces and the states not propagated: thrust [N], altitude [m], density [kg/m^3],
+            pdot, qdot, rdot of rates not propagated [rad/s^2], and `gust_u` to `gust_w`, the velocity of the air [m/s].
         held: constants in the place of states or inputs, by name [SI]. The altitude stands here if it is neither a state nor
             measured: it says density and speed of sound.
         engines: without states of their own, unless thrust is measured or held, which they then share equally; their
@@ -278,6 +279,14 @@ class IdentificationModel(AbstractModel):
             outputs=tuple(name for name in self.outputs if mine.owner[name] not in gone),
         )
 
+    def gusty(self):
+        """The same model with the air's velocity along what is propagated among its inputs."""
+        equation = self.translation.equation.values()
+        gusts = (gust for gust, state in zip(GUSTS[:3], equation, strict=True) if state in self.states)
+        new = tuple(gust for gust in gusts if gust not in self.inputs)
+        measured = (*self.channels.measured, *new)
+        return self._again(states=self.states, measured=measured, outputs=self.outputs) if new else None
+
     def effects(self):
         """Terms that the coefficients may lack, in those whose equations are propagated: `beta^2 in Cm` and so on."""
         moved = {
@@ -307,7 +316,8 @@ class IdentificationModel(AbstractModel):
         known = self.held | dict(zip(self.states, x, strict=True)) | dict(zip(self.inputs, u, strict=True))
         velocity = self.translation.velocity(_three(known, self.translation.names))
         signals = known | dict(zip("uvw", velocity, strict=True))
-        signals |= flow(self.airframe, air_of(self.atmosphere, known), velocity, _three(known, RATES))
+        through_air = velocity - jnp.stack([known.get(gust, jnp.zeros(())) for gust in GUSTS[:3]])
+        signals |= flow(self.airframe, air_of(self.atmosphere, known), through_air, _three(known, RATES))
         return signals | {"thrust": jnp.sum(jnp.stack(self.pushes(signals)))}
 
     def pushes(self, signals: Signals) -> list[Float[Array, ""]]:

@@ -7,6 +7,7 @@ from .._foundation.checks import require, require_known, require_unique
 from .controls import SURFACES
 from .identification_frames import FRAMES
 from .instrument_channels import ANGULAR, FORCE, RATES
+from .turbulence import GUSTS
 
 ANGLES = ("phi", "pitch", "psi")
 GROUPS = {  # section 4.2 c, and 6.2.3.1: four equations of the longitudinal motion, five of the lateral one
@@ -66,7 +67,7 @@ def arranged(
     Args:
         states: the name of a group, or names.
         frame: "body" or "air path".
-        measured: inputs beside the surfaces and the states not propagated.
+        measured: inputs beside the surfaces and the states not propagated; velocities of the air stand behind all others.
         held: what is constant.
         instruments: channels on board.
         outputs: a selection of them; None for those that tell of a state.
@@ -85,7 +86,7 @@ def arranged(
     require(len(states) > 0, f"No state is propagated. Name at least one of {', '.join(possible)}.")
     given = tuple(f"{name}dot" for name in RATES if name not in states)
     beside = tuple(name for name in BESIDE if name not in ANGULAR or name in given)
-    require_known("input (in `measured`)", measured, beside)
+    require_known("input (in `measured`)", measured, (*beside, *GUSTS[:3]))
     needed = tuple(name for name in possible if name not in states and name not in ("psi", "altitude"))
     require_known("constant (in `held`)", held, (*SURFACES, *beside, *needed))
     for name in measured:
@@ -102,6 +103,7 @@ def arranged(
         *(name for name in SURFACES if name not in held),
         *(name for name in BESIDE if name in measured),
         *(name for name in needed if name not in held),
+        *(name for name in GUSTS[:3] if name in measured),
     )
     constant = (*held, *(name for name in given if name not in (*held, *measured)))
     states = tuple(name for name in possible if name in states)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from ..models.polynomial import factors
 from .instrument_channels import ANGULAR, RATES
+from .turbulence import GUSTS
 
 if TYPE_CHECKING:
     from .identification import IdentificationModel
@@ -13,6 +14,7 @@ SIGNALS = {
     **dict.fromkeys(("alpha", "beta", "phi", "pitch", "psi", "stabilator", "aileron", "rudder"), "rad"),
     **dict.fromkeys(RATES, "rad/s"),
     **dict.fromkeys(ANGULAR, "rad/s^2"),
+    **dict.fromkeys(GUSTS[:3], "m/s"),
     **{"altitude": "m", "density": "kg/m^3", "thrust": "N"},
 }
 SIZES = {

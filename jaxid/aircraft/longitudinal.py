@@ -1,7 +1,11 @@
 """`Longitudinal`: an aircraft in its plane of symmetry, as the first identification model."""
 
+from collections.abc import Sequence
+
+import equinox as eqx
 import jax.numpy as jnp
 
+from .._foundation.checks import require_known
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
@@ -9,6 +13,7 @@ from ..models.polynomial import Polynomial, factors
 from .atmosphere import GRAVITY
 from .effects import CoefficientTerm
 
+GUSTS = ("gust_u", "gust_w")
 MOVED = {"CX": ("u",), "CZ": ("w",), "Cm": ("q",)}  # the states whose rates a coefficient moves
 LACKING = (
     *("1", "alpha", "qhat", "elevator"),
@@ -38,6 +43,11 @@ class Longitudinal(AbstractModel):
         cbar: mean chord [m].
         thrust: T, along the x axis [N].
         density: of the air [kg/m^3].
+        gusts: which of `gust_u` and `gust_w` [m/s] are inputs: velocities of the air, which alpha, V, and the coefficients
+            feel. None by default: nobody records them.
+
+    Raises:
+        InputError: for another gust.
     """
 
     CX: Polynomial
@@ -49,14 +59,22 @@ class Longitudinal(AbstractModel):
     cbar: Float[Array, ""]
     thrust: Float[Array, ""]
     density: Float[Array, ""]
+    gusts: tuple[str, ...] = eqx.field(static=True)
 
-    states, inputs, outputs = ("u", "w", "q", "pitch"), ("elevator",), ("alpha", "q", "pitch", "ax", "az", "V")
+    states, outputs = ("u", "w", "q", "pitch"), ("alpha", "q", "pitch", "ax", "az", "V")
 
-    def __init__(self, *, CX: Polynomial, CZ: Polynomial, Cm: Polynomial, mass, Iy, S, cbar, thrust, density):
+    def __init__(
+        self, *, CX: Polynomial, CZ: Polynomial, Cm: Polynomial, mass, Iy, S, cbar, thrust, density, gusts: Sequence[str] = ()
+    ):
+        require_known("gust", gusts, GUSTS)
         self.CX, self.CZ, self.Cm = CX, CZ, Cm
         self.mass, self.Iy, self.S = jnp.asarray(mass, float), jnp.asarray(Iy, float), jnp.asarray(S, float)
         self.cbar, self.thrust = jnp.asarray(cbar, float), jnp.asarray(thrust, float)
-        self.density = jnp.asarray(density, float)
+        self.density, self.gusts = jnp.asarray(density, float), tuple(gusts)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return ("elevator", *self.gusts)
 
     def rhs(self, t, x, u):
         forward, down, q, pitch = x
@@ -75,7 +93,8 @@ class Longitudinal(AbstractModel):
         udot, wdot = dx[0], dx[1]
         ax = udot + q * down + GRAVITY * jnp.sin(pitch)
         az = wdot - q * forward - GRAVITY * jnp.cos(pitch)
-        return jnp.stack([jnp.arctan2(down, forward), q, pitch, ax, az, jnp.sqrt(forward**2 + down**2)])
+        flow = self._flow(x, u)
+        return jnp.stack([flow["alpha"], q, pitch, ax, az, flow["V"]])
 
     def initial_state(self, record: Record) -> Float[Array, " state"]:
         """The state from the first valid samples of V, alpha, q and pitch: `u = V cos(alpha)`, `w = V sin(alpha)`.
@@ -116,12 +135,17 @@ class Longitudinal(AbstractModel):
             if term not in polynomial.terms
         )
 
+    def gusty(self):
+        """The same aircraft with both velocities of the air among its inputs."""
+        parts = {name: getattr(self, name) for name in ("CX", "CZ", "Cm", "mass", "Iy", "S", "cbar", "thrust", "density")}
+        return Longitudinal(**parts, gusts=(*self.gusts, *(gust for gust in GUSTS if gust not in self.gusts)))
+
     def equations_with_terms(self):
         """No equation takes general terms: what an equation of motion may lack stands in its coefficient."""
         return ()
 
     def units(self):
-        channels = {"u": "m/s", "w": "m/s", "q": "rad/s", "pitch": "rad", "elevator": "rad"}
+        channels = {"u": "m/s", "w": "m/s", "q": "rad/s", "pitch": "rad", "elevator": "rad"} | dict.fromkeys(self.gusts, "m/s")
         channels |= {"alpha": "rad", "ax": "m/s^2", "az": "m/s^2", "V": "m/s"}
         constants = {"mass": "kg", "Iy": "kg*m^2", "S": "m^2", "cbar": "m", "thrust": "N", "density": "kg/m^3"}
         coefficients = {
@@ -133,13 +157,14 @@ class Longitudinal(AbstractModel):
 
     def _flow(self, x, u):
         """What the coefficients depend on at an instant, and what turns them into accelerations."""
-        forward, down, q, _ = x
+        known = dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
+        forward, down = (known[axis] - known.get(f"gust_{axis}", 0.0) for axis in "uw")
         V = jnp.sqrt(forward**2 + down**2)
         acceleration = 0.5 * self.density * V**2 * self.S / self.mass
-        return dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True)) | {
+        return known | {
             "alpha": jnp.arctan2(down, forward),
             "V": V,
-            "qhat": q * self.cbar / (2.0 * V),
+            "qhat": x[2] * self.cbar / (2.0 * V),
             **{"u_per_CX": acceleration, "w_per_CZ": acceleration},
             "q_per_Cm": acceleration * self.mass * self.cbar / self.Iy,
         }

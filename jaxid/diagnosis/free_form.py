@@ -1,4 +1,4 @@
-"""Free-form disturbances: what hat functions in an equation, an input, an output or a parameter do to the outputs.
+"""Free-form disturbances: what hat functions in an equation, an input, an output, a parameter or the air do to the outputs.
 
 They follow from the linear model along a trajectory,
 
@@ -24,7 +24,8 @@ from ..models.base import AbstractModel
 from ..models.free import insert
 from ..simulation.steppers import rate
 
-Kind = Literal["equation", "input", "output", "parameter"]
+Kind = Literal["equation", "input", "output", "parameter", "air"]
+RANDOM: tuple[Kind, ...] = ("equation", "air")  # in which a force can be one that nothing predicts
 
 
 class Linear(NamedTuple):
@@ -78,14 +79,14 @@ class Pushed(AbstractModel):
         return jnp.split(self.first + share * (self.last - self.first), [len(self.states)])
 
 
-def linear_model(problem: Problem, own, shared, case, kinds: tuple[Kind, ...], equations: tuple[str, ...]) -> Linear:
+def linear_model(problem: Problem, own, shared, case, kinds: tuple[Kind, ...], names: tuple[str, ...]) -> Linear:
     """The linear model along the trajectory of one case.
 
     Args:
         problem: with output error for likelihood.
         own, shared, case: as `Problem.solve_one` takes them.
         kinds: of places, in the order of their columns.
-        equations: states whose equation is a place.
+        names: of the states whose equation is a place, and of the further inputs of `model.gusty()` that are places in the air.
     """
     flat, record = case
     likelihood = problem.likelihood
@@ -95,7 +96,11 @@ def linear_model(problem: Problem, own, shared, case, kinds: tuple[Kind, ...], e
         return insert(problem.model, flat, problem.positions, theta, own)
 
     model, x0 = made(shared)
-    t, u, stepper = record.t, record.u, likelihood.stepper
+    own_inputs, gusts = len(model.inputs), gusts_of(model)
+    if any(gust in names for gust in gusts):
+        model = model.gusty()
+    t, stepper = record.t, likelihood.stepper
+    u = jnp.pad(record.u, ((0, 0), (0, len(model.inputs) - own_inputs)))
     path = model.input_path(likelihood.hold.path(t, u))
     x, _ = stepper.states(model, t, path, x0)
     spans = jnp.stack([t, jnp.append(t[1:], t[-1])], axis=1)  # one more step, of no length: the last sample's outputs
@@ -122,16 +127,26 @@ def linear_model(problem: Problem, own, shared, case, kinds: tuple[Kind, ...], e
             nothing = jnp.zeros((t.size - 1, x.shape[1], outputs))
             return nothing, nothing, jnp.broadcast_to(jnp.eye(outputs), (t.size, outputs, outputs))
         if kind == "parameter":
-            B, D = jax.vmap(lambda t, x, u: _by_parameter(made, t, x, u, shared))(t, x, u)
+            B, D = jax.vmap(lambda t, x, u: _by_parameter(made, t, x, u, shared))(t, x, record.u)
             half = jnp.diff(t)[:, None, None] / 2
             return half * Phi @ B[:-1], half * B[1:], D
-        states, inputs = len(model.states), len(model.inputs)
-        chosen = [model.states.index(name) for name in equations]
-        columns = np.array(chosen if kind == "equation" else range(states, states + inputs), int)
+        first = len(model.states)
+        chosen = {
+            "equation": [model.states.index(name) for name in names if name in model.states],
+            "input": range(first, first + own_inputs),
+            "air": [first + model.inputs.index(name) for name in names if name in gusts],
+        }
+        columns = np.array(chosen[kind], int)
         return before[..., columns], after[..., columns], seen[1][..., columns]
 
     P, Q, D = (jnp.concatenate(part, axis=2) for part in zip(*map(entering, kinds), strict=True))
     return Linear(x, y, Phi, P, Q, seen[0], D)
+
+
+def gusts_of(model: AbstractModel) -> tuple[str, ...]:
+    """Names of the random motions that `model.gusty()` has for further inputs."""
+    moved = model.gusty()
+    return () if moved is None else moved.inputs[len(model.inputs) :]
 
 
 def _by_parameter(made, t, x, u, shared):

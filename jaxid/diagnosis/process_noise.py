@@ -1,7 +1,7 @@
 """Process noise: whether forces that cannot be predicted explain a residual, and what a filter leaves of it.
 
-A random force in each uncertain equation, of first order in time as turbulence is, moves the outputs by the linear model along
-the trajectory (`free_form`). Its strengths, its correlation time and what is left for the instruments are found by maximum
+A random force in each uncertain equation, and a random motion of the air where the model knows of gusts, of first order in time
+as turbulence is, move the outputs by the linear model along the trajectory (`free_form`). Their strengths, its correlation time and what is left for the instruments are found by maximum
 likelihood on the innovations of a Kalman filter. The same filter then whitens the sensitivities to absent effects: a score among
 innovations is one that accounts for the process noise (generalised least squares).
 """
@@ -20,7 +20,7 @@ from .._foundation.types import Array, Bool, Float
 from ..estimation.problem import Problem
 from ..models.free import Parameters
 from ..sensitivity.information import gather, record_triangles
-from .free_form import Linear, answers, linear_model
+from .free_form import RANDOM, Linear, answers, linear_model
 from .predictable import white_part
 from .validation import root_mean_square
 
@@ -36,12 +36,12 @@ class Noise(NamedTuple):
     """Logarithms of what is unknown of the noise.
 
     Attributes:
-        force: of the force's standard deviation in each equation [rate of the state].
+        force: of the force's standard deviation at each place: in an equation [rate of the state], or of the air [m/s].
         time: of its correlation time [s].
         instruments: of the instruments' variance, relative to that which was taken for granted.
     """
 
-    force: Float[Array, " equation"]
+    force: Float[Array, " place"]
     time: Float[Array, ""]
     instruments: Float[Array, " output"]
 
@@ -50,7 +50,7 @@ class ProcessNoise(NamedTuple):
     """What a filter makes of a residual.
 
     Attributes:
-        force: standard deviation of the force in each equation [rate of the state].
+        force: standard deviation of the force at each place: in an equation [rate of the state], or of the air [m/s].
         time: its correlation time [s].
         instruments: standard deviation of the instruments' noise, relative to that which was taken for granted.
         gain: twice the rise of the log-likelihood over noise of the instruments alone.
@@ -58,7 +58,7 @@ class ProcessNoise(NamedTuple):
         probes: of what forces would do that follow the signals in some simple way (`probing`).
     """
 
-    force: Float[Array, " equation"]
+    force: Float[Array, " place"]
     time: Float[Array, ""]
     instruments: Float[Array, " output"]
     gain: Float[Array, ""]
@@ -73,8 +73,8 @@ def process_noise(
     parameters: Parameters,
     S: Float[Array, "case time output column"],
     is_free: Bool[Array, " shared"],
-    force: Float[Array, " equation"],
-    equations: tuple[str, ...],
+    force: Float[Array, " place"],
+    names: tuple[str, ...],
     known: bool,
 ) -> ProcessNoise:
     r"""Fit process noise to the residuals of a problem, and filter residuals and columns with it.
@@ -89,8 +89,8 @@ def process_noise(
         parameters: its solution.
         S: sensitivities to any columns, in units of the instruments' noise, each record's own unknowns first.
         is_free: of the last columns, the shared ones, which are free.
-        force: its strength in each equation, where the search starts: that of the disturbance which `where` finds there.
-        equations: states whose equation holds a random force.
+        force: its strength at each place, where the search starts: that of the disturbance which `where` finds there.
+        names: of the places: states whose equation holds a random force, and then of what moves in the air.
         known: whether the instruments' noise is known; else its variances are estimated as well.
 
     Returns:
@@ -99,7 +99,7 @@ def process_noise(
     v = problem.residuals(parameters)
 
     def one(own, case):
-        return linear_model(problem, own, parameters.shared, case, ("equation",), equations)
+        return linear_model(problem, own, parameters.shared, case, RANDOM, names)
 
     linear = jax.vmap(one)(parameters.rows, problem.cases())
     signals = jnp.concatenate([linear.x, problem.records.u, linear.y], axis=-1)

@@ -23,7 +23,7 @@ from ..estimation.result import Estimate
 from ..models.free import Parameters
 from ..models.library import uncertain_equations
 from ..models.noise import FixedNoise
-from .free_form import Kind, answers, hats_of, linear_model
+from .free_form import RANDOM, Kind, answers, gusts_of, hats_of, linear_model
 from .predictable import white_part
 from .scores import sensitivities
 
@@ -37,7 +37,7 @@ class Place(NamedTuple):
     """One place, and what a free-form disturbance there would explain.
 
     Attributes:
-        kind, name: an equation by its state, an input, an output, or a parameter that drifts.
+        kind, name: an equation by its state, an input, an output, a parameter that drifts, or the air by what moves in it.
         score: by how much the whitened sum of squares of the residual falls; chi-square with `dof` where nothing is missing.
         dof: how many combinations of hats the free parameters cannot imitate.
         share: of the residual's power (of what it has beyond the noise, where that is known) the part that is explained, what
@@ -77,6 +77,10 @@ class Where(NamedTuple):
         """The first place and those whose share is less than `within` below its."""
         return tuple(one for one in self.places if one.share > self.places[0].share - within)
 
+    def random(self) -> tuple[Place, ...]:
+        """Those in which a force could be random: the equations, and then the air."""
+        return tuple(one for kind in RANDOM for one in self.places if one.kind == kind)
+
     def follows(self, place: Place) -> tuple[tuple[str, float], ...]:
         """By how much each variable says the disturbance at a place, as its cubic: share of its power, the best first.
 
@@ -108,7 +112,7 @@ def where(
     likelihood: OutputError | None = None,
     *,
     knots: int | None = None,
-    kinds: Sequence[Kind] = ("equation", "input", "output"),
+    kinds: Sequence[Kind] = ("equation", "input", "output", "air"),
     equations: Sequence[str] | None = None,
 ) -> Where:
     r"""How much of the residual a free-form disturbance at each place could explain, beyond what the free parameters do.
@@ -125,7 +129,7 @@ def where(
         likelihood: that of the fit.
         knots: hats in each record; by default 20 or 60, as the residual's spectrum asks for (`resolution`), and where that is
             not enough, only the first part of each record is looked at.
-        kinds: which places to ask about. A `parameter` that drifts acts in an equation, times what it multiplies: it can
+        kinds: which places to ask about. The `air` is one where the model knows of gusts. A `parameter` that drifts acts in an equation, times what it multiplies: it can
             explain more than any force there, so that it is asked about by name.
         equations: the states whose equations may be disturbed; by default those that hold a free parameter, as the others
             are exact by definition.
@@ -139,16 +143,18 @@ def where(
     records = as_stack(records)
     check_channels(fit.model, records)
     require(knots is None or knots >= 2, f"There are {knots} knots in each record; free-form means two at least.")
-    require(len(kinds) > 0, "No kind of place is asked about. Name one of equation, input, output, parameter.")
+    require(len(kinds) > 0, "No kind of place is asked about. Name one of equation, input, output, parameter, air.")
     problem = Problem.of(fit.model, fit.free, records, OutputError() if likelihood is None else likelihood)
     if equations is None:
         equations = uncertain_equations(problem.model, np.asarray(problem.positions.shared))
     require_known("state (in `equations`)", equations, fit.model.states)
     hats = resolution(records, fit.residuals) if knots is None else (knots, records.t.shape[-1])
     places = {"equation": tuple(equations), "input": fit.model.inputs, "output": fit.model.outputs}
-    places |= {"parameter": fit.free.shared}
+    places |= {"parameter": fit.free.shared, "air": gusts_of(problem.model)}
     seen = sensitivities(problem, fit.parameters)
-    return located(problem, fit.parameters, seen, fit.noise, hats, {kind: places[kind] for kind in kinds})
+    asked = {kind: places[kind] for kind in kinds if places[kind]}
+    require(len(asked) > 0, f"The model has no place of the kind {' or '.join(kinds)}. Ask about another one.")
+    return located(problem, fit.parameters, seen, fit.noise, hats, asked)
 
 
 def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[int, int]:
@@ -207,7 +213,7 @@ def located(
         # An estimate of R counts what the model lacks as noise, and would hide the channel in which it shows most.
         white = white_part(seen[0], problem.records.mask)
         noise = jnp.diag(jnp.clip(white, 1e-6 * jnp.diagonal(noise), jnp.diagonal(noise)))
-    found = search(problem, parameters, seen, noise, *hats, tuple(places), places.get("equation", ()))
+    found = search(problem, parameters, seen, noise, *hats, tuple(places), places.get("equation", ()) + places.get("air", ()))
     squares, samples = float(found.squares), float(found.samples)
     power = squares - samples if noise_known else squares
     power = power if power > 0 else float("nan")
@@ -232,7 +238,7 @@ def search(
     knots: int,
     rows: int,
     kinds: tuple[Kind, ...],
-    equations: tuple[str, ...],
+    names: tuple[str, ...],
 ) -> Found:
     """The pure inside of `where`, on the first rows of each record."""
     parts = {name: getattr(problem.records, name)[:, :rows] for name in ("t", "u", "z", "mask")}
@@ -242,7 +248,7 @@ def search(
 
     def one(own, case, seen):
         t, u = case[1].t, case[1].u
-        linear = linear_model(problem, own, parameters.shared, case, kinds, equations)
+        linear = linear_model(problem, own, parameters.shared, case, kinds, names)
         hats, grid = hats_of(t, knots)
         at = jnp.clip(jnp.searchsorted(t, grid), 0, rows - 1)
         variables = jnp.concatenate([linear.x, u, linear.y], axis=-1)[at]

@@ -142,6 +142,10 @@ class Augmented(AbstractModel):
     def pseudo_measurements(self, record: Record):
         return self.model.pseudo_measurements(record)
 
+    def gusty(self):
+        model = self.model.gusty()
+        return None if model is None else Augmented(model, self.effects_in)
+
     def effects(self):
         return self.model.effects()
 

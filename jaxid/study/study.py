@@ -136,19 +136,23 @@ class RandomForces:
     """Process noise: forces that no signal predicts, such as those of turbulence.
 
     Attributes:
-        equations: where they act, as far as the records tell.
-        force: standard deviation of the random force in each uncertain equation [rate of the state].
+        places: where they act, as far as the records tell: states in whose equations, or what moves in the air.
+        air: which of all places are the air's.
+        force: standard deviation of the random force in each uncertain equation [rate of the state], and in the air [m/s].
         time: their correlation time [s].
         gain: twice the rise of the log-likelihood over noise of the instruments alone.
     """
 
-    equations: tuple[str, ...]
+    places: tuple[str, ...]
+    air: tuple[str, ...]
     force: dict[str, float]
     time: float
     gain: float
 
     def __str__(self) -> str:
-        sizes = ", ".join(f"{self.force[name]:.3g} in d({name})/dt" for name in self.equations)
+        sizes = ", ".join(
+            f"{self.force[name]:.3g} " + (f"m/s in {name}" if name in self.air else f"in d({name})/dt") for name in self.places
+        )
         return (
             f"random forces (process noise, as of turbulence) of standard deviation {sizes} and correlation time "
             f"{self.time:.2g} s explain the residual. Estimates by output error suffer from them; fit by filter error next."

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jax.scipy.stats import chi2
 
+from ..diagnosis.free_form import RANDOM
 from ..diagnosis.predictable import predictable_share
 from ..diagnosis.where import Where
 from ..models.effects import Effect
@@ -20,6 +21,7 @@ PLACES = {
     "input": "input",
     "output": "sensor",
     "parameter": "parameter",
+    "air": "air",
 }  # as `Effect.place` calls them
 # Of the residual's power: places whose shares differ by more are not the same. Two effects in two places can together do what
 # one does in a third, so that more is asked of them.
@@ -132,8 +134,8 @@ def unsettled(contenders: tuple[Rival, ...], rounds: tuple[Round, ...]) -> tuple
 
 def _random_forces(search: Search, declared: Fitted, where: Where) -> RandomForces | None:
     """The forces, where a filter that knows of them leaves noise, and nothing absent scores among its innovations."""
-    equations = tuple(place.name for place in where.rivals() if place.kind == "equation")
-    if not equations:
+    acting = tuple(place.name for place in where.rivals() if place.kind in RANDOM)
+    if not acting:
         return None
     search.progress("whether random forces explain the residual")
     noise, scores = search.bench.filtered(declared, where)
@@ -144,9 +146,9 @@ def _random_forces(search: Search, declared: Fitted, where: Where) -> RandomForc
     tried = int(np.sum(np.asarray(scores.left) > 0))
     if not search.looks_like_noise(outputs) or strongest > critical(search.options.level / max(tried, 1)):
         return None
-    places = [place.name for place in where.places if place.kind == "equation"]
-    force = dict(zip(places, map(float, noise.force), strict=True))
-    return RandomForces(equations, force, float(noise.time), float(noise.gain))
+    force = {place.name: float(one) for place, one in zip(where.random(), noise.force, strict=True)}
+    air = tuple(place.name for place in where.random() if place.kind == "air")
+    return RandomForces(acting, air, force, float(noise.time), float(noise.gain))
 
 
 def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:

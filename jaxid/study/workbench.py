@@ -9,7 +9,7 @@ import numpy as np
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
-from ..diagnosis.free_form import Kind
+from ..diagnosis.free_form import Kind, gusts_of
 from ..diagnosis.process_noise import ProcessNoise, process_noise
 from ..diagnosis.reading import Reading, read
 from ..diagnosis.scores import Scores, exchange_falls, scores_of, sensitivities, whitened
@@ -200,6 +200,8 @@ class Workbench:
             "input": model.inputs,
             "output": model.outputs,
         }
+        if gusts := gusts_of(model):
+            places["air"] = gusts
         hats = resolution(self.records, fitted.fit.residuals) if like is None else like.hats
         own, padding = len(self.rows), self._width(fitted.columns) - len(fitted.columns)
         free = jnp.concatenate([S[..., :own], S[..., own + np.array(fitted.columns, int)]], axis=-1)
@@ -218,15 +220,15 @@ class Workbench:
             fitted: a fit to the training records.
             where: the places in which a force could act, and how large it would be.
         """
-        places = {place.name: place for place in where.places if place.kind == "equation"}
-        force = jnp.array([np.sqrt(np.mean(place.disturbance**2)) for place in places.values()])
+        names = tuple(place.name for place in where.random())
+        force = jnp.array([np.sqrt(np.mean(place.disturbance**2)) for place in where.random()])
         problem, shared = self._problem(fitted.columns, self._width(fitted.columns), fitted.values, None)
         _, S = self._white_columns(fitted)
         known = isinstance(self.likelihood.noise, FixedNoise)
         parameters = Parameters(shared, fitted.fit.parameters.rows)
         floor = 1e-3 * jnp.max(force) + jnp.finfo(float).tiny
         is_free = self._is_free(fitted.columns)
-        noise = process_noise(problem, parameters, S, is_free, jnp.maximum(force, floor), tuple(places), known)
+        noise = process_noise(problem, parameters, S, is_free, jnp.maximum(force, floor), names, known)
         columns = jnp.concatenate([noise.S, noise.probes], axis=-1)
         return noise, scores_of(noise.v, columns, jnp.pad(is_free, (0, noise.probes.shape[-1])))
 

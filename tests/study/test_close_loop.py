@@ -160,7 +160,7 @@ def test_a_random_force_is_told_as_such_and_nothing_is_added():
         model, chosen, OutputError(), train=train, check=check, test=test, effects=LIBRARY, window=WINDOW
     )
     assert (found.outcome, found.effects) == ("process noise", ())
-    assert found.process_noise.equations == ("v",)
+    assert found.process_noise.places == ("v",)
     # Found from 90 s of record, or 90 independent stretches, and below the noise at the fast end: within a half.
     assert found.process_noise.force["v"] == pytest.approx(0.1, rel=0.5)
     assert "random forces" in found.verdict

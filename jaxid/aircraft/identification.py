@@ -285,7 +285,7 @@ class IdentificationModel(AbstractModel):
         gusts = (gust for gust, state in zip(GUSTS[:3], equation, strict=True) if state in self.states)
         new = tuple(gust for gust in gusts if gust not in self.inputs)
         measured = (*self.channels.measured, *new)
-        return self._again(states=self.states, measured=measured, outputs=self.outputs) if new else None
+        return self._again(states=self.states, measured=measured, outputs=self.outputs)
 
     def effects(self):
         """Terms that the coefficients may lack, in those whose equations are propagated: `beta^2 in Cm` and so on."""

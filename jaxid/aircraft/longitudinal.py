@@ -64,7 +64,18 @@ class Longitudinal(AbstractModel):
     states, outputs = ("u", "w", "q", "pitch"), ("alpha", "q", "pitch", "ax", "az", "V")
 
     def __init__(
-        self, *, CX: Polynomial, CZ: Polynomial, Cm: Polynomial, mass, Iy, S, cbar, thrust, density, gusts: Sequence[str] = ()
+        self,
+        *,
+        CX: Polynomial,
+        CZ: Polynomial,
+        Cm: Polynomial,
+        mass,
+        Iy,
+        S,
+        cbar,
+        thrust,
+        density,
+        gusts: Sequence[str] = (),
     ):
         require_known("gust", gusts, GUSTS)
         self.CX, self.CZ, self.Cm = CX, CZ, Cm
@@ -137,7 +148,9 @@ class Longitudinal(AbstractModel):
 
     def gusty(self):
         """The same aircraft with both velocities of the air among its inputs."""
-        parts = {name: getattr(self, name) for name in ("CX", "CZ", "Cm", "mass", "Iy", "S", "cbar", "thrust", "density")}
+        parts = {
+            name: getattr(self, name) for name in ("CX", "CZ", "Cm", "mass", "Iy", "S", "cbar", "thrust", "density")
+        }
         return Longitudinal(**parts, gusts=(*self.gusts, *(gust for gust in GUSTS if gust not in self.gusts)))
 
     def equations_with_terms(self):
@@ -145,7 +158,9 @@ class Longitudinal(AbstractModel):
         return ()
 
     def units(self):
-        channels = {"u": "m/s", "w": "m/s", "q": "rad/s", "pitch": "rad", "elevator": "rad"} | dict.fromkeys(self.gusts, "m/s")
+        channels = {"u": "m/s", "w": "m/s", "q": "rad/s", "pitch": "rad", "elevator": "rad"} | dict.fromkeys(
+            self.gusts, "m/s"
+        )
         channels |= {"alpha": "rad", "ax": "m/s^2", "az": "m/s^2", "V": "m/s"}
         constants = {"mass": "kg", "Iy": "kg*m^2", "S": "m^2", "cbar": "m", "thrust": "N", "density": "kg/m^3"}
         coefficients = {

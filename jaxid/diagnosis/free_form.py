@@ -145,8 +145,7 @@ def linear_model(problem: Problem, own, shared, case, kinds: tuple[Kind, ...], n
 
 def gusts_of(model: AbstractModel) -> tuple[str, ...]:
     """Names of the random motions that `model.gusty()` has for further inputs."""
-    moved = model.gusty()
-    return () if moved is None else moved.inputs[len(model.inputs) :]
+    return model.gusty().inputs[len(model.inputs) :]
 
 
 def _by_parameter(made, t, x, u, shared):

@@ -1,9 +1,9 @@
 """Process noise: whether forces that cannot be predicted explain a residual, and what a filter leaves of it.
 
-A random force in each uncertain equation, and a random motion of the air where the model knows of gusts, of first order in time
-as turbulence is, move the outputs by the linear model along the trajectory (`free_form`). Their strengths, its correlation time and what is left for the instruments are found by maximum
-likelihood on the innovations of a Kalman filter. The same filter then whitens the sensitivities to absent effects: a score among
-innovations is one that accounts for the process noise (generalised least squares).
+A random force in each uncertain equation, or a random motion of the air, of first order in time as turbulence is, moves the
+outputs by the linear model along the trajectory (`free_form`). Its strengths, its correlation time and what is left for the
+instruments are found by maximum likelihood on the innovations of a Kalman filter. The same filter then whitens the sensitivities
+to absent effects: a score among innovations is one that accounts for the process noise (generalised least squares).
 """
 # Pyright counts the arguments of functions that equinox and jaxtyping wrap in its own way; the tests execute them.
 # pyright: reportCallIssue=false

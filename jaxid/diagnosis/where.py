@@ -54,6 +54,11 @@ class Place(NamedTuple):
     disturbance: Float[np.ndarray, "case knot"]
     deviation: Float[np.ndarray, "case knot"]
 
+    @property
+    def size(self) -> float:
+        """Root mean square of the disturbance."""
+        return float(np.sqrt(np.mean(self.disturbance**2)))
+
 
 class Where(NamedTuple):
     """The places, that of the highest share first.
@@ -78,8 +83,9 @@ class Where(NamedTuple):
         return tuple(one for one in self.places if one.share > self.places[0].share - within)
 
     def random(self) -> tuple[Place, ...]:
-        """Those in which a force could be random: the equations, and then the air."""
-        return tuple(one for kind in RANDOM for one in self.places if one.kind == kind)
+        """Where a random force could act: in the equations, or in the air, or in both, as the first place and its rivals say."""
+        kinds = {one.kind for one in self.rivals()}
+        return tuple(one for kind in RANDOM if kind in kinds for one in self.places if one.kind == kind)
 
     def follows(self, place: Place) -> tuple[tuple[str, float], ...]:
         """By how much each variable says the disturbance at a place, as its cubic: share of its power, the best first.
@@ -129,8 +135,8 @@ def where(
         likelihood: that of the fit.
         knots: hats in each record; by default 20 or 60, as the residual's spectrum asks for (`resolution`), and where that is
             not enough, only the first part of each record is looked at.
-        kinds: which places to ask about. The `air` is one where the model knows of gusts. A `parameter` that drifts acts in an equation, times what it multiplies: it can
-            explain more than any force there, so that it is asked about by name.
+        kinds: which places to ask about. The `air` is one where the model knows of gusts. A `parameter` that drifts acts in an
+            equation, times what it multiplies: it can explain more than any force there, so that it is asked about by name.
         equations: the states whose equations may be disturbed; by default those that hold a free parameter, as the others
             are exact by definition.
 
@@ -152,7 +158,7 @@ def where(
     places = {"equation": tuple(equations), "input": fit.model.inputs, "output": fit.model.outputs}
     places |= {"parameter": fit.free.shared, "air": gusts_of(problem.model)}
     seen = sensitivities(problem, fit.parameters)
-    asked = {kind: places[kind] for kind in kinds if places[kind]}
+    asked: dict[Kind, tuple[str, ...]] = {kind: places[kind] for kind in kinds if places[kind]}
     require(len(asked) > 0, f"The model has no place of the kind {' or '.join(kinds)}. Ask about another one.")
     return located(problem, fit.parameters, seen, fit.noise, hats, asked)
 
@@ -213,7 +219,9 @@ def located(
         # An estimate of R counts what the model lacks as noise, and would hide the channel in which it shows most.
         white = white_part(seen[0], problem.records.mask)
         noise = jnp.diag(jnp.clip(white, 1e-6 * jnp.diagonal(noise), jnp.diagonal(noise)))
-    found = search(problem, parameters, seen, noise, *hats, tuple(places), places.get("equation", ()) + places.get("air", ()))
+    found = search(
+        problem, parameters, seen, noise, *hats, tuple(places), places.get("equation", ()) + places.get("air", ())
+    )
     squares, samples = float(found.squares), float(found.samples)
     power = squares - samples if noise_known else squares
     power = power if power > 0 else float("nan")

@@ -143,8 +143,7 @@ class Augmented(AbstractModel):
         return self.model.pseudo_measurements(record)
 
     def gusty(self):
-        model = self.model.gusty()
-        return None if model is None else Augmented(model, self.effects_in)
+        return Augmented(self.model.gusty(), self.effects_in)
 
     def effects(self):
         return self.model.effects()

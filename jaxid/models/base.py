@@ -88,12 +88,12 @@ class AbstractModel(eqx.Module):
         """What the instruments make of the sampled outputs; what acts on a whole signal (a sensor's delay) belongs here."""
         return y
 
-    def gusty(self) -> "AbstractModel | None":
-        """The same model with random motions of what surrounds it as further inputs, behind its own; None where it has none.
+    def gusty(self) -> "AbstractModel":
+        """The same model with random motions of what surrounds it as further inputs, behind its own; itself where it has none.
 
         Where a gust moves an aircraft's vane as well as its wing, a force in an equation does not say what it does.
         """
-        return None
+        return self
 
     def effects(self):
         """Candidates for missing effects beside the general ones: a tuple of `Effect`."""

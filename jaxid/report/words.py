@@ -18,8 +18,8 @@ OUTCOMES = {
     "that decided. So something is missing that is not among the candidates; no cause is named. "
     "More candidates are the next thing to try.",
     "process noise": "What the declared model leaves is more than measurement noise, but nothing predicts it: once a filter "
-    "knows of random forces in the equations or of gusts, what is left is noise, and neither a candidate nor any simple function of the "
-    "signals explains any part of it. So no term is missing that these records could show, and nothing was added.",
+    "knows of random forces in the equations or of gusts, what is left is noise, and neither a candidate nor any simple function "
+    "of the signals explains any part of it. So no term is missing that these records could show, and nothing was added.",
     "nothing missing": "Already the declared model leaves no more than measurement noise, and no candidate explains "
     "any part of it. Nothing was added.",
 }

@@ -151,7 +151,8 @@ class RandomForces:
 
     def __str__(self) -> str:
         sizes = ", ".join(
-            f"{self.force[name]:.3g} " + (f"m/s in {name}" if name in self.air else f"in d({name})/dt") for name in self.places
+            f"{self.force[name]:.3g} " + (f"m/s in {name}" if name in self.air else f"in d({name})/dt")
+            for name in self.places
         )
         return (
             f"random forces (process noise, as of turbulence) of standard deviation {sizes} and correlation time "

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from jax.scipy.stats import chi2
 
-from ..diagnosis.free_form import RANDOM
 from ..diagnosis.predictable import predictable_share
 from ..diagnosis.where import Where
 from ..models.effects import Effect
@@ -27,6 +26,7 @@ PLACES = {
 # one does in a third, so that more is asked of them.
 NEAR, NEAR_OF_SEVERAL = 0.2, 0.05
 SETTLED = 25.0  # by how much worse another shape must fit for this one to be the cause: a discovery's five standard deviations
+KEPT = 0.3  # of what a force would be alone: one that the others leave less of, a tenth of its power, is not told
 ALIKE = 0.01  # of what an effect explains: a contender that differs by less is to these records the same, and one set with it
 
 
@@ -134,8 +134,7 @@ def unsettled(contenders: tuple[Rival, ...], rounds: tuple[Round, ...]) -> tuple
 
 def _random_forces(search: Search, declared: Fitted, where: Where) -> RandomForces | None:
     """The forces, where a filter that knows of them leaves noise, and nothing absent scores among its innovations."""
-    acting = tuple(place.name for place in where.rivals() if place.kind in RANDOM)
-    if not acting:
+    if not where.random():
         return None
     search.progress("whether random forces explain the residual")
     noise, scores = search.bench.filtered(declared, where)
@@ -146,9 +145,12 @@ def _random_forces(search: Search, declared: Fitted, where: Where) -> RandomForc
     tried = int(np.sum(np.asarray(scores.left) > 0))
     if not search.looks_like_noise(outputs) or strongest > critical(search.options.level / max(tried, 1)):
         return None
-    force = {place.name: float(one) for place, one in zip(where.random(), noise.force, strict=True)}
-    air = tuple(place.name for place in where.random() if place.kind == "air")
-    return RandomForces(acting, air, force, float(noise.time), float(noise.gain))
+    places, force = where.random(), np.asarray(noise.force)
+    alone = np.array([place.size for place in places])
+    acting = tuple(place.name for place, kept in zip(places, force > KEPT * alone, strict=True) if kept)
+    air = tuple(place.name for place in places if place.kind == "air")
+    sizes = {place.name: float(one) for place, one in zip(places, force, strict=True)}
+    return RandomForces(acting, air, sizes, float(noise.time), float(noise.gain))
 
 
 def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:

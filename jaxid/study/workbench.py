@@ -220,8 +220,8 @@ class Workbench:
             fitted: a fit to the training records.
             where: the places in which a force could act, and how large it would be.
         """
-        names = tuple(place.name for place in where.random())
-        force = jnp.array([np.sqrt(np.mean(place.disturbance**2)) for place in where.random()])
+        places = where.random()
+        names, force = tuple(place.name for place in places), jnp.array([place.size for place in places])
         problem, shared = self._problem(fitted.columns, self._width(fitted.columns), fitted.values, None)
         _, S = self._white_columns(fitted)
         known = isinstance(self.likelihood.noise, FixedNoise)

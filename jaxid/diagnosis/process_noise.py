@@ -22,11 +22,13 @@ from ..models.free import Parameters
 from ..sensitivity.information import gather, record_triangles
 from .free_form import RANDOM, Linear, answers, linear_model
 from .predictable import white_part
+from .scores import sensitivities
 from .validation import root_mean_square
 
 STEPS = 80  # of the search for the noise: it is smooth, and a few per cent of its strengths decide nothing
 TIMES = (1.0, 10.0, 100.0)  # typical steps: correlation times from which the search starts
-TURNS = 3  # of noise and parameters
+TURNS = 10  # of noise and parameters, at most
+LITTLE = 1.0  # of log-likelihood: a turn that brings less is the last
 LAGS = (3.0, 15.0)  # typical steps: of signals that a force may follow late
 FEW_SIGNALS = 8  # so many still have all their products tried
 SILENT = -60.0  # the logarithm of no force
@@ -67,28 +69,27 @@ class ProcessNoise(NamedTuple):
     probes: Float[Array, "case time output probe"]
 
 
-@eqx.filter_jit
 def process_noise(
     problem: Problem,
     parameters: Parameters,
-    S: Float[Array, "case time output column"],
     is_free: Bool[Array, " shared"],
     force: Float[Array, " place"],
     names: tuple[str, ...],
     known: bool,
 ) -> ProcessNoise:
-    r"""Fit process noise to the residuals of a problem, and filter residuals and columns with it.
+    r"""Fit process noise and parameters to the records of a problem, and filter residuals and columns with it.
 
         dx_(i+1) = Phi_i dx_i + P_i d_i + Q_i d_(i+1),    d_(i+1) = a d_i + sqrt(1 - a^2) s w_i
         v_i = C_i dx_i + D_i d_i + S_i dtheta + e_i,    a = exp(-h / time)
 
-    What the free parameters took of the forces is given back: noise and linear step `dtheta` are found in turn.
+    Output error takes strong forces for other parameters. So noise and parameters are found in turn: the noise on the linear
+    model along the trajectory, then one Gauss-Newton step `dtheta` on the innovations, and the trajectory and the linear model
+    anew, as filter error does it.
 
     Args:
-        problem: with output error for likelihood.
+        problem: with output error for likelihood; its shared parameters are all columns that are asked about.
         parameters: its solution.
-        S: sensitivities to any columns, in units of the instruments' noise, each record's own unknowns first.
-        is_free: of the last columns, the shared ones, which are free.
+        is_free: of the shared parameters, those that are free.
         force: its strength at each place, where the search starts: that of the disturbance which `where` finds there.
         names: of the places: states whose equation holds a random force, and then of what moves in the air.
         known: whether the instruments' noise is known; else its variances are estimated as well.
@@ -96,45 +97,85 @@ def process_noise(
     Returns:
         Strengths, and the innovations of residuals and columns. (Maine & Iliff, NASA RP-1168, 1986, section 5; Kalman 1960.)
     """
-    v = problem.residuals(parameters)
+    seen = sensitivities(problem, parameters)
+    first, mask = seen[0], problem.records.mask
+    begin, count = _begin(force, problem.records.t, problem.whiten(first, first), mask), jnp.sum(mask)
+    found = [_turn(problem, parameters, first, seen, is_free, begin, names, known)]
+    while len(found) < TURNS:
+        parameters = jax.tree.map(jnp.add, parameters, found[-1].step)
+        seen, again = sensitivities(problem, parameters), _again(found[-1].noise, begin)
+        found.append(_turn(problem, parameters, first, seen, is_free, again, names, known))
+        if not count * (found[-2].cost - found[-1].cost) > LITTLE:
+            break
+    last = min(found, key=lambda turn: float(turn.cost))
+    instruments = jnp.where(known, 1.0, jnp.exp(0.5 * last.noise.instruments))
+    strengths = (jnp.exp(last.noise.force), jnp.exp(last.noise.time), instruments)
+    gain = 2.0 * count * (found[0].without - last.cost)
+    return ProcessNoise(*strengths, gain, last.white[..., 0], last.white[..., 1:], last.probes)
+
+
+class Turn(NamedTuple):
+    """One turn of `process_noise`: noise, innovations of residuals with columns, and of probes, the step of the parameters, and
+    costs for each sample, without forces and with them."""
+
+    noise: Noise
+    white: Float[Array, "case time output column"]
+    probes: Float[Array, "case time output probe"]
+    step: Parameters
+    without: Float[Array, ""]
+    cost: Float[Array, ""]
+
+
+@eqx.filter_jit
+def _turn(
+    problem: Problem,
+    parameters: Parameters,
+    first: Float[Array, "case time output"],
+    seen: tuple[Float[Array, "case time output"], Float[Array, "case time output column"]],
+    is_free: Bool[Array, " shared"],
+    begin: Noise,
+    names: tuple[str, ...],
+    known: bool,
+) -> Turn:
+    """The noise by maximum likelihood, and the step of the parameters that its filter asks for.
+
+    Args:
+        first: the residuals whose noise is the unit of all turns.
+        seen: residuals and sensitivities at these parameters.
+        begin: where the search starts, several such.
+    """
 
     def one(own, case):
         return linear_model(problem, own, parameters.shared, case, RANDOM, names)
 
     linear = jax.vmap(one)(parameters.rows, problem.cases())
     signals = jnp.concatenate([linear.x, problem.records.u, linear.y], axis=-1)
-    linear = linear._replace(C=problem.whiten(v, linear.C), D=problem.whiten(v, linear.D))
-    t, seen = problem.records.t, problem.records.mask
+    linear = linear._replace(C=problem.whiten(first, linear.C), D=problem.whiten(first, linear.D))
+    t, mask = problem.records.t, problem.records.mask
+    white, S = (problem.whiten(first, rows) for rows in seen)
     probes = jax.vmap(answers)(linear, probing(signals, t))
-    probes = probes.reshape(*seen.shape, -1)
 
     def filtered(noise: Noise, columns):
         noise = noise._replace(instruments=jnp.where(known, 0.0, noise.instruments))
-        return jax.vmap(lambda *case: _filtered(*case, noise))(linear, t, seen, columns)
+        return jax.vmap(lambda *case: _filtered(*case, noise))(linear, t, mask, columns)
 
-    def cost(noise: Noise, white):
+    def cost(noise: Noise, _=None):
         innovations, log_det = filtered(noise, white[..., None])
-        return 0.5 * (jnp.sum(innovations**2) + jnp.sum(log_det)) / jnp.sum(seen)
+        return 0.5 * (jnp.sum(innovations**2) + jnp.sum(log_det)) / jnp.sum(mask)
 
-    def search(white, begin: Noise):
+    def search(begin: Noise):
         solver = optimistix.BFGS(rtol=1e-4, atol=1e-4)
-        found = optimistix.minimise(cost, solver, begin, args=white, max_steps=STEPS, throw=False).value
-        return found, cost(found, white)
+        found = optimistix.minimise(cost, solver, begin, max_steps=STEPS, throw=False).value
+        return found, cost(found)
 
-    def turn(white, _):
-        found, costs = jax.vmap(lambda begin: search(white, begin))(_begin(force, t, white, seen))
-        noise = jax.tree.map(lambda one: one[jnp.nanargmin(costs)], found)
-        whole, _ = filtered(noise, jnp.concatenate([white[..., None], S], axis=-1))
-        return white - _imitated(whole[..., 0], whole[..., 1:], S, is_free), (noise, white, whole)
-
-    white = problem.whiten(v, v)
-    _, turns = jax.lax.scan(turn, white, None, TURNS)
-    noise, last, whole = jax.tree.map(lambda one: one[-1], turns)
-    without = Noise(jnp.full_like(noise.force, SILENT), noise.time, 2.0 * jnp.log(root_mean_square(white, seen)))
-    gain = 2.0 * jnp.sum(seen) * (cost(without, white) - cost(noise, last))
-    instruments = jnp.where(known, 1.0, jnp.exp(0.5 * noise.instruments))
-    strengths = (jnp.exp(noise.force), jnp.exp(noise.time), instruments)
-    return ProcessNoise(*strengths, gain, whole[..., 0], whole[..., 1:], filtered(noise, probes)[0])
+    tried, costs = jax.vmap(search)(begin)
+    best = jnp.nanargmin(costs)
+    noise = jax.tree.map(lambda one: one[best], tried)
+    whole, _ = filtered(noise, jnp.concatenate([white[..., None], S], axis=-1))
+    step = _step(whole[..., 0], whole[..., 1:], is_free)
+    without = Noise(jnp.full_like(noise.force, SILENT), noise.time, 2.0 * jnp.log(root_mean_square(white, mask)))
+    innovations, _ = filtered(noise, probes.reshape(*mask.shape, -1))
+    return Turn(noise, whole, innovations, step, cost(without), costs[best])
 
 
 def probing(signals: Float[Array, "case time signal"], t: Float[Array, "case time"]) -> Float[Array, "case time probe"]:
@@ -167,15 +208,14 @@ def _lagged(t: Float[Array, " time"], s: Float[Array, "time signal"], lag) -> Fl
     return jnp.concatenate([s[:1], jax.lax.scan(follow, s[0], (jnp.diff(t), s[:-1]))[1]])
 
 
-def _imitated(v, filtered, S, is_free) -> Float[Array, "case time output"]:
-    """What the free parameters explain of filtered residuals, before the filter."""
+def _step(v, S, is_free) -> Parameters:
+    """The Gauss-Newton step of the free parameters on filtered residuals."""
     count = S.shape[-1] - is_free.size
-    triangles = record_triangles(filtered[..., :count], filtered[..., count:], v)
+    triangles = record_triangles(S[..., :count], S[..., count:], v)
     nothing = jnp.zeros((1, is_free.size + 1))
     information = gather(triangles, nothing, jnp.zeros((v.shape[0], count), bool), ~is_free)
     shared = jnp.linalg.pinv(information.triangle) @ information.rhs
-    own = information.own.solve(shared)
-    return S[..., count:] @ shared + jnp.einsum("ctoj,cj->cto", S[..., :count], own)
+    return Parameters(shared, information.own.solve(shared))
 
 
 def _begin(force, t, white, seen) -> Noise:
@@ -185,6 +225,16 @@ def _begin(force, t, white, seen) -> Noise:
     times = jnp.array(TIMES) * jnp.nanmedian(jnp.where(h > 0, h, jnp.nan))
     each = [jnp.tile(jnp.log(one)[None], (times.size, 1)) for one in (force, fast + 1e-6)]
     return Noise(each[0], jnp.log(times), each[1])
+
+
+def _again(noise: Noise, begin: Noise) -> Noise:
+    """Where a search goes on: at the strengths that were found, with all correlation times; what has vanished gets a chance."""
+    floor = begin.force - jnp.log(10.0)
+    return Noise(
+        jnp.maximum(jnp.broadcast_to(noise.force, floor.shape), floor),
+        begin.time,
+        jnp.broadcast_to(noise.instruments, begin.instruments.shape),
+    )
 
 
 def _filtered(

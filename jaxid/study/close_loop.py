@@ -108,6 +108,7 @@ def close_loop(
     search = Search(bench, check, tests, window, options, progress)
     found, rounds = search.run(declared)
     found = bench.finish(found)
+    declared = bench.finish(declared) if found.effects else found
     where["after"] = bench.where(found, like=where["before"]) if found.effects else where["before"]
     conclusion = conclude(search, rounds, declared, found, where)
     if conclusion.process_noise:

@@ -222,13 +222,11 @@ class Workbench:
         """
         places = where.random()
         names, force = tuple(place.name for place in places), jnp.array([place.size for place in places])
-        problem, shared = self._problem(fitted.columns, self._width(fitted.columns), fitted.values, None)
-        _, S = self._white_columns(fitted)
+        asked = self._of_all(fitted.values, fitted.fit.parameters.rows)
         known = isinstance(self.likelihood.noise, FixedNoise)
-        parameters = Parameters(shared, fitted.fit.parameters.rows)
         floor = 1e-3 * jnp.max(force) + jnp.finfo(float).tiny
         is_free = self._is_free(fitted.columns)
-        noise = process_noise(problem, parameters, S, is_free, jnp.maximum(force, floor), names, known)
+        noise = process_noise(*asked, is_free, jnp.maximum(force, floor), names, known)
         columns = jnp.concatenate([noise.S, noise.probes], axis=-1)
         return noise, scores_of(noise.v, columns, jnp.pad(is_free, (0, noise.probes.shape[-1])))
 

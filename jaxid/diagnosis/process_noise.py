@@ -27,8 +27,8 @@ from .validation import root_mean_square
 
 STEPS = 80  # of the search for the noise: it is smooth, and a few per cent of its strengths decide nothing
 TIMES = (1.0, 10.0, 100.0)  # typical steps: correlation times from which the search starts
-TURNS = 10  # of noise and parameters, at most
-LITTLE = 1.0  # of log-likelihood: a turn that brings less is the last
+TURNS = 5  # of noise and parameters, at most
+LITTLE = 1e-3  # of what the forces explain: a turn that brings less is the last
 LAGS = (3.0, 15.0)  # typical steps: of signals that a force may follow late
 FEW_SIGNALS = 8  # so many still have all their products tried
 SILENT = -60.0  # the logarithm of no force
@@ -105,7 +105,7 @@ def process_noise(
         parameters = jax.tree.map(jnp.add, parameters, found[-1].step)
         seen, again = sensitivities(problem, parameters), _again(found[-1].noise, begin)
         found.append(_turn(problem, parameters, first, seen, is_free, again, names, known))
-        if not count * (found[-2].cost - found[-1].cost) > LITTLE:
+        if not found[-2].cost - found[-1].cost > LITTLE * (found[0].without - found[-1].cost):
             break
     last = min(found, key=lambda turn: float(turn.cost))
     instruments = jnp.where(known, 1.0, jnp.exp(0.5 * last.noise.instruments))

@@ -62,7 +62,7 @@ class IdentificationModel(AbstractModel):
     add. By default those whose equation is propagated: V, alpha, beta, ax, ay, az go with the translation along them, a rate and
     its acceleration with that rate.
 
-    The air is still, velocity over ground and relative to the air are one, but for gusts that are named in `measured`.
+    The air is still but for gusts that are named in `measured`: velocity over ground and relative to it are one.
 
     Args:
         airframe: mass, size, and aerodynamics: `PolynomialAerodynamics` with a `Polynomial` for each coefficient, or tables with

@@ -158,9 +158,8 @@ class Longitudinal(AbstractModel):
         return ()
 
     def units(self):
-        channels = {"u": "m/s", "w": "m/s", "q": "rad/s", "pitch": "rad", "elevator": "rad"} | dict.fromkeys(
-            self.gusts, "m/s"
-        )
+        channels = {"u": "m/s", "w": "m/s", "q": "rad/s", "pitch": "rad", "elevator": "rad"}
+        channels |= dict.fromkeys(self.gusts, "m/s")
         channels |= {"alpha": "rad", "ax": "m/s^2", "az": "m/s^2", "V": "m/s"}
         constants = {"mass": "kg", "Iy": "kg*m^2", "S": "m^2", "cbar": "m", "thrust": "N", "density": "kg/m^3"}
         coefficients = {

@@ -20,13 +20,12 @@ PLACES = {
     "input": "input",
     "output": "sensor",
     "parameter": "parameter",
-    "air": "air",
 }  # as `Effect.place` calls them
 # Of the residual's power: places whose shares differ by more are not the same. Two effects in two places can together do what
 # one does in a third, so that more is asked of them.
 NEAR, NEAR_OF_SEVERAL = 0.2, 0.05
 SETTLED = 25.0  # by how much worse another shape must fit for this one to be the cause: a discovery's five standard deviations
-KEPT = 0.3  # of what a force would be alone: one that the others leave less of, a tenth of its power, is not told
+KEPT = 0.3  # of what a force would be alone: one of which the others leave less, a tenth of its power, is told only if it is near
 ALIKE = 0.01  # of what an effect explains: a contender that differs by less is to these records the same, and one set with it
 
 
@@ -117,6 +116,7 @@ def act_elsewhere(effects: tuple[Effect, ...], where: Where) -> bool:
     sensors are held against it; what acts through a coefficient or a parameter may move several equations.
     """
     told = [effect.place for effect in effects]
+    where = where._replace(places=tuple(one for one in where.places if one.kind != "air"))  # no effect is a gust
     rivals = where.rivals(NEAR if len(set(told)) == 1 else NEAR_OF_SEVERAL)
     known, close = ({f"{PLACES[one.kind]} {one.name}" for one in some} for some in (where.places, rivals))
     return set(told) <= known and 2 * sum(place not in close for place in told) > len(told)
@@ -146,8 +146,9 @@ def _random_forces(search: Search, declared: Fitted, where: Where) -> RandomForc
     if not search.looks_like_noise(outputs) or strongest > critical(search.options.level / max(tried, 1)):
         return None
     places, force = where.random(), np.asarray(noise.force)
-    alone = np.array([place.size for place in places])
-    acting = tuple(place.name for place, kept in zip(places, force > KEPT * alone, strict=True) if kept)
+    kept = force > KEPT * np.array([place.size for place in places])
+    nearest = [place.name for place in where.rivals()]
+    acting = tuple(one.name for one, large in zip(places, kept, strict=True) if large or one.name in nearest)
     air = tuple(place.name for place in places if place.kind == "air")
     sizes = {place.name: float(one) for place, one in zip(places, force, strict=True)}
     return RandomForces(acting, air, sizes, float(noise.time), float(noise.gain))

@@ -127,13 +127,13 @@ class Longitudinal(AbstractModel):
         """States, elevator, and what coefficients may depend on.
 
         Returns:
-            Beside states and input: `alpha` [rad], `V` [m/s], `qhat` [rad], `alphadot_hat`, the rate of alpha by the
-            declared equations times `cbar/2V` [rad], `u_per_CX` and `w_per_CZ`, `qbar S/m` [m/s^2], and `q_per_Cm`,
-            `qbar S cbar/Iy` [rad/s^2].
+            Beside states and inputs: `alpha` [rad], `V` [m/s], `qhat` [rad], `alphadot_hat`, the rate of alpha by the
+            declared equations times `cbar/2V`, gusts taken as steady [rad], `u_per_CX` and `w_per_CZ`, `qbar S/m` [m/s^2],
+            and `q_per_Cm`, `qbar S cbar/Iy` [rad/s^2].
         """
         flow = self._flow(x, u)
         udot, wdot = self.rhs(t, x, u)[:2]
-        alphadot = (x[0] * wdot - x[1] * udot) / flow["V"] ** 2
+        alphadot = (jnp.cos(flow["alpha"]) * wdot - jnp.sin(flow["alpha"]) * udot) / flow["V"]
         return flow | {"alphadot_hat": alphadot * self.cbar / (2.0 * flow["V"])}
 
     def effects(self):

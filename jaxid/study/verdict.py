@@ -147,8 +147,10 @@ def _random_forces(search: Search, declared: Fitted, where: Where) -> RandomForc
         return None
     places, force = where.random(), np.asarray(noise.force)
     kept = force > KEPT * np.array([place.size for place in places])
-    nearest = [place.name for place in where.rivals()]
-    acting = tuple(one.name for one, large in zip(places, kept, strict=True) if large or one.name in nearest)
+    nearest = {(one.kind, one.name) for one in where.rivals()}  # an equation and a sensor may have one name
+    acting = tuple(
+        one.name for one, large in zip(places, kept, strict=True) if large or (one.kind, one.name) in nearest
+    )
     air = tuple(place.name for place in places if place.kind == "air")
     sizes = {place.name: float(one) for place, one in zip(places, force, strict=True)}
     return RandomForces(acting, air, sizes, float(noise.time), float(noise.gain))

@@ -12,6 +12,7 @@ from .._foundation.checks import require_known, require_unique
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from .base import AbstractModel
+from .differences import with_differences
 from .effects import Effect
 from .effects_parameter import all_additions, shifted
 from .effects_sensor import SensorEffect, alike, read_together
@@ -53,7 +54,7 @@ class Augmented(AbstractModel):
     def rhs(self, t, x, u):
         own, extra, arriving, acting = self._take_apart(x, u)
         rates, signals = self._declared(t).rhs_and_signals(t, own, acting)
-        signals = signals | extra
+        signals = self._with_differences(signals | extra)
         rates = rates + self._terms(signals)
         dx = dict(zip(self.model.states, rates, strict=True))
         for effect in self.effects_in:
@@ -128,7 +129,11 @@ class Augmented(AbstractModel):
 
     def signals(self, t, x, u):
         own, extra, _, acting = self._take_apart(x, u)
-        return self._declared(t).signals(t, own, acting) | extra
+        return self._with_differences(self._declared(t).signals(t, own, acting) | extra)
+
+    def _with_differences(self, signals):
+        """Signals and those differences of them of which effects are made."""
+        return with_differences(signals, (name for effect in self.effects_in for name in effect.signals_used))
 
     def input_path(self, path):
         path = self.model.input_path(path)

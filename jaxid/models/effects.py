@@ -97,6 +97,10 @@ class Effect(eqx.Module):
         """Whether to refit with it whatever its score, because at zero gain the score hardly sees it."""
         return False
 
+    def shown(self, measured: dict[str, Float[np.ndarray, " _"]]) -> bool:
+        """Whether the records show it by themselves, whatever the model: where it helps, it comes in before all others."""
+        return False
+
     def start(
         self,
         signals: dict[str, Float[np.ndarray, " sample"]],

@@ -6,7 +6,7 @@ import numpy as np
 
 from .._foundation.types import Array, Float
 from .effects import Effect, zero
-from .polynomial import factors
+from .polynomial import factor_of, factors, signals_in
 from .starts import level_in
 
 FASTEST = 2.0  # of a rate times the step between samples: the classical Runge-Kutta method is stable to 2.78
@@ -39,7 +39,7 @@ class Term(Effect):
 
     @property
     def signals_used(self):
-        return tuple(sorted({signal for signal, _ in factors(self.product)}))
+        return signals_in((self.product,))
 
     @property
     def complexity(self):
@@ -132,7 +132,7 @@ class QuadraticDrag(Effect):
 
     @property
     def terms(self):
-        return ((self.state, f"|{self.speed}| {self.speed}"),)
+        return ((self.state, f"|{self.speed}| {factor_of(self.speed)}"),)
 
 
 class StateLimit(Effect):

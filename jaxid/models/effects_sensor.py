@@ -15,6 +15,7 @@ from .._foundation.types import Array, Float
 from .effects import Effect, zero
 
 PILE = 3  # samples at exactly one extreme value: noise alone does not repeat itself
+CROWD = 5  # times as many there as at any other value: neither a coarse scale nor rest makes such a pile at an end
 
 
 class SensorEffect(Effect):
@@ -174,7 +175,7 @@ class SensorSaturation(SensorEffect):
         y -> y - gain max(y - level, 0)     at the upper end, and its mirror image at the lower
 
     The level starts at the extreme of the measured signal. Several samples at exactly that value are what a stop looks like,
-    and are reason enough to try it.
+    and are reason enough to try it; many more than at any other value show it, whatever the model.
 
     Args:
         channel: name of the output.
@@ -205,6 +206,12 @@ class SensorSaturation(SensorEffect):
     def worth_trying(self, measured):
         signal = measured[self.channel]
         return int(np.sum(signal == self._extreme(signal))) >= PILE
+
+    def shown(self, measured):
+        signal = measured[self.channel]
+        at_end = signal == self._extreme(signal)
+        _, elsewhere = np.unique(signal[~at_end], return_counts=True)
+        return int(np.sum(at_end)) > CROWD * int(np.max(elsewhere, initial=1))
 
     def start(self, signals, measured, step):
         return eqx.tree_at(lambda effect: effect.level, self, jnp.asarray(self._extreme(measured[self.channel])))

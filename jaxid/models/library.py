@@ -12,6 +12,7 @@ import numpy as np
 from .._foundation.types import Array, Bool
 from .acting import Acting
 from .base import AbstractModel, canonical
+from .differences import differences, with_differences
 from .effects import Effect
 from .effects_actuator import InputDeadZone, InputPositionLimit, InputRateLimit
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
@@ -26,6 +27,7 @@ from .names import flatten
 MOST_SIGNALS_FOR_CUBIC_PRODUCTS = 3
 MOST_PAIRS_FOR_SHAPES = 12  # of an equation and a state, from which on bends in each would be too many candidates
 MOST_PAIRS_FOR_MEMORY = 6  # and states of effects too many to simulate
+MOST_DIFFERENCES_FOR_SHAPES = 8  # of an equation and a difference
 MOST_OF_ONE_KIND = 3
 LEVELS = (0.6, 0.75, 0.9)  # starts of a limit within the range of its signal
 KNOTS = (0.3, 0.7)  # starts of a knot within the range of its signal
@@ -46,7 +48,8 @@ def general_effects(
     """
     if equations is None:
         equations = uncertain_equations(canonical(model), np.arange(flatten(canonical(model))[0].size))
-    effects = [*_in_equations(model, equations), *_in_inputs(model, uniform), *_in_outputs(model)]
+    effects = [*_in_equations(model, equations), *_of_differences(model, equations)]
+    effects += [*_in_inputs(model, uniform), *_in_outputs(model)]
     return tuple(sorted(effects, key=lambda effect: effect.name))
 
 
@@ -65,6 +68,18 @@ def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effe
             # A place that acts late is its speed that acts late, in other words: their lags are one, where damping is free.
             effects += [LaggedSignal(acting, signal) for signal in equations]
             effects += [Hysteresis(acting, signal) for signal in model.states]
+    return effects
+
+
+def _of_differences(model: AbstractModel, equations: tuple[str, ...]) -> list[Effect]:
+    """Curved, dry and slack, what acts between two parts: functions of differences that the declared model knows."""
+    found = differences(canonical(model), equations)
+    pairs = [(state, signal) for signal, states in found.items() for state in states]
+    effects: list[Effect] = []
+    for state, signal in pairs:
+        effects += [Term(state, f"({signal})^2"), Term(state, f"({signal})^3"), QuadraticDrag(state, signal)]
+        if len(pairs) <= MOST_DIFFERENCES_FOR_SHAPES:
+            effects += [DryFriction(state, signal), DeadBand(Acting.equation(state), signal)]
     return effects
 
 
@@ -139,6 +154,7 @@ def _depends(model: AbstractModel, flat: Array, positions: Positions) -> Bool[Ar
 
 def started(effects: tuple[Effect, ...], signals, measured, step) -> tuple[Effect, ...]:
     """The effects with their shapes set from the signals of the training records, and their gains zero."""
+    signals = with_differences(signals, (name for effect in effects for name in effect.signals_used))
     fresh = (effect.start(signals, measured, step) for effect in effects)
     return tuple(eqx.tree_at(lambda effect: effect.gain, effect, jnp.zeros(())) for effect in fresh)
 

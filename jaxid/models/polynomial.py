@@ -10,12 +10,14 @@ import numpy as np
 
 from .._foundation.checks import InputError, require_known
 from .._foundation.types import Array, Float
+from .differences import with_differences
 
-# A factor: `alpha`, `|alpha|` or `(alpha-0.26)+`, and a whole power.
+# A factor: `alpha`, `|alpha|`, `(alpha-0.26)+` or `(x-y)`, and a whole power.
 NAME, NUMBER = r"[^\s^|()+-]+", r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
+DIFFERENCE = rf"{NAME}-(?!(?:{NUMBER})[)|]){NAME}"
 FACTOR = re.compile(
-    rf"(?P<base>\|(?P<size>{NAME})\||\((?P<cut>{NAME})(?P<knot>[+-](?:{NUMBER}))\)\+|(?P<plain>[^\s^|()]+))"
-    r"(?:\^(?P<power>[1-9]\d*))?"
+    rf"(?P<base>\|(?P<size>{DIFFERENCE}|{NAME})\||\((?P<cut>{NAME})(?P<knot>[+-](?:{NUMBER}))\)\+"
+    rf"|\((?P<difference>{DIFFERENCE})\)|(?P<plain>[^\s^|()]+))(?:\^(?P<power>[1-9]\d*))?"
 )
 
 
@@ -23,8 +25,8 @@ class Polynomial(eqx.Module):
     r"""A sum of monomials in named signals, `p = sum_k c_k prod_s (s - centre_s)^n_ks` (Eq. 3.9).
 
     Terms are written as they are read: `"1"`, `"alpha"`, `"alpha^2"`, `"alpha q"`; `"|beta| beta"` with a signal's size;
-    `"(alpha-0.26)+^2"`, zero below the knot and the square of the distance above it, which makes a spline. A coefficient's
-    dotted name ends in its term: `Cm.alpha^2`; a centre is called `Cm.centre.alpha`.
+    `"(alpha-0.26)+^2"`, zero below the knot and the square of the distance above it, which makes a spline; `"(x-y)^3"` with the
+    difference of two signals. A coefficient's dotted name ends in its term: `Cm.alpha^2`; a centre is called `Cm.centre.alpha`.
 
     Args:
         coefficients: value by term.
@@ -66,7 +68,7 @@ def monomials(
     Integer powers are products, so that they have a derivative at zero.
 
     Args:
-        terms: products of powers of signals, of their sizes and of distances above a knot; `"1"` for a constant.
+        terms: products of powers of signals, of their differences, of sizes and of distances above a knot; `"1"` for a constant.
         signals: scalars by name.
         centre: by signal, what is taken from it first; nothing by default.
 
@@ -74,13 +76,16 @@ def monomials(
         InputError: when a term cannot be read, or names a signal that is not there.
     """
     products = [[base for base, power in factors(term) for _ in range(power)] for term in terms]
-    used = sorted({base for product in products for base in product})
-    require_known("signal", signals_in(terms), signals)
-    ladder = jnp.stack([jnp.ones(()), *(_value(_parse(base), signals, centre or {}) for base in used)])
+    bases = sorted({base for product in products for base in product})
+    used = signals_in(terms)
+    centred = {name: signals[name] - value for name, value in (centre or {}).items() if name in signals}
+    signals = with_differences({**signals, **centred}, used)
+    require_known("signal", used, signals)
+    ladder = jnp.stack([jnp.ones(()), *(_value(_parse(base), signals) for base in bases)])
     degree = max(map(len, products), default=0)
     rungs = np.zeros((degree, len(terms)), int)
     for column, product in enumerate(products):
-        rungs[: len(product), column] = [1 + used.index(base) for base in product]
+        rungs[: len(product), column] = [1 + bases.index(base) for base in product]
     value = jnp.ones(len(terms))
     for rung in rungs:
         value = value * ladder[rung]
@@ -102,8 +107,13 @@ def factors(term: str) -> tuple[tuple[str, int], ...]:
 
 
 def signals_in(terms: Iterable[str]) -> tuple[str, ...]:
-    """Names of the signals in terms, sorted: those of `"|beta| beta"` and `"(alpha-0.26)+"` are alpha and beta."""
+    """Names of the signals in terms, sorted: those of `"|beta| beta"`, `"(alpha-0.26)+"` and `"(x-y)^3"` are alpha, beta, x-y."""
     return tuple(sorted({_parse(base).signal for term in terms for base, _ in factors(term)}))
+
+
+def factor_of(signal: str) -> str:
+    """A signal as a factor of a term: a difference in brackets."""
+    return f"({signal})" if re.fullmatch(DIFFERENCE, signal) else signal
 
 
 class _Factor(NamedTuple):
@@ -121,18 +131,17 @@ def _parse(factor: str) -> _Factor:
     if not found:
         raise InputError(
             f"The factor {factor!r} cannot be read. Write a signal as alpha, its size as |alpha|, its distance above a knot as "
-            "(alpha-0.26)+ or (alpha+0.1)+, each with a whole power as alpha^2, and put blanks between factors only."
+            "(alpha-0.26)+ or (alpha+0.1)+, a difference as (x-y), each with a whole power as alpha^2, and put blanks between "
+            "factors only."
         )
-    signal = found["size"] or found["cut"] or found["plain"]
+    signal = found["size"] or found["cut"] or found["difference"] or found["plain"]
     knot = None if found["knot"] is None else -float(found["knot"])
     return _Factor(found["base"], signal, found["size"] is not None, knot, int(found["power"] or 1))
 
 
-def _value(factor: _Factor, signals: Mapping, centre: Mapping) -> Float[Array, ""]:
+def _value(factor: _Factor, signals: Mapping) -> Float[Array, ""]:
     """A factor's value, without its power."""
     value = signals[factor.signal]
-    if factor.signal in centre:
-        value = value - centre[factor.signal]
     if factor.size:
         return jnp.abs(value)
     if factor.knot is None:

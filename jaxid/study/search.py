@@ -184,13 +184,18 @@ class Search:
 
         Training and check records are one body of evidence: twice the log-likelihood of both, less a price for each parameter.
         Of those that come near the best, the colour of the residual accounted for, the simplest wins, and of equally simple
-        ones the best. (A check record by itself is short: where a model drifts, its error is a matter of luck.)
+        ones the best. (A check record by itself is short: where a model drifts, its error is a matter of luck.) What the records
+        show by themselves goes before what only a model can tell: a stop of a sensor hides what there is to explain beyond it.
         """
+        effects, measured = self.bench.effects, self.bench.measured
+        kept = {
+            name: one for name, one in kept.items() if any(effects[part].shown(measured) for part in one.parts)
+        } or kept
         evidence = {name: _cost_fall(one) - 2.0 * self.check_cost(refits[name]) for name, one in kept.items()}
         worth = {name: fall - np.log(self.samples) * len(refits[name].columns) for name, fall in evidence.items()}
         top = max(worth, key=worth.__getitem__)
         near = [name for name in kept if worth[top] - worth[name] <= INSEPARABLE * kept[top].colour]
-        complexity = {name: sum(map(self.complexity, kept[name].parts)) for name in near}
+        complexity = {name: sum(effects[part].complexity for part in kept[name].parts) for name in near}
         winner = min(near, key=lambda name: (complexity[name], -worth[name]))
         rivals = [
             name
@@ -198,10 +203,6 @@ class Search:
             if one.family != kept[winner].family and evidence[winner] - evidence[name] < INSEPARABLE
         ]
         return winner, tuple(rivals)
-
-    def complexity(self, name: str) -> int:
-        """How much a single effect asks one to believe."""
-        return self.bench.effects[name].complexity
 
     def refit(self, fitted: Fitted, candidate: Candidate) -> Fitted:
         """All parameters together with one effect more, or a pair; or with one in the place of what it refines."""

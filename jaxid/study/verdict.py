@@ -113,13 +113,23 @@ def act_elsewhere(effects: tuple[Effect, ...], where: Where) -> bool:
     """Whether most of the effects act in places that explain clearly less of the residual than the best one does.
 
     What predicts well may still be of another kind than the cause: two late sensors for a late input. Only equations, inputs and
-    sensors are held against it; what acts through a coefficient or a parameter may move several equations.
+    sensors are held against it; what acts through a coefficient or a parameter may move several equations, and so does what acts
+    between two parts, a function of the same signals in the equation of each.
     """
     told = [effect.place for effect in effects]
+    if act_between(effects):
+        return False
     where = where._replace(places=tuple(one for one in where.places if one.kind != "air"))  # no effect is a gust
     rivals = where.rivals(NEAR if len(set(told)) == 1 else NEAR_OF_SEVERAL)
     known, close = ({f"{PLACES[one.kind]} {one.name}" for one in some} for some in (where.places, rivals))
     return set(told) <= known and 2 * sum(place not in close for place in told) > len(told)
+
+
+def act_between(effects: tuple[Effect, ...]) -> bool:
+    """Whether the effects are one action between two parts: of the same difference of signals, in the equations of both."""
+    places, signals = {effect.place for effect in effects}, {effect.signals_used for effect in effects}
+    alike = len(signals) == 1 and all("-" in signal for one in signals for signal in one)
+    return alike and len(places) == len(effects) > 1 and all(place.startswith(PLACES["equation"]) for place in places)
 
 
 def unsettled(contenders: tuple[Rival, ...], rounds: tuple[Round, ...]) -> tuple[str, ...]:

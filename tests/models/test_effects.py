@@ -17,6 +17,7 @@ from jaxid.models import (
     SensorLag,
     SensorSaturation,
     StateLimit,
+    Term,
     general_effects,
 )
 from jaxid.models.library import started, uncertain_equations
@@ -179,6 +180,23 @@ def test_a_saturation_is_worth_trying_where_samples_pile_up():
     assert effect.worth_trying({"y": np.minimum(signal, 0.8)})
     assert not SensorSaturation("y", "lower").worth_trying({"y": np.minimum(signal, 0.8)})
     assert effect.start({}, {"y": np.minimum(signal, 0.8)}, 1.0).level == 0.8
+
+
+@pytest.mark.parametrize(
+    ("read", "expected"),
+    [
+        (lambda y: np.minimum(y, 0.8), True),
+        (lambda y: y, False),
+        (lambda y: np.round(y, 1), False),  # a coarse scale: at the end there is no more than elsewhere
+        (lambda y: np.where(np.arange(y.size) < 60, 0.0, np.minimum(y, 0.8)), False),  # long at rest
+    ],
+    ids=["stops", "does not", "coarse", "rests"],
+)
+def test_many_samples_at_an_end_and_nowhere_else_show_a_stop(read, expected):
+    signal = np.sin(0.3 * np.arange(200.0)) + 0.01 * np.random.default_rng(0).normal(size=200)
+    assert SensorSaturation("y", "upper").shown({"y": read(signal)}) is expected
+    assert not SensorSaturation("y", "lower").shown({"y": np.minimum(signal, 0.8)})
+    assert not Term("v", "x").shown({"y": np.minimum(signal, 0.8)})
 
 
 def tanks():

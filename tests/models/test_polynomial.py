@@ -22,6 +22,8 @@ TERMS = {  # by term, its value with nothing taken from the signals
     "(alpha-0.4)+^2": 0.0,
     "(beta+0.2)+": 0.09,
     "(beta-.5e-1)+": 0.0,
+    "(alpha-beta)^2": 0.48**2,
+    "|beta-alpha| beta": 0.48 * BETA,
 }
 
 
@@ -68,6 +70,8 @@ def test_factors_and_signals_are_told():
     assert factors("(alpha-0.26)+^2 beta") == (("(alpha-0.26)+", 2), ("beta", 1))
     assert factors("1") == ()
     assert signals_in(("1", "|beta| q^2", "(alpha+1e-1)+")) == ("alpha", "beta", "q")
+    assert factors("(x-y)^3 |x-y|") == (("(x-y)", 3), ("|x-y|", 1))
+    assert signals_in(("(x-y)^3 y",)) == ("x-y", "y")
 
 
 @pytest.mark.parametrize("term", ["", "alpha^", "alpha^x", "alpha^1.5", "alpha^-1", "alpha^0", "|alpha", "(alpha-1)"])

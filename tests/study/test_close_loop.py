@@ -106,6 +106,21 @@ def test_the_planted_effect_is_named_and_nothing_else(name):
     assert abs(value - float(PLANTED[name].gain)) < 4 * error
 
 
+def test_a_stop_that_the_records_show_comes_in_before_what_explains_more():
+    flown = [fly(3000 + index, PLANTED["x^3 in v"])[0] for index in range(7)]
+    level = 0.6 * max(float(jnp.max(one.z)) for one in flown[:3])
+    stopped = [eqx.tree_at(lambda one: one.z, one, jnp.minimum(one.z, level)) for one in flown]
+    train, check, test = ([stopped[index] for index in part] for part in (TRAIN, CHECK, TEST))
+    model = Spring(1.0, 0.1)
+    own = free(model, "k", "c", per_record=("initial_state",))
+    found = close_loop(model, own, OutputError(), train=train, check=check, test=test, effects=LIBRARY, window=WINDOW)
+    assert [one.added for one in found.rounds] == ["upper saturation of x", "x^3 in v", None]
+    falls = {one.name: one.cost_fall for one in found.rounds[0].candidates}
+    assert falls["x^3 in v"] > 2 * falls["upper saturation of x"]
+    assert found.outcome == "explained"
+    assert found.after.estimate.value("upper saturation of x.level") == pytest.approx(level, abs=SIGMA)
+
+
 def test_a_bias_and_a_constant_force_are_one_to_a_spring():
     # With free initial states a bias b of x and a force of -k b give the same records.
     found = study(SensorBias("x", jnp.array(0.1)), seed=1)
@@ -327,8 +342,24 @@ def place(kind, name, share):
         ((SensorDelay("b"),), False),  # nearly as well
         ((SensorDelay("b"), SensorDelay("a")), True),  # of two, more is asked
         ((SensorDelay("x"), InputDelay("force"), SensorDelay("a")), True),  # most of them act elsewhere
+        ((Term("v1", "(x1-x2)^3"), DryFriction("v2", "x1-x2")), False),  # between two parts: in the equations of both
+        ((Term("v1", "(x1-x2)^3"), Term("v2", "(v1-v2)^3")), True),  # two actions
+        ((Term("v1", "x^3"), Term("v2", "x^3")), True),  # of one signal: not between two parts
+        ((Term("v1", "(x1-x2)^3"),), True),  # on one part alone
     ],
-    ids=["there", "one of two", "elsewhere", "anywhere", "near", "near with another", "one of three"],
+    ids=[
+        "there",
+        "one of two",
+        "elsewhere",
+        "anywhere",
+        "near",
+        "near with another",
+        "one of three",
+        "between",
+        "two between",
+        "of one signal",
+        "on one part",
+    ],
 )
 def test_what_explains_must_act_where_the_residual_sits(effects, elsewhere):
     places = (
@@ -337,6 +368,8 @@ def test_what_explains_must_act_where_the_residual_sits(effects, elsewhere):
         place("output", "b", 0.8),
         place("output", "x", 0.6),
         place("output", "a", 0.1),
+        place("equation", "v1", 0.1),
+        place("equation", "v2", 0.1),
     )
     where = Where(places, np.zeros((1, 2)), {}, (2, 20), 1.0)
     assert act_elsewhere(effects, where) is elsewhere

@@ -1,0 +1,104 @@
+"""Differences of signals: which of them a declared model knows, terms of them, and effects made of them."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxid import AbstractModel
+from jaxid.models import Augmented, DeadBand, DryFriction, QuadraticDrag, Term, general_effects
+from jaxid.models.acting import Acting
+from jaxid.models.differences import differences, with_differences
+from jaxid.models.library import started
+
+X = jnp.array([0.7, -0.2, 0.1, 0.5])  # x1, v1, x2, v2
+U = jnp.array([0.3])
+T = jnp.array(0.0)
+
+
+class TwoMasses(AbstractModel):
+    """Two masses with a spring and a damper between them, the first on a spring of its own."""
+
+    k: jax.Array
+    c: jax.Array
+    ground: jax.Array
+    states, inputs, outputs = ("x1", "v1", "x2", "v2"), ("force",), ("x1", "x2")
+
+    def rhs(self, t, x, u):
+        between = self.k * (x[0] - x[2]) + self.c * (x[1] - x[3])
+        return jnp.stack([x[1], u[0] - between - self.ground * x[0], x[3], between])
+
+    def output(self, t, x, u):
+        return x[::2]
+
+
+class House(AbstractModel):
+    """A temperature that follows the one outside, and a heater."""
+
+    loss: jax.Array
+    heat: jax.Array
+    states, inputs, outputs = ("T",), ("heater", "outside"), ("T",)
+
+    def rhs(self, t, x, u):
+        return -self.loss * (x - u[1]) + self.heat * u[0]
+
+    def output(self, t, x, u):
+        return x
+
+
+MASSES = TwoMasses(jnp.array(1.0), jnp.array(1.0), jnp.array(0.5))
+
+
+def test_a_difference_is_known_where_some_equation_has_opposite_slopes_and_acts_in_all_that_have_both():
+    found = differences(MASSES, ("v1", "v2"))
+    # The first mass has a spring of its own, so that only the second one's equation shows that x1 and x2 are a difference.
+    assert found == {"x1-x2": ("v1", "v2"), "v1-v2": ("v1", "v2")}
+    assert differences(House(jnp.array(1.0), jnp.array(1.0)), ("T",)) == {"T-outside": ("T",)}
+
+
+def test_slopes_that_are_opposite_by_accident_are_no_difference():
+    # With loss and heat one, the slopes in the temperature and the heater are -1 and 1; with other values they are not.
+    assert "T-heater" not in differences(House(jnp.array(1.0), jnp.array(1.0)), ("T",))
+    assert differences(MASSES, ()) == {}
+
+
+def test_signals_gain_the_differences_that_are_asked_for_and_no_others():
+    signals = {"x1": jnp.array(3.0), "x2": jnp.array(1.0), "a-b": jnp.array(7.0)}
+    found = with_differences(signals, ("x1-x2", "a-b", "x1", "x1-unknown"))
+    assert set(found) == {*signals, "x1-x2"}
+    assert float(found["x1-x2"]) == 2.0
+    assert float(found["a-b"]) == 7.0
+
+
+@pytest.mark.parametrize(
+    ("effect", "expected"),
+    [
+        (Term("v2", "(x1-x2)^3"), 0.6**3),
+        (Term("v2", "x1 (v1-v2)^2"), 0.7 * 0.7**2),
+        (QuadraticDrag("v2", "v1-v2"), -(0.7**2)),
+        (DryFriction("v2", "v1-v2"), np.tanh(-0.7 / 0.01)),
+        (DeadBand(Acting.equation("v2"), "x1-x2"), 0.6 - 0.4 * 1.0),
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_an_effect_of_a_difference_adds_what_it_says(effect, expected):
+    samples = {
+        "x1": np.array([-1.0, 0.5, 1.0]),
+        "x2": np.zeros(3),
+        "v1": np.zeros(3),
+        "v2": np.array([1.0, -0.5, -1.0]),
+    }
+    (effect,) = started((effect,), samples | {"t": np.arange(3.0)}, {}, 1.0)
+    one = eqx.tree_at(lambda effect: effect.gain, effect, jnp.ones(()))
+    added = Augmented(MASSES, (one,)).rhs(T, X, U) - MASSES.rhs(T, X, U)
+    np.testing.assert_allclose(added, [0.0, 0.0, 0.0, expected], rtol=1e-12, atol=1e-15)
+    assert "x1-x2" in Augmented(MASSES, (Term("v1", "(x1-x2)^2"),)).signals(T, X, U)
+
+
+def test_the_library_offers_what_acts_between_two_parts():
+    names = {effect.name for effect in general_effects(MASSES, ("v1", "v2"))}
+    for state in ("v1", "v2"):
+        assert {f"(x1-x2)^3 in {state}", f"|v1-v2|v1-v2 in {state}", f"dead band of x1-x2 in {state}"} <= names
+        assert {f"(x1-x2)^2 in {state}", f"sign(v1-v2) in {state}"} <= names
+    assert not any("-" in effect.name for effect in general_effects(MASSES, ()))

@@ -17,7 +17,7 @@ from benchmarks.missing_effects.measure import measure
 from benchmarks.missing_effects.scenarios import Scenario, System
 from benchmarks.missing_effects.table import text
 
-SYSTEMS = ("spring", "ship")
+SYSTEMS = ("spring", "longitudinal", "ship")
 Task = tuple[System, Scenario, int, bool]
 
 

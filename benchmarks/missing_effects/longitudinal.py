@@ -106,7 +106,7 @@ def _flown(effects, size, gust, thrust):
 
 def system() -> System:
     """The aircraft with its scenarios; sizes from faint (chi-square about 60) to gross."""
-    return System("longitudinal", False, False, WINDOW, (*_singles(), *_doubles(), *_others()), fly)
+    return System("longitudinal", True, False, WINDOW, (*_singles(), *_doubles(), *_others()), fly)
 
 
 def _term(coefficient: str, product: str, gain: float):

@@ -98,7 +98,7 @@ class System(NamedTuple):
 
     Attributes:
         name: of the system.
-        cheap: whether its studies take seconds, so that the many controls are drawn over it.
+        cheap: whether a study takes a few seconds, so that the many controls are drawn over it.
         tables: whether its truth has table aerodynamics.
         window: samples at the start of check and test records in which the initial state is fitted.
         scenarios: all of them.

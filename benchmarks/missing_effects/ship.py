@@ -119,7 +119,7 @@ def fly(wanted: Scenario, seed: int) -> Flown:
 
 def system() -> System:
     """The ship with its scenarios; sizes from faint (chi-square about 60) to gross."""
-    return System("ship", True, False, WINDOW, (*_singles(), *_doubles(), *_controls(), *_waves()), fly)
+    return System("ship", False, False, WINDOW, (*_singles(), *_doubles(), *_controls(), *_waves()), fly)
 
 
 def _singles() -> tuple[Scenario, ...]:

@@ -126,12 +126,15 @@ class Aircraft(AbstractModel):
         """
         return self.rhs_and_signals(t, x, u)[1]
 
+    def immediate_signals(self, t, x, u):
+        """Inputs, states, the flow and the surfaces."""
+        return self._immediate(x, u, rotation(self._split_state(x)[0][6:10]))
+
     def rhs_and_signals(self, t, x, u):
         rigid, control_states, engine_states = self._split_state(x)
-        pilot, levers, disturbances = self._split_input(u)
-        signals = dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
+        pilot, levers, _ = self._split_input(u)
         T = rotation(rigid[6:10])
-        signals |= self._flow(rigid, T, disturbances) | self.controls.positions(control_states, pilot)
+        signals = self._immediate(x, u, T)
         signals |= self._propulsion(engine_states, signals)
         signals |= dict(zip(COEFFICIENTS, self._coefficients(signals), strict=True))
         vdot, omegadot = self._accelerations(rigid, T, engine_states, signals)
@@ -150,10 +153,9 @@ class Aircraft(AbstractModel):
         return self.output_given(t, x, u, self.rhs(t, x, u))
 
     def output_given(self, t, x, u, dx):
-        rigid, control_states, engine_states = self._split_state(x)
-        pilot, _, disturbances = self._split_input(u)
+        rigid, _, engine_states = self._split_state(x)
         T = rotation(rigid[6:10])
-        signals = self._flow(rigid, T, disturbances) | self.controls.positions(control_states, pilot)
+        signals = self._immediate(x, u, T)
         signals |= self._propulsion(engine_states, signals)
         return self.instruments.read(signals | self._felt(rigid, T, dx[:3], dx[3:6]))
 
@@ -271,6 +273,13 @@ class Aircraft(AbstractModel):
         return Aircraft(self.airframe, **parts, disturbances=names)
 
     # Parts ----------------------------------------------------------------------------------------------------------------
+
+    def _immediate(self, x, u, T: Float[Array, "3 3"]) -> Signals:
+        """Inputs, states, the flow and the surfaces, with the rotation into body axes at hand."""
+        rigid, control_states, _ = self._split_state(x)
+        pilot, _, disturbances = self._split_input(u)
+        signals = dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
+        return signals | self._flow(rigid, T, disturbances) | self.controls.positions(control_states, pilot)
 
     def _flow(self, rigid: Float[Array, "13"], T: Float[Array, "3 3"], disturbances: Signals) -> Signals:
         """Motion relative to ground and air, and the pressures that it makes."""

@@ -181,6 +181,9 @@ class IdentificationModel(AbstractModel):
         """
         return self.rhs_and_signals(t, x, u)[1]
 
+    def immediate_signals(self, t, x, u):
+        return self._flow(x, u)
+
     def rhs_and_signals(self, t, x, u):
         signals = self._flow(x, u)
         coefficients = self.airframe.aerodynamics.coefficients(signals)

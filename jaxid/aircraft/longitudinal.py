@@ -131,10 +131,16 @@ class Longitudinal(AbstractModel):
             declared equations times `cbar/2V`, gusts taken as steady [rad], `u_per_CX` and `w_per_CZ`, `qbar S/m` [m/s^2],
             and `q_per_Cm`, `qbar S cbar/Iy` [rad/s^2].
         """
-        flow = self._flow(x, u)
-        udot, wdot = self.rhs(t, x, u)[:2]
-        alphadot = (jnp.cos(flow["alpha"]) * wdot - jnp.sin(flow["alpha"]) * udot) / flow["V"]
-        return flow | {"alphadot_hat": alphadot * self.cbar / (2.0 * flow["V"])}
+        return self.rhs_and_signals(t, x, u)[1]
+
+    def immediate_signals(self, t, x, u):
+        """The same without `alphadot_hat`."""
+        return self._flow(x, u)
+
+    def rhs_and_signals(self, t, x, u):
+        flow, rates = self._flow(x, u), self.rhs(t, x, u)
+        alphadot = (jnp.cos(flow["alpha"]) * rates[1] - jnp.sin(flow["alpha"]) * rates[0]) / flow["V"]
+        return rates, flow | {"alphadot_hat": alphadot * self.cbar / (2.0 * flow["V"])}
 
     def effects(self):
         """Terms that the coefficients may lack: `alpha^3 in Cm` and so on, those that the model has left out."""

@@ -73,7 +73,7 @@ class Augmented(AbstractModel):
             return {}
 
         def signals(t, x):
-            found = self._declared(t).signals(t, x, acting)
+            found = self._declared(t).immediate_signals(t, x, acting)
             require_known("signal with a rate", asked, [name for name in found if name not in self.inputs])
             return {name: found[name] for name in asked}
 

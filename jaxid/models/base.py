@@ -56,6 +56,13 @@ class AbstractModel(eqx.Module):
         """The scalars that an effect may depend on, by name: states and inputs, and what a domain adds to them."""
         return dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
 
+    def immediate_signals(
+        self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
+    ) -> dict[str, Float[Array, ""]]:
+        """Those of the signals that follow from state and input without the equations of motion, and of which effects may want
+        the rate; all by default. A domain that says which saves a second model in every program."""
+        return self.signals(t, x, u)
+
     def rhs_and_signals(
         self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
     ) -> tuple[Float[Array, " state"], dict[str, Float[Array, ""]]]:

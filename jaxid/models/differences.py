@@ -13,8 +13,8 @@ from .base import AbstractModel
 from .names import flatten
 
 ARBITRARY = 3  # points at which a model is asked: an accident at one of them is none at the others
-Signal = TypeVar("Signal", Array, np.ndarray)  # at an instant, or all its samples
 ROUNDING = 1e-9  # of a slope: two that add up to less are opposite
+Signal = TypeVar("Signal", Array, np.ndarray)  # at an instant, or all its samples
 
 
 def with_differences(signals: Mapping[str, Signal], names: Iterable[str]) -> dict[str, Signal]:

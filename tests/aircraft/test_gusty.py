@@ -98,3 +98,16 @@ def test_effects_stay_in_and_a_model_without_air_has_no_gusts():
     spring = LinearModel([[0.0]], [[1.0]], [[1.0]], [[0.0]], states=("x",), inputs=("u",), outputs=("x",))
     assert spring.gusty() is spring
     assert gusts_of(Augmented(spring, ())) == ()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_signals_that_need_no_equations_are_those_of_all_signals(name):
+    model = MODELS[name]()
+    x = state_of(model, V)
+    u = input_of(model, V)
+    rates, every = model.rhs_and_signals(T, x, u)
+    np.testing.assert_array_equal(rates, model.rhs(T, x, u))
+    immediate = model.immediate_signals(T, x, u)
+    assert {"alpha", "V", "qhat", *model.states, *model.inputs} <= set(immediate) < set(every)
+    for signal, value in immediate.items():
+        np.testing.assert_array_equal(value, every[signal], err_msg=signal)

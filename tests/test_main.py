@@ -19,7 +19,7 @@ def run(arguments, folder, timeout=600, program=("-m", "jaxid")):
 
 
 def test_a_flight_names_the_planted_effect_and_reaches_the_noise(tmp_path):
-    """The small flight, for its time; the loop on the embedded one is tested in tests/aircraft/test_coupled_flight.py."""
+    """The small flight, for its time; the loop on the embedded one is tested in tests/test_benchmark_loop_cost.py."""
     done = run(["longitudinal", "--json", "out.json"], tmp_path)
     assert done.returncode == 0, done.stderr
     figures = json.loads((tmp_path / "out.json").read_text())

@@ -17,11 +17,8 @@ from jaxid.aircraft.coupled_flight import (
 )
 from jaxid.aircraft.frames import quaternion, velocity
 from jaxid.aircraft.simulated_flight import realised_noise
-from jaxid.estimation import OutputError
-from jaxid.models import SensorScale
 from jaxid.models.names import parameter_names, read
 from jaxid.simulation import RK4, simulate
-from jaxid.study import close_loop
 
 
 @pytest.fixture(scope="module")
@@ -67,17 +64,3 @@ def test_the_truth_with_recorded_surfaces_shows_what_was_flown(flight):
     y = simulate(flight.truth, one.t, one.u, start, stepper=RK4(unrolled=False)).y
     rms = np.sqrt(np.mean((np.asarray(y - clean) / np.asarray(flight.noise)) ** 2, axis=0))
     assert np.max(rms) < 0.1
-
-
-def test_the_loop_names_the_planted_effect_and_nothing_else(flight):
-    """With the candidates of the pitching moment and of the instruments' scale: the whole library, on the command line as
-    `python -m jaxid`, finds the same and takes some minutes."""
-    effects = [effect for effect in flight.model.effects() if effect.name.endswith("in Cm")]
-    effects += [SensorScale(channel=name) for name in CHANNELS]
-    records = {"train": flight.train, "check": flight.check, "test": flight.test}
-    study = close_loop(flight.model, flight.free, OutputError(), **records, effects=effects, window=50)
-    assert study.effects == ("beta^2 in Cm",)
-    assert study.outcome == "explained"
-    after = np.array([study.after.rms["test"][name] for name in CHANNELS])
-    # Three per cent of the noise that stands in the scored samples, as the main job has it.
-    np.testing.assert_array_less(after, 1.03 * np.asarray(realised_noise(flight, flight.test, skip=50)))

@@ -60,7 +60,7 @@ class AbstractModel(eqx.Module):
         self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
     ) -> dict[str, Float[Array, ""]]:
         """Those of the signals that follow from state and input without the equations of motion, and of which effects may want
-        the rate; all by default. A domain that says which saves a second model in every program."""
+        the rate; all by default. A domain that says which spares every program a second model."""
         return self.signals(t, x, u)
 
     def rhs_and_signals(

@@ -36,7 +36,8 @@ KNOTS = (0.3, 0.7)  # starts of a knot within the range of its signal
 def general_effects(
     model: AbstractModel, equations: tuple[str, ...] | None = None, *, uniform: bool = True
 ) -> tuple[Effect, ...]:
-    """Candidates that make sense for any model: terms, friction, limits, bends and memory, inputs and sensors.
+    """Candidates that make sense for any model: terms, friction, limits, bends and memory, what acts between two parts, inputs
+    and sensors.
 
     Args:
         model: the model whose channels are named.

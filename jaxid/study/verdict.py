@@ -116,9 +116,9 @@ def act_elsewhere(effects: tuple[Effect, ...], where: Where) -> bool:
     sensors are held against it; what acts through a coefficient or a parameter may move several equations, and so does what acts
     between two parts, a function of the same signals in the equation of each.
     """
-    told = [effect.place for effect in effects]
     if act_between(effects):
         return False
+    told = [effect.place for effect in effects]
     where = where._replace(places=tuple(one for one in where.places if one.kind != "air"))  # no effect is a gust
     rivals = where.rivals(NEAR if len(set(told)) == 1 else NEAR_OF_SEVERAL)
     known, close = ({f"{PLACES[one.kind]} {one.name}" for one in some} for some in (where.places, rivals))

@@ -35,7 +35,7 @@ GUST_TIME = 1.0  # s, of the memory of a vertical gust
 
 
 class Gusty(AbstractModel):
-    """The aircraft in vertical gusts, a second input [m/s]: its coefficients feel the air, its vane too."""
+    """The aircraft in vertical gusts, a second input [m/s]: its coefficients feel the air, its vane and its pitot tube too."""
 
     model: AbstractModel
     states: tuple[str, ...] = eqx.field(static=True)
@@ -54,7 +54,8 @@ class Gusty(AbstractModel):
     def output(self, t, x, u):
         ground = self.model.output_given(t, x, u[:1], self.rhs(t, x, u))
         through_air = self.model.output_given(t, x.at[1].add(u[1]), u[:1], self.rhs(t, x, u))
-        return ground.at[0].set(through_air[0])
+        feels_air = np.array([self.outputs.index(name) for name in ("alpha", "V")])
+        return ground.at[feels_air].set(through_air[feels_air])
 
 
 def fly(wanted: Scenario, seed: int) -> Flown:

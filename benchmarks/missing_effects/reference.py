@@ -6,10 +6,10 @@ import numpy as np
 
 from benchmarks.missing_effects.scenarios import Flown, Scenario
 from jaxid import LoopOptions, OutputError
+from jaxid.diagnosis.scores import critical
 from jaxid.estimation.estimate import as_stack
 from jaxid.models.effects import Effect
 from jaxid.study.close_loop import SOLVER
-from jaxid.study.search import critical
 from jaxid.study.workbench import Fitted, Workbench, own_parameters
 
 

@@ -10,6 +10,7 @@ so that every place costs a linear recursion and no simulation. P and Q are what
 # Pyright counts the arguments of functions that equinox and jaxtyping wrap in its own way; the tests execute them.
 # pyright: reportCallIssue=false
 
+import itertools
 from typing import Literal, NamedTuple
 
 import equinox as eqx
@@ -25,7 +26,8 @@ from ..models.free import insert
 from ..simulation.steppers import rate
 
 Kind = Literal["equation", "input", "output", "parameter", "air"]
-RANDOM: tuple[Kind, ...] = ("equation", "air")  # in which a force can be one that nothing predicts
+FORCES: tuple[Kind, ...] = ("equation", "air")  # in which a force can be one that nothing predicts
+Places = tuple[tuple[Kind, tuple[str, ...]], ...]  # names by kind, as programs can be compiled for
 
 
 class Linear(NamedTuple):
@@ -79,14 +81,14 @@ class Pushed(AbstractModel):
         return jnp.split(self.first + share * (self.last - self.first), [len(self.states)])
 
 
-def linear_model(problem: Problem, own, shared, case, kinds: tuple[Kind, ...], names: tuple[str, ...]) -> Linear:
+def linear_model(problem: Problem, own, shared, case, places: Places) -> Linear:
     """The linear model along the trajectory of one case.
 
     Args:
         problem: with output error for likelihood.
         own, shared, case: as `Problem.solve_one` takes them.
-        kinds: of places, in the order of their columns.
-        names: of the states whose equation is a place, and of the further inputs of `model.gusty()` that are places in the air.
+        places: in the order of their columns: equations by their states, the air by the further inputs of `model.gusty()`,
+            inputs and outputs by their names, and all shared parameters.
     """
     flat, record = case
     likelihood = problem.likelihood
@@ -96,8 +98,8 @@ def linear_model(problem: Problem, own, shared, case, kinds: tuple[Kind, ...], n
         return insert(problem.model, flat, problem.positions, theta, own)
 
     model, x0 = made(shared)
-    own_inputs, gusts = len(model.inputs), gusts_of(model)
-    if any(gust in names for gust in gusts):
+    own_inputs = len(model.inputs)
+    if dict(places).get("air"):
         model = model.gusty()
     t, stepper = record.t, likelihood.stepper
     u = jnp.pad(record.u, ((0, 0), (0, len(model.inputs) - own_inputs)))
@@ -119,27 +121,24 @@ def linear_model(problem: Problem, own, shared, case, kinds: tuple[Kind, ...], n
     goes_on = (jnp.diff(t) > 0)[:, None, None]
     Phi = jnp.where(goes_on, moved[0][:-1], jnp.eye(x.shape[1]))
     before, after = (jnp.where(goes_on, one[:-1], 0.0) for one in moved[1:])
-    outputs = len(model.outputs)
 
-    def entering(kind):
+    def entering(kind, names):
         """P, Q and D of the places of a kind."""
         if kind == "output":
-            nothing = jnp.zeros((t.size - 1, x.shape[1], outputs))
-            return nothing, nothing, jnp.broadcast_to(jnp.eye(outputs), (t.size, outputs, outputs))
+            nothing = jnp.zeros((t.size - 1, x.shape[1], len(names)))
+            D = jnp.eye(len(model.outputs))[:, [model.outputs.index(name) for name in names]]
+            return nothing, nothing, jnp.broadcast_to(D, (t.size, *D.shape))
         if kind == "parameter":
             B, D = jax.vmap(lambda t, x, u: _by_parameter(made, t, x, u, shared))(t, x, record.u)
             half = jnp.diff(t)[:, None, None] / 2
             return half * Phi @ B[:-1], half * B[1:], D
-        first = len(model.states)
-        chosen = {
-            "equation": [model.states.index(name) for name in names if name in model.states],
-            "input": range(first, first + own_inputs),
-            "air": [first + model.inputs.index(name) for name in names if name in gusts],
-        }
-        columns = np.array(chosen[kind], int)
+        pushes = [(kind == "equation", name) for name in names]
+        columns = np.array([known.index(push) for push in pushes], int)
         return before[..., columns], after[..., columns], seen[1][..., columns]
 
-    P, Q, D = (jnp.concatenate(part, axis=2) for part in zip(*map(entering, kinds), strict=True))
+    # What `Pushed` pushes; an equation and an input may have one name.
+    known = [(True, name) for name in model.states] + [(False, name) for name in model.inputs]
+    P, Q, D = (jnp.concatenate(part, axis=2) for part in zip(*itertools.starmap(entering, places), strict=True))
     return Linear(x, y, Phi, P, Q, seen[0], D)
 
 
@@ -166,14 +165,27 @@ def hats_of(t: Float[Array, " time"], knots: int) -> tuple[Float[Array, "time kn
 
 def answers(linear: Linear, hats) -> Float[Array, "time output place knot"]:
     """The outputs' answers to every hat at every place."""
-    forcing = jnp.einsum("tsp,tk->tspk", linear.P, hats[:-1]) + jnp.einsum("tsp,tk->tspk", linear.Q, hats[1:])
+    dx = _carried(
+        linear.Phi, jnp.einsum("tsp,tk->tspk", linear.P, hats[:-1]) + jnp.einsum("tsp,tk->tspk", linear.Q, hats[1:])
+    )
+    return jnp.einsum("tos,tspk->topk", linear.C, dx) + jnp.einsum("top,tk->topk", linear.D, hats)
+
+
+def answer(linear: Linear, disturbance: Float[Array, "time place"]) -> Float[Array, "time output"]:
+    """The outputs' answer to one disturbance, of all places together."""
+    pushed = jnp.einsum("tsp,tp->ts", linear.P, disturbance[:-1]) + jnp.einsum("tsp,tp->ts", linear.Q, disturbance[1:])
+    dx = _carried(linear.Phi, pushed)
+    return jnp.einsum("tos,ts->to", linear.C, dx) + jnp.einsum("top,tp->to", linear.D, disturbance)
+
+
+def _carried(Phi: Float[Array, "step state state"], pushed: Float[Array, "step state *place"]):
+    """The state at every sample, from rest, that is pushed in every step."""
 
     def step(dx, now):
         Phi, pushed = now
         dx = jnp.tensordot(Phi, dx, 1) + pushed
         return dx, dx
 
-    start = jnp.zeros(forcing.shape[1:])
-    _, later = jax.lax.scan(step, start, (linear.Phi, forcing))
-    dx = jnp.concatenate([start[None], later])
-    return jnp.einsum("tos,tspk->topk", linear.C, dx) + jnp.einsum("top,tk->topk", linear.D, hats)
+    start = jnp.zeros(pushed.shape[1:])
+    _, later = jax.lax.scan(step, start, (Phi, pushed))
+    return jnp.concatenate([start[None], later])

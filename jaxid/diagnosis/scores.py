@@ -203,3 +203,8 @@ def _least_squares(A: Float[Array, "row column"], B: Float[Array, "row rhs"]) ->
     strong = s > 1e-10 * jnp.max(s, initial=0.0)
     inverse = jnp.where(strong, 1.0 / jnp.where(strong, s, 1.0), 0.0)
     return (Vt.T @ (inverse[:, None] * (U.T @ B))) / length[:, None]
+
+
+def critical(probability: float) -> float:
+    """The chi-square with one degree of freedom that is exceeded with the given probability."""
+    return float(jax.scipy.special.ndtri(0.5 * probability) ** 2)

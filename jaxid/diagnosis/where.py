@@ -23,7 +23,7 @@ from ..estimation.result import Estimate
 from ..models.free import Parameters
 from ..models.library import uncertain_equations
 from ..models.noise import FixedNoise
-from .free_form import RANDOM, Kind, answers, gusts_of, hats_of, linear_model
+from .free_form import FORCES, Kind, Places, answers, gusts_of, hats_of, linear_model
 from .predictable import white_part
 from .scores import sensitivities
 
@@ -85,7 +85,7 @@ class Where(NamedTuple):
     def random(self) -> tuple[Place, ...]:
         """Where a random force could act: in the equations, or in the air, or in both, as the first place and its rivals say."""
         kinds = {one.kind for one in self.rivals()}
-        return tuple(one for kind in RANDOM if kind in kinds for one in self.places if one.kind == kind)
+        return tuple(one for kind in FORCES if kind in kinds for one in self.places if one.kind == kind)
 
     def follows(self, place: Place) -> tuple[tuple[str, float], ...]:
         """By how much each variable says the disturbance at a place, as its cubic: share of its power, the best first.
@@ -219,9 +219,7 @@ def located(
         # An estimate of R counts what the model lacks as noise, and would hide the channel in which it shows most.
         white = white_part(seen[0], problem.records.mask)
         noise = jnp.diag(jnp.clip(white, 1e-6 * jnp.diagonal(noise), jnp.diagonal(noise)))
-    found = search(
-        problem, parameters, seen, noise, *hats, tuple(places), places.get("equation", ()) + places.get("air", ())
-    )
+    found = search(problem, parameters, seen, noise, *hats, tuple(places.items()))
     squares, samples = float(found.squares), float(found.samples)
     power = squares - samples if noise_known else squares
     power = power if power > 0 else float("nan")
@@ -245,8 +243,7 @@ def search(
     noise: Float[Array, "output output"],
     knots: int,
     rows: int,
-    kinds: tuple[Kind, ...],
-    names: tuple[str, ...],
+    places: Places,
 ) -> Found:
     """The pure inside of `where`, on the first rows of each record."""
     parts = {name: getattr(problem.records, name)[:, :rows] for name in ("t", "u", "z", "mask")}
@@ -256,7 +253,7 @@ def search(
 
     def one(own, case, seen):
         t, u = case[1].t, case[1].u
-        linear = linear_model(problem, own, parameters.shared, case, kinds, names)
+        linear = linear_model(problem, own, parameters.shared, case, places)
         hats, grid = hats_of(t, knots)
         at = jnp.clip(jnp.searchsorted(t, grid), 0, rows - 1)
         variables = jnp.concatenate([linear.x, u, linear.y], axis=-1)[at]
@@ -265,8 +262,8 @@ def search(
     G, grid, variables = jax.vmap(one)(parameters.rows, problem.cases(), scaled)
     white, columns = v * scaled, S * scaled[..., None]
     basis = _basis(columns, problem.positions.rows.size)
-    cases, places = G.shape[0], G.shape[-2]
-    G = jnp.moveaxis(G.reshape(cases, -1, places, knots), 2, 0)
+    cases = G.shape[0]
+    G = jnp.moveaxis(G.reshape(cases, -1, *G.shape[-2:]), 2, 0)
     directions, white = basis.reshape(cases, G.shape[2], -1), white.reshape(cases, -1)
     samples = jnp.sum(problem.records.mask) - jnp.sum(jnp.any(basis != 0, axis=0))
     squares = jnp.sum((white - jnp.einsum("crd,d->cr", directions, jnp.einsum("crd,cr->d", directions, white))) ** 2)

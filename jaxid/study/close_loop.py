@@ -111,7 +111,7 @@ def close_loop(
     declared = bench.finish(declared) if found.effects else found
     where["after"] = bench.where(found, like=where["before"]) if found.effects else where["before"]
     conclusion = conclude(search, rounds, declared, found, where)
-    if conclusion.process_noise:
+    if conclusion.process_noise or conclusion.coloured_noise:
         found, where["after"] = declared, where["before"]
     rivals = tuple(one for one in conclusion.contenders if one.chi_square < INSEPARABLE)
     reading = {"before": bench.read(declared), "after": bench.read(found)}
@@ -206,6 +206,7 @@ def _study(
         noise=dict(zip(used.outputs, map(float, deviation), strict=True)),
         noise_known=known,
         process_noise=conclusion.process_noise,
+        coloured_noise=conclusion.coloured_noise,
         outputs=used.outputs,
         output_units=used.output_units,
         tests=tests,

@@ -5,11 +5,10 @@ import itertools
 from collections.abc import Callable
 
 import numpy as np
-from jax.scipy.special import ndtri
 
 from ..data.record import Record
 from ..diagnosis.predictable import allowance, predictable_share
-from ..diagnosis.scores import Scores
+from ..diagnosis.scores import Scores, critical
 from ..diagnosis.validation import Prediction, root_mean_square
 from .check import difference_error, mean_log, uncertainty
 from .options import LoopOptions
@@ -377,8 +376,12 @@ class Search:
 
     def looks_like_noise(self, predictable: dict[str, float]) -> bool:
         """Whether no channel's past predicts more of it than is allowed, the scatter of short records included."""
+        return max(predictable.values()) <= self.predictable_by_chance()
+
+    def predictable_by_chance(self) -> float:
+        """The share of a channel's residual that its past may predict, and it still counts as noise."""
         fewest = int(np.min(np.sum(np.asarray(self.bench.records.mask), axis=(0, 1))))
-        return max(predictable.values()) <= self.options.predictable + allowance(fewest)
+        return self.options.predictable + allowance(fewest)
 
     def predictable(self, fitted: Fitted) -> dict[str, float]:
         """Share of the training residual that its own past predicts, per channel."""
@@ -390,8 +393,3 @@ def _cost_fall(candidate: Candidate) -> float:
     """The fall of the training cost of a candidate that was refitted."""
     assert candidate.cost_fall is not None
     return candidate.cost_fall
-
-
-def critical(probability: float) -> float:
-    """The chi-square with one degree of freedom that is exceeded with the given probability."""
-    return float(ndtri(0.5 * probability) ** 2)

@@ -161,13 +161,45 @@ class RandomForces:
 
 
 @dataclasses.dataclass(frozen=True)
+class ColouredNoise:
+    """Noise of sensors with a memory: a part of first order in time beside a white one.
+
+    Attributes:
+        sensors: those whose noise has a memory, as far as the records tell.
+        deviation: standard deviation of the part with a memory, by channel [unit of the channel].
+        white: standard deviation of the white part, by channel [unit of the channel].
+        time: correlation time of the part with a memory, by channel [s].
+        units: of the channels.
+        gain: twice the rise of the log-likelihood over white noise.
+    """
+
+    sensors: tuple[str, ...]
+    deviation: dict[str, float]
+    white: dict[str, float]
+    time: dict[str, float]
+    units: dict[str, str]
+    gain: float
+
+    def __str__(self) -> str:
+        each = ", ".join(
+            f"{self.deviation[name]:.3g} {self.units[name]}".rstrip() + f" and {self.time[name]:.2g} s in {name}"
+            for name in self.sensors
+        )
+        return (
+            f"noise of the sensors that has a memory (coloured noise), of standard deviation and correlation time {each}, "
+            "explains the residual. The estimates suffer little from it; their colour-corrected standard errors account for it."
+        )
+
+
+@dataclasses.dataclass(frozen=True)
 class Study:
     """The result of `close_loop`.
 
     Attributes:
         verdict: in a sentence.
         outcome: `nothing missing`, `explained`, `proxies` (something is missing, and what was added is not its cause for
-            certain), `process noise` (unpredictable forces, and nothing is added) or `unexplained`.
+            certain), `process noise` (unpredictable forces, and nothing is added), `coloured noise` (sensors whose noise has
+            a memory, and nothing is added) or `unexplained`.
         effects: names of the effects that were added and kept, in the order of their finding.
         sentences: the same in words.
         rounds: what happened.
@@ -178,6 +210,7 @@ class Study:
         before, after: the declared model and the one with the effects, on the test records.
         noise: standard deviation of the noise by channel, known or estimated from the last fit.
         process_noise: the random forces where these explain the residual, else None.
+        coloured_noise: that of the sensors where it explains the residual, else None.
         noise_known: whether the noise was given, so that the residual was held against it, or estimated.
         outputs, output_units: names and units of the channels.
         tests: the test records by name.
@@ -196,6 +229,7 @@ class Study:
     noise: dict[str, float]
     noise_known: bool
     process_noise: RandomForces | None
+    coloured_noise: ColouredNoise | None
     outputs: tuple[str, ...]
     output_units: tuple[str, ...]
     tests: dict[str, Record]
@@ -213,6 +247,7 @@ class Study:
             "noise": self.noise,
             "noise_known": self.noise_known,
             "process_noise": dataclasses.asdict(self.process_noise) if self.process_noise else None,
+            "coloured_noise": dataclasses.asdict(self.coloured_noise) if self.coloured_noise else None,
             "tests": {name: {"before": self.before.rms[name], "after": self.after.rms[name]} for name in self.tests},
             "parameters": _parameters(self.after.estimate),
             "declared": _parameters(self.before.estimate),

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from jax.scipy.stats import chi2
 
-from ..diagnosis.predictable import predictable_share
 from ..diagnosis.where import Where
 from ..models.effects import Effect
 from ..models.noise import FixedNoise
 from .rivals import Rival
-from .search import INSEPARABLE, Search, critical
-from .study import RandomForces, Round
+from .search import INSEPARABLE, Search
+from .study import ColouredNoise, RandomForces, Round
+from .unpredictable import coloured_noise, random_forces
 from .workbench import Fitted, Workbench
 
 PLACES = {
@@ -25,7 +25,6 @@ PLACES = {
 # one does in a third, so that more is asked of them.
 NEAR, NEAR_OF_SEVERAL = 0.2, 0.05
 SETTLED = 25.0  # by how much worse another shape must fit for this one to be the cause: a discovery's five standard deviations
-KEPT = 0.3  # of what a force would be alone: one of which the others leave less, a tenth of its power, is told only if it is near
 ALIKE = 0.01  # of what an effect explains: a contender that differs by less is to these records the same, and one set with it
 
 
@@ -35,6 +34,7 @@ class Conclusion(NamedTuple):
     Attributes:
         outcome: as in `Study`.
         process_noise: the random forces where these are it.
+        coloured_noise: the noise of sensors where that is it.
         contenders: what fits hardly worse in the place of what was added.
         parts: of the effects that are in, those that only together make up one function (`parts_of_one`).
         elsewhere: whether most of the effects that are in act elsewhere than where the residual sits (`act_elsewhere`).
@@ -43,6 +43,7 @@ class Conclusion(NamedTuple):
 
     outcome: str
     process_noise: RandomForces | None = None
+    coloured_noise: ColouredNoise | None = None
     contenders: tuple[Rival, ...] = ()
     parts: tuple[str, ...] = ()
     elsewhere: bool = False
@@ -77,10 +78,13 @@ def conclude(
         effects = tuple(search.bench.effects[name] for name in found.effects)
         contenders = search.contenders(found, rounds, SETTLED)
         doubts = parts_of_one(effects), act_elsewhere(effects, where["before"]), unsettled(contenders, rounds)
-        return Conclusion("proxies" if any(doubts) else "explained", None, contenders, *doubts)
-    forces = _random_forces(search, declared, where["before"])
+        return Conclusion("proxies" if any(doubts) else "explained", None, None, contenders, *doubts)
+    forces = random_forces(search, declared, where["before"])
     if forces is not None:
         return Conclusion("process noise", forces)
+    noise = coloured_noise(search, declared)
+    if noise is not None:
+        return Conclusion("coloured noise", coloured_noise=noise)
     if not found.effects:
         return Conclusion("unexplained")
     return Conclusion("proxies", contenders=search.contenders(found, rounds, INSEPARABLE))
@@ -142,30 +146,6 @@ def unsettled(contenders: tuple[Rival, ...], rounds: tuple[Round, ...]) -> tuple
     return tuple(one.name for one in contenders if abs(one.chi_square) > ALIKE * (falls[one.instead_of] or 0.0))
 
 
-def _random_forces(search: Search, declared: Fitted, where: Where) -> RandomForces | None:
-    """The forces, where a filter that knows of them leaves noise, and nothing absent scores among its innovations."""
-    if not where.random():
-        return None
-    search.progress("whether random forces explain the residual")
-    noise, scores = search.bench.filtered(declared, where)
-    share = predictable_share(noise.v, search.bench.records.mask)
-    outputs = dict(zip(search.bench.records.outputs, map(float, share), strict=True))
-    significance = np.asarray(scores.significance)
-    strongest = float(np.max(significance, initial=0.0))
-    tried = int(np.sum(np.asarray(scores.left) > 0))
-    if not search.looks_like_noise(outputs) or strongest > critical(search.options.level / max(tried, 1)):
-        return None
-    places, force = where.random(), np.asarray(noise.force)
-    kept = force > KEPT * np.array([place.size for place in places])
-    nearest = {(one.kind, one.name) for one in where.rivals()}  # an equation and a sensor may have one name
-    acting = tuple(
-        one.name for one, large in zip(places, kept, strict=True) if large or (one.kind, one.name) in nearest
-    )
-    air = tuple(place.name for place in places if place.kind == "air")
-    sizes = {place.name: float(one) for place, one in zip(places, force, strict=True)}
-    return RandomForces(acting, air, sizes, float(noise.time), float(noise.gain))
-
-
 def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:
     """Whether the residual's whitened sum of squares is larger than known noise allows (chi-square)."""
     mask = np.asarray(bench.records.mask)
@@ -201,4 +181,5 @@ def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Ri
         "proxies": f"Something is missing; the best proxies are: {what}{also}. {stays}",
         "unexplained": f"Something is missing here, and nothing in the library explains it. It sits in the {sits}.",
         "process noise": f"No term is missing that these records could show: {conclusion.process_noise}",
+        "coloured noise": f"No term is missing that these records could show: {conclusion.coloured_noise}",
     }[conclusion.outcome]

@@ -9,7 +9,7 @@ import numpy as np
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
-from ..diagnosis.free_form import Kind, gusts_of
+from ..diagnosis.free_form import Kind, Places, gusts_of
 from ..diagnosis.process_noise import ProcessNoise, process_noise
 from ..diagnosis.reading import Reading, read
 from ..diagnosis.scores import Scores, exchange_falls, scores_of, sensitivities, whitened
@@ -213,20 +213,18 @@ class Workbench:
         """The residual of a fit to the training records, tested against the states, inputs and time of the declared model."""
         return read(fitted.fit.residuals, self.records.mask, self.variables, self.records.outputs)
 
-    def filtered(self, fitted: Fitted, where: Where) -> tuple[ProcessNoise, Scores]:
-        """The residual of a fit as the work of unpredictable forces, and the scores of what is absent among innovations.
+    def filtered(
+        self, fitted: Fitted, force: Float[Array, " place"], places: Places, known: bool
+    ) -> tuple[ProcessNoise, Scores]:
+        """The residual of a fit as the work of what nothing predicts, and the scores of what is absent among innovations.
 
         Args:
             fitted: a fit to the training records.
-            where: the places in which a force could act, and how large it would be.
+            force, places, known: as `process_noise` takes them.
         """
-        places = where.random()
-        names, force = tuple(place.name for place in places), jnp.array([place.size for place in places])
         asked = self._of_all(fitted.values, fitted.fit.parameters.rows)
-        known = isinstance(self.likelihood.noise, FixedNoise)
-        floor = 1e-3 * jnp.max(force) + jnp.finfo(float).tiny
         is_free = self._is_free(fitted.columns)
-        noise = process_noise(*asked, is_free, jnp.maximum(force, floor), names, known)
+        noise = process_noise(*asked, is_free, force, places, known)
         columns = jnp.concatenate([noise.S, noise.probes], axis=-1)
         return noise, scores_of(noise.v, columns, jnp.pad(is_free, (0, noise.probes.shape[-1])))
 

@@ -1,6 +1,7 @@
 """Process noise: the filter equals generalised least squares, planted forces are found with their size and time, and a force
 that follows a signal is told from one that nothing predicts."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,8 +9,10 @@ import pytest
 
 import jaxid
 from jaxid.data import stack
-from jaxid.diagnosis.free_form import Linear
-from jaxid.diagnosis.process_noise import Noise, _filtered, process_noise
+from jaxid.diagnosis.driven import driven, under
+from jaxid.diagnosis.free_form import Linear, answer, linear_model
+from jaxid.diagnosis.predictable import allowance, predictable_share
+from jaxid.diagnosis.process_noise import Noise, _filtered, _most_probable, process_noise
 from jaxid.diagnosis.scores import scores_of
 from jaxid.estimation import estimate
 from jaxid.estimation.problem import Problem
@@ -32,6 +35,13 @@ class Spring(jaxid.AbstractModel):
         return x[:1]
 
 
+class Hardening(Spring):
+    """The same with a cubic spring beside the other."""
+
+    def rhs(self, t, x, u):
+        return super().rhs(t, x, u) - jnp.stack([jnp.zeros(()), 0.6 * x[0] ** 3])
+
+
 def some_linear(key, rows=12, states=2, outputs=2, places=2):
     """A time-varying linear model of arbitrary numbers."""
     shapes = (
@@ -45,12 +55,12 @@ def some_linear(key, rows=12, states=2, outputs=2, places=2):
 def dense(linear: Linear, t, noise: Noise):
     """The covariance of all outputs, by the impulse response of each of the forces' independent parts."""
     h, (rows, places) = np.diff(t), (len(t), linear.P.shape[2])
-    a = np.exp(-h / np.exp(noise.time))
+    a = np.broadcast_to(np.exp(-h[:, None] / np.exp(noise.time)), (rows - 1, places))
     answers = []
     for k in range(rows):
         for p in range(places):
             d = np.zeros((rows, places))
-            d[k, p] = np.exp(noise.force[p]) * (1.0 if k == 0 else np.sqrt(1 - a[k - 1] ** 2))
+            d[k, p] = np.exp(noise.force[p]) * (1.0 if k == 0 else np.sqrt(1 - a[k - 1, p] ** 2))
             for i in range(k, rows - 1):
                 d[i + 1] = a[i] * d[i]
             x, y = np.zeros(linear.x.shape[1]), []
@@ -63,11 +73,12 @@ def dense(linear: Linear, t, noise: Noise):
     return A @ A.T + np.diag(np.tile(np.exp(noise.instruments), rows))
 
 
-def test_the_filter_is_generalised_least_squares(key):
+@pytest.mark.parametrize("memories", [jnp.array([0.3]), jnp.array([0.3, 0.1])], ids=["one", "each its own"])
+def test_the_filter_is_generalised_least_squares(key, memories):
     first, second = jax.random.split(key)
     linear = some_linear(first)
     t = np.cumsum(0.1 + 0.1 * np.arange(12) % 0.3)
-    noise = Noise(jnp.log(jnp.array([0.7, 1.4])), jnp.log(jnp.array(0.3)), jnp.log(jnp.array([0.5, 2.0])))
+    noise = Noise(*map(jnp.log, (jnp.array([0.7, 1.4]), memories, jnp.array([0.5, 2.0]))))
     columns = jax.random.normal(second, (12, 2, 3))
     seen = jnp.ones((12, 2), bool).at[4, 1].set(False)  # one sample is missing
     keep = np.asarray(seen).reshape(-1)
@@ -79,6 +90,21 @@ def test_the_filter_is_generalised_least_squares(key):
     found = np.einsum("tok,tol->kl", white, white)
     np.testing.assert_allclose(found, rows.T @ np.linalg.solve(Sigma, rows), rtol=1e-9)
     np.testing.assert_allclose(jnp.sum(log_det), np.linalg.slogdet(Sigma)[1], rtol=1e-9)
+
+
+def test_the_most_probable_forces_are_the_conditional_mean(key):
+    """Sigma H' (H Sigma H' + R)^-1 v, with all covariances written out."""
+    first, second = jax.random.split(key)
+    linear, t = some_linear(first), np.cumsum(0.1 + 0.1 * np.arange(12) % 0.3)
+    noise = Noise(*map(jnp.log, (jnp.array([0.7, 1.4]), jnp.array([0.3, 0.1]), jnp.array([0.5, 2.0]))))
+    v = jax.random.normal(second, (12, 2))
+    H = jax.jacfwd(lambda d: answer(linear, d.reshape(12, 2)).reshape(-1))(jnp.zeros(24))
+    apart, Sigma = np.abs(t[:, None] - t[None]), np.zeros((24, 24))
+    for place, (deviation, time) in enumerate(((0.7, 0.3), (1.4, 0.1))):
+        Sigma[place::2, place::2] = deviation**2 * np.exp(-apart / time)
+    expected = Sigma @ H.T @ np.linalg.solve(H @ Sigma @ H.T + np.diag(np.tile([0.5, 2.0], 12)), v.reshape(-1))
+    found = _most_probable(linear, jnp.asarray(t), jnp.ones((12, 2), bool), v, noise)
+    np.testing.assert_allclose(found.reshape(-1), expected, rtol=1e-9)
 
 
 def flown(seed, random=0.0, cubic=0.0):
@@ -98,15 +124,36 @@ def flown(seed, random=0.0, cubic=0.0):
 
 
 def filtered(**what):
-    records = stack([flown(seed, **what) for seed in (1, 2, 3)])
-    model = Spring(jnp.array(1.0), jnp.array(0.1))
-    free = jaxid.free(model, "k", "c", per_record=("initial_state",))
-    fit = estimate(model, free, records, jaxid.OutputError())
-    problem = Problem.of(fit.model, free, records, jaxid.OutputError())
+    problem, parameters = problem_of(
+        Spring(jnp.array(1.0), jnp.array(0.1)), stack([flown(seed, **what) for seed in (1, 2, 3)])
+    )
     is_free = jnp.ones(2, bool)
-    found = process_noise(problem, fit.parameters, is_free, jnp.array([0.1]), ("v",), False)
+    found = process_noise(problem, parameters, is_free, jnp.array([0.1]), (("equation", ("v",)),), False)
     columns = jnp.concatenate([found.S, found.probes], axis=-1)
     return found, scores_of(found.v, columns, jnp.pad(is_free, (0, found.probes.shape[-1])))
+
+
+def problem_of(model, records, likelihood=None):
+    """A problem with `k` and `c` free, and its solution."""
+    free, likelihood = jaxid.free(model, "k", "c", per_record=("initial_state",)), likelihood or jaxid.OutputError()
+    fit = estimate(model, free, records, likelihood)
+    return Problem.of(fit.model, free, records, likelihood), fit.parameters
+
+
+def test_a_driven_problem_answers_to_its_forces_as_the_linear_model_says():
+    """Also where the input is held: the forces run in straight lines all the same."""
+    likelihood = jaxid.OutputError(hold=jaxid.ZeroOrder())
+    problem, parameters = problem_of(
+        Hardening(jnp.array(1.4), jnp.array(0.2)), stack([flown(1, cubic=0.6)]), likelihood
+    )
+    pushed, places = driven(problem, (("equation", ("v",)),))
+    np.testing.assert_array_equal(pushed.residuals(parameters), problem.residuals(parameters))
+    force = 0.3 * jnp.sin(3.0 * T)[None, :, None]
+    at, direction = under(pushed, places, force), jnp.cos(T)[None, :, None]
+    _, moved = jax.jvp(lambda d: under(pushed, places, d).residuals(parameters), (force,), (direction,))
+    case = jax.tree.map(lambda leaf: leaf[0], at.cases())
+    linear = linear_model(at, parameters.rows[0], parameters.shared, case, places)
+    np.testing.assert_allclose(answer(linear, direction[0]), -moved[0], rtol=1e-9, atol=1e-12)
 
 
 def test_planted_forces_are_found_with_their_size_and_time():
@@ -114,9 +161,38 @@ def test_planted_forces_are_found_with_their_size_and_time():
     that and more, as only the slow part stands out of the noise; three and a half of these."""
     found, scores = filtered(random=FORCE)
     assert float(found.force[0]) == pytest.approx(FORCE, rel=0.27)
-    assert float(found.time) == pytest.approx(TIME, rel=0.6)
+    assert float(found.time[0]) == pytest.approx(TIME, rel=0.6)
     assert float(found.gain) > 1000.0
     assert float(jnp.max(scores.significance)) < CHANCE
+
+
+def test_forces_are_found_that_lead_where_the_motion_without_them_is_another():
+    """On a hardening spring, forces larger than the input: the linear model along the motion without them says little."""
+    records = stack([flown(seed, random=3 * FORCE, cubic=0.6) for seed in (1, 2, 3)])
+    problem, parameters = problem_of(Hardening(jnp.array(1.0), jnp.array(0.1)), records)
+    found = process_noise(problem, parameters, jnp.ones(2, bool), jnp.array([0.3]), (("equation", ("v",)),), False)
+    assert float(found.force[0]) == pytest.approx(3 * FORCE, rel=0.27)
+    assert float(found.time[0]) == pytest.approx(TIME, rel=0.6)
+    assert float(jnp.max(predictable_share(found.v, records.mask))) < 0.02 + allowance(3 * ROWS)
+    scores = scores_of(
+        found.v, jnp.concatenate([found.S, found.probes], axis=-1), jnp.arange(2 + found.probes.shape[-1]) < 2
+    )
+    assert float(jnp.max(scores.significance)) < CHANCE
+
+
+def test_noise_of_sensors_with_a_memory_is_found_with_its_size_and_time(seed):
+    clean, rng = [flown(one) for one in (1, 2, 3)], np.random.default_rng(seed)
+    keep, errors = np.exp(-STEP / TIME), rng.normal(size=(3, ROWS))
+    for i in range(1, ROWS):
+        errors[:, i] = keep * errors[:, i - 1] + np.sqrt(1 - keep**2) * errors[:, i]
+    records = stack(clean)
+    records = eqx.tree_at(lambda one: one.z, records, records.z + 3 * SIGMA * errors[..., None])
+    problem, parameters = problem_of(Spring(jnp.array(1.0), jnp.array(0.1)), records)
+    found = process_noise(problem, parameters, jnp.ones(2, bool), jnp.array([0.01]), (("output", ("x",)),), False)
+    # As the forces above: 90 correlation times of 1 s.
+    assert float(found.force[0]) == pytest.approx(3 * SIGMA, rel=0.27)
+    assert float(found.time[0]) == pytest.approx(TIME, rel=0.6)
+    assert float(jnp.max(predictable_share(found.v, records.mask))) < 0.02 + allowance(3 * ROWS)
 
 
 def test_a_force_that_follows_a_signal_is_told_from_a_random_one():

@@ -69,7 +69,8 @@ def test_scores_are_chi_square_where_nothing_is_missing():
         stack = jax.tree.map(lambda leaf: leaf[None], record)
         problem = Problem(fit.model, FREE.positions(SPRING), stack, KNOWN, Limits.of(FREE, 1))
         seen = problem.sensitivities(fit.parameters)
-        found = search(problem, fit.parameters, seen, fit.noise, KNOTS, ROWS, ("equation", "output"), ("v",))
+        places = ("equation", ("v",)), ("output", SPRING.outputs)
+        found = search(problem, fit.parameters, seen, fit.noise, KNOTS, ROWS, places)
         return found.score, found.dof
 
     score, dof = map(np.asarray, eqx.filter_jit(jax.vmap(one))(jax.random.normal(jax.random.key(9), (DRAWS, ROWS, 2))))
@@ -127,7 +128,8 @@ def test_answers_to_hats_are_derivatives_of_the_simulation(likelihood):
     one = jax.tree.map(lambda leaf: leaf[None], record_of(jnp.zeros((ROWS, 2)), u))
     problem = Problem.of(truth, jaxid.free(truth, per_record=("initial_state",)), one, likelihood)
     case = jax.tree.map(lambda leaf: leaf[0], problem.cases())
-    linear = linear_model(problem, start, jnp.zeros(0), case, ("equation", "input", "output"), ("v",))
+    places = ("equation", ("v",)), ("input", truth.inputs), ("output", truth.outputs)
+    linear = linear_model(problem, start, jnp.zeros(0), case, places)
     hats, _ = hats_of(T, KNOTS)
     found = answers(linear, hats)
 

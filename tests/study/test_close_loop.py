@@ -181,6 +181,41 @@ def test_a_random_force_is_told_as_such_and_nothing_is_added():
     assert "random forces" in found.verdict
 
 
+def coloured(seed):
+    """A record of the spring whose position has a noise of 0.02 that remembers 0.5 s."""
+    flown, noise = fly(seed, None)
+    fresh, keep = SIGMA * np.random.default_rng([seed, 1]).normal(size=noise.shape), np.exp(-0.1 / 0.5)
+    error = fresh[:1]
+    for one in fresh[1:]:
+        error = np.concatenate([error, keep * error[-1:] + np.sqrt(1 - keep**2) * one[None]])
+    return eqx.tree_at(lambda one: one.z, flown, flown.z - noise + error)
+
+
+def test_noise_of_a_sensor_with_a_memory_is_told_as_such(seed):
+    flown = [coloured(seed + index) for index in range(7)]
+    train, check, test = ([flown[index] for index in part] for part in (TRAIN, CHECK, TEST))
+    model = Spring(1.0, 0.1)
+    chosen = free(model, "k", "c", per_record=("initial_state",))
+    found = close_loop(
+        model, chosen, OutputError(), train=train, check=check, test=test, effects=LIBRARY, window=WINDOW
+    )
+    assert (found.outcome, found.effects) == ("coloured noise", ())
+    noise = found.coloured_noise
+    assert noise.sensors == ("x",)
+    # 90 s hold 90 stretches of twice the memory: the size is known to 1/sqrt(2 * 90) = 7 %, the time to twice that;
+    # three of these.
+    assert np.hypot(noise.deviation["x"], noise.white["x"]) == pytest.approx(SIGMA, rel=0.22)
+    assert noise.time["x"] == pytest.approx(0.5, rel=0.45)
+    assert "coloured noise" in found.verdict
+    assert json.loads(found.to_json())["coloured_noise"]["sensors"] == ["x"]
+
+
+def test_what_a_sensor_lacks_for_good_is_not_told_as_its_noise():
+    """A bias that the library does not know would be noise with an endless memory."""
+    found = study(SensorBias("x", jnp.array(0.1)), seed=1, effects=LIBRARY[1:6])
+    assert found.outcome in ("proxies", "unexplained")
+
+
 def test_pairs_score_together_what_their_parts_hide():
     """The joint score is the fall of the sum of squares in a regression on both columns."""
     rng = np.random.default_rng(5)

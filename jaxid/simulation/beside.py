@@ -1,0 +1,50 @@
+"""Channels that run by one rule beside others that run by straight lines: a model's inputs, and forces on it behind them."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .inputs import AbstractHold, AbstractPath, Linear
+
+
+class Beside(AbstractPath):
+    """Two paths as one: the channels of the first, and behind them those of the second, which nothing delays or limits."""
+
+    first: AbstractPath
+    second: AbstractPath
+
+    def __call__(self, t):
+        return jnp.concatenate([self.first(t), self.second(t)])
+
+    def stages(self, t, substeps):
+        return jnp.concatenate([self.first.stages(t, substeps), self.second.stages(t, substeps)], axis=-1)
+
+    def delayed(self, channel, delay):
+        return Beside(self.first.delayed(channel, delay), self.second)
+
+    def towards_band_limited(self, channel, weight):
+        return Beside(self.first.towards_band_limited(channel, weight), self.second)
+
+    def rate_limited(self, channel, limit, weight):
+        return Beside(self.first.rate_limited(channel, limit, weight), self.second)
+
+    def corners(self):
+        found = [corners for path in (self.first, self.second) if (corners := path.corners()) is not None]
+        return jnp.sort(jnp.concatenate(found)) if found else None
+
+
+class LinearBehind(AbstractHold):
+    """Some rule for the first channels, and straight lines for those behind them.
+
+    Args:
+        hold: the rule.
+        count: of the channels that it is for.
+    """
+
+    hold: AbstractHold
+    count: int = eqx.field(static=True)
+
+    def path(self, t, u):
+        return Beside(self.hold.path(t, u[:, : self.count]), Linear().path(t, u[:, self.count :]))
+
+    def check(self, t):
+        self.hold.check(t)

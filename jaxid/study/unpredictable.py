@@ -1,0 +1,101 @@
+"""What nothing predicts: whether random forces, or coloured noise of the sensors, explain what the declared model leaves."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..diagnosis.free_form import Kind, Places
+from ..diagnosis.predictable import predictable_share
+from ..diagnosis.process_noise import ProcessNoise
+from ..diagnosis.scores import Scores, critical
+from ..diagnosis.validation import root_mean_square
+from ..diagnosis.where import Place, Where
+from ..models.noise import FixedNoise
+from .search import Search
+from .study import ColouredNoise, RandomForces
+from .workbench import Fitted
+
+SLOW = 0.1  # of a record: what remembers longer comes less than five times anew in it, and may as well be a constant or a drift
+
+
+def random_forces(search: Search, declared: Fitted, where: Where) -> RandomForces | None:
+    """The forces, where a filter that knows of them leaves noise, and nothing absent scores among its innovations.
+
+    Args:
+        search: with its workbench and options.
+        declared: the declared model's fit.
+        where: the places of its residual.
+    """
+    places, bench = where.random(), search.bench
+    if not places:
+        return None
+    search.progress("whether random forces explain the residual")
+    size = jnp.array([place.size for place in places])
+    floor = 1e-3 * jnp.max(size) + jnp.finfo(float).tiny
+    known = isinstance(bench.likelihood.noise, FixedNoise)
+    noise, scores = bench.filtered(declared, jnp.maximum(size, floor), _by_kind(places), known)
+    if not _nothing_is_left(search, noise, scores) or float(noise.time[0]) > _longest(search):
+        return None
+    shows = np.asarray(noise.worth) > critical(search.options.level / len(places))
+    nearest = {(one.kind, one.name) for one in where.rivals()}  # an equation and a sensor may have one name
+    acting = tuple(
+        one.name for one, clear in zip(places, shows, strict=True) if clear or (one.kind, one.name) in nearest
+    )
+    air = tuple(place.name for place in places if place.kind == "air")
+    sizes = {place.name: float(one) for place, one in zip(places, noise.force, strict=True)}
+    return RandomForces(acting, air, sizes, float(noise.time[0]), float(noise.gain))
+
+
+def coloured_noise(search: Search, declared: Fitted) -> ColouredNoise | None:
+    """That of the sensors, where a filter that knows of it leaves noise, and nothing absent scores among its innovations.
+
+    Noise that was given was given as white, so that its size is asked for anew.
+
+    Args:
+        search: with its workbench and options.
+        declared: the declared model's fit.
+    """
+    search.progress("whether coloured noise of the sensors explains the residual")
+    bench, records = search.bench, search.bench.records
+    size = root_mean_square(declared.fit.residuals, records.mask)
+    noise, scores = bench.filtered(declared, size, (("output", records.outputs),), False)
+    deviation, time = np.asarray(noise.force), np.asarray(noise.time)
+    white = np.sqrt(np.diagonal(np.asarray(declared.fit.noise))) * np.asarray(noise.instruments)
+    shows = np.sum(np.asarray(records.mask), axis=(0, 1)) * (deviation / white) ** 2 > critical(search.options.level)
+    if not _nothing_is_left(search, noise, scores) or np.any(shows & (time > _longest(search))):
+        return None
+    allowed = search.predictable_by_chance()
+    coloured = tuple(name for name, share in search.predictable(declared).items() if share > allowed)
+    by_sensor = partial(zip, records.outputs, strict=True)
+    return ColouredNoise(
+        coloured,
+        dict(by_sensor(map(float, deviation))),
+        dict(by_sensor(map(float, white))),
+        dict(by_sensor(map(float, time))),
+        dict(by_sensor(records.output_units)),
+        float(noise.gain),
+    )
+
+
+def _longest(search: Search) -> float:
+    """The longest memory that these records can tell from a constant or a drift [s]."""
+    t = np.asarray(search.bench.records.t)
+    return SLOW * float(np.min(t[:, -1] - t[:, 0]))
+
+
+def _by_kind(places: Sequence[Place]) -> Places:
+    """Their names, kind by kind, in their order."""
+    kinds: dict[Kind, None] = dict.fromkeys(one.kind for one in places)
+    return tuple((kind, tuple(one.name for one in places if one.kind == kind)) for kind in kinds)
+
+
+def _nothing_is_left(search: Search, noise: ProcessNoise, scores: Scores) -> bool:
+    """Whether innovations look like noise, and nothing that is absent explains any part of them."""
+    records = search.bench.records
+    share = predictable_share(noise.v, records.mask)
+    significance = np.asarray(scores.significance)
+    tried = int(np.sum(np.asarray(scores.left) > 0))
+    fires = float(np.max(significance, initial=0.0)) > critical(search.options.level / max(tried, 1))
+    return search.looks_like_noise(dict(zip(records.outputs, map(float, share), strict=True))) and not fires

@@ -171,6 +171,13 @@ def test_shares_are_of_what_is_identifiable_and_a_failure_counts_against(of):
     assert goals["studies that failed"].share == (1, 13)
 
 
+@pytest.mark.parametrize("outcome", ["process noise", "coloured noise", "nothing missing", "explained"])
+def test_who_says_that_no_term_is_missing_where_one_was_taken_out_is_wrong(of, outcome):
+    assert not of("judge").names_no_cause(result(removed=True, outcome=outcome))
+    assert of("judge").names_no_cause(result(removed=True, outcome="unexplained"))
+    assert of("judge").names_no_cause(result(kind="process", outcome="process noise"))
+
+
 def test_a_row_has_medians_and_counts(of):
     (row,) = of("judge").rows([result(), result(seed=1, ratio=3.0, wrong=2), result(removed=True, outcome="proxies")])
     assert (row.studies, row.failed, row.first, row.place, row.no_cause) == (2, 0, (2, 2), (1, 1), (1, 1))

@@ -96,8 +96,11 @@ def goals(results: Sequence[Result]) -> list[Goal]:
 
 
 def names_no_cause(one: Result, unseen: bool = False) -> bool:
-    """Whether a study claims nothing that is not so, and says that nothing is missing at most where nothing can be seen."""
-    return not one["effects"] if unseen else one["outcome"] not in ("explained", "nothing missing")
+    """Whether a study claims nothing that is not so, and says that no term is missing at most where none can be seen."""
+    if unseen:
+        return not one["effects"]
+    unpredictable = () if one["kind"] == "process" else ("process noise", "coloured noise")
+    return one["outcome"] not in ("explained", "nothing missing", *unpredictable)
 
 
 def unseen_in(results: Sequence[Result]) -> Callable[[Result], bool]:

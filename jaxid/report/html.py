@@ -8,7 +8,7 @@ from jinja2 import Environment, StrictUndefined
 from ..study.study import Study
 from .gallery import Gallery, gallery
 from .tables import decided, effect_rows, error_rows, parameter_rows, place_rows, remains_rows, round_rows
-from .words import NOISE_KNOWN, OUTCOMES, raised
+from .words import COLOURED, NOISE_KNOWN, OUTCOMES, raised
 
 TEMPLATE = "study.html.j2"
 
@@ -32,7 +32,7 @@ def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None)
         study=study,
         verdict=raised(study.verdict),
         outcome_words=OUTCOMES.get(study.outcome, ""),
-        noise_words=NOISE_KNOWN[study.noise_known],
+        noise_words=NOISE_KNOWN[study.noise_known] + COLOURED * bool(study.coloured_noise),
         facts=_facts(study),
         drawn=drawn,
         errors={test: error_rows(study, test) for test in study.tests},

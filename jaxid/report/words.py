@@ -34,6 +34,11 @@ NOISE_KNOWN = {
     "candidate.",
 }
 
+COLOURED = (
+    " In this study the past does predict a part of what is left: the noise of some sensors has a memory. A filter that knows of "
+    "this memory leaves nothing that its past, or any candidate, explains."
+)
+
 
 def unit_words(unit: str) -> str:
     """A unit as it is printed: `m/s^2` becomes m/s².

@@ -170,6 +170,7 @@ class ColouredNoise:
         white: standard deviation of the white part, by channel [unit of the channel].
         time: correlation time of the part with a memory, by channel [s].
         units: of the channels.
+        inflation: of the variance of slow quantities over that by white noise of the same size, in the worst sensor.
         gain: twice the rise of the log-likelihood over white noise.
     """
 
@@ -178,6 +179,7 @@ class ColouredNoise:
     white: dict[str, float]
     time: dict[str, float]
     units: dict[str, str]
+    inflation: float
     gain: float
 
     def __str__(self) -> str:
@@ -185,10 +187,7 @@ class ColouredNoise:
             f"{self.deviation[name]:.3g} {self.units[name]}".rstrip() + f" and {self.time[name]:.2g} s in {name}"
             for name in self.sensors
         )
-        return (
-            f"noise of the sensors that has a memory (coloured noise), of standard deviation and correlation time {each}, "
-            "explains the residual. The estimates suffer little from it; their colour-corrected standard errors account for it."
-        )
+        return f"coloured noise of sensors (standard deviation and correlation time: {each})"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -210,7 +209,7 @@ class Study:
         before, after: the declared model and the one with the effects, on the test records.
         noise: standard deviation of the noise by channel, known or estimated from the last fit.
         process_noise: the random forces where these explain the residual, else None.
-        coloured_noise: that of the sensors where it explains the residual, else None.
+        coloured_noise: that of the sensors where it is what stays, with effects or without, else None.
         noise_known: whether the noise was given, so that the residual was held against it, or estimated.
         outputs, output_units: names and units of the channels.
         tests: the test records by name.

@@ -48,26 +48,29 @@ def random_forces(search: Search, declared: Fitted, where: Where) -> RandomForce
     return RandomForces(acting, air, sizes, float(noise.time[0]), float(noise.gain))
 
 
-def coloured_noise(search: Search, declared: Fitted) -> ColouredNoise | None:
+def coloured_noise(search: Search, found: Fitted) -> ColouredNoise | None:
     """That of the sensors, where a filter that knows of it leaves noise, and nothing absent scores among its innovations.
 
     Noise that was given was given as white, so that its size is asked for anew.
 
     Args:
         search: with its workbench and options.
-        declared: the declared model's fit.
+        found: the fit with what was added, or the declared model's.
     """
     search.progress("whether coloured noise of the sensors explains the residual")
     bench, records = search.bench, search.bench.records
-    size = root_mean_square(declared.fit.residuals, records.mask)
-    noise, scores = bench.filtered(declared, size, (("output", records.outputs),), False)
+    size = root_mean_square(found.fit.residuals, records.mask)
+    noise, scores = bench.filtered(found, size, (("output", records.outputs),), False)
     deviation, time = np.asarray(noise.force), np.asarray(noise.time)
-    white = np.sqrt(np.diagonal(np.asarray(declared.fit.noise))) * np.asarray(noise.instruments)
+    white = np.sqrt(np.diagonal(np.asarray(found.fit.noise))) * np.asarray(noise.instruments)
     shows = np.sum(np.asarray(records.mask), axis=(0, 1)) * (deviation / white) ** 2 > critical(search.options.level)
     if not _nothing_is_left(search, noise, scores) or np.any(shows & (time > _longest(search))):
         return None
     allowed = search.predictable_by_chance()
-    coloured = tuple(name for name, share in search.predictable(declared).items() if share > allowed)
+    coloured = tuple(name for name, share in search.predictable(found).items() if share > allowed)
+    steps = np.diff(np.asarray(records.t), axis=1)
+    a = np.exp(-np.median(steps[steps > 0]) / time)
+    inflation = (deviation**2 * (1 + a) / (1 - a) + white**2) / (deviation**2 + white**2)
     by_sensor = partial(zip, records.outputs, strict=True)
     return ColouredNoise(
         coloured,
@@ -75,6 +78,7 @@ def coloured_noise(search: Search, declared: Fitted) -> ColouredNoise | None:
         dict(by_sensor(map(float, white))),
         dict(by_sensor(map(float, time))),
         dict(by_sensor(records.output_units)),
+        float(np.max(inflation[[name in coloured for name in records.outputs]], initial=1.0)),
         float(noise.gain),
     )
 

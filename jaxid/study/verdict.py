@@ -34,7 +34,7 @@ class Conclusion(NamedTuple):
     Attributes:
         outcome: as in `Study`.
         process_noise: the random forces where these are it.
-        coloured_noise: the noise of sensors where that is it.
+        coloured_noise: the noise of sensors, where that is what stays.
         contenders: what fits hardly worse in the place of what was added.
         parts: of the effects that are in, those that only together make up one function (`parts_of_one`).
         elsewhere: whether most of the effects that are in act elsewhere than where the residual sits (`act_elsewhere`).
@@ -57,7 +57,7 @@ def conclude(
     found: Fitted,
     where: Mapping[str, Where],
 ) -> Conclusion:
-    """Whether the residual is consistent with noise after what was added, and if not, whether with random forces alone.
+    """Whether the residual is consistent with noise after what was added, white or coloured, or with random forces alone.
 
     Args:
         search: with its workbench and options.
@@ -73,21 +73,28 @@ def conclude(
     if found.effects:
         coloured = coloured or stands_out(where["after"], search.options.level)
     if not (coloured or fires):
-        if not found.effects:
-            return Conclusion("nothing missing")
-        effects = tuple(search.bench.effects[name] for name in found.effects)
-        contenders = search.contenders(found, rounds, SETTLED)
-        doubts = parts_of_one(effects), act_elsewhere(effects, where["before"]), unsettled(contenders, rounds)
-        return Conclusion("proxies" if any(doubts) else "explained", None, None, contenders, *doubts)
+        return _cause(search, rounds, found, where, None) if found.effects else Conclusion("nothing missing")
     forces = random_forces(search, declared, where["before"])
     if forces is not None:
         return Conclusion("process noise", forces)
-    noise = coloured_noise(search, declared)
+    noise = coloured_noise(search, found)
     if noise is not None:
-        return Conclusion("coloured noise", coloured_noise=noise)
+        return (
+            _cause(search, rounds, found, where, noise) if found.effects else Conclusion("coloured noise", None, noise)
+        )
     if not found.effects:
         return Conclusion("unexplained")
     return Conclusion("proxies", contenders=search.contenders(found, rounds, INSEPARABLE))
+
+
+def _cause(
+    search: Search, rounds: tuple[Round, ...], found: Fitted, where: Mapping[str, Where], noise: ColouredNoise | None
+) -> Conclusion:
+    """Whether effects that leave nothing but noise, white unless it is given, are to be called the cause."""
+    effects = tuple(search.bench.effects[name] for name in found.effects)
+    contenders = search.contenders(found, rounds, SETTLED * (noise.inflation if noise else 1.0))
+    doubts = parts_of_one(effects), act_elsewhere(effects, where["before"]), unsettled(contenders, rounds)
+    return Conclusion("proxies" if any(doubts) else "explained", None, noise, contenders, *doubts)
 
 
 def stands_out(where: Where, level: float) -> bool:
@@ -174,12 +181,14 @@ def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Ri
     elif conclusion.unsettled:
         nearly = ", ".join(conclusion.unsettled)
         stays = f"What stays is noise, but these records do not settle the form: {nearly} would do nearly as well."
+    noise = conclusion.coloured_noise or "noise"
     sits = " or the ".join(f"{one.kind} {one.name}" for one in left.rivals())
     return {
         "nothing missing": "Nothing is missing: the residual is consistent with noise, and no candidate explains any of it.",
-        "explained": f"The model lacked: {what}{also}. With it the residual is consistent with noise.",
+        "explained": f"The model lacked: {what}{also}. With it the residual is consistent with {noise}.",
         "proxies": f"Something is missing; the best proxies are: {what}{also}. {stays}",
         "unexplained": f"Something is missing here, and nothing in the library explains it. It sits in the {sits}.",
         "process noise": f"No term is missing that these records could show: {conclusion.process_noise}",
-        "coloured noise": f"No term is missing that these records could show: {conclusion.coloured_noise}",
+        "coloured noise": "No term is missing that these records could show: the residual is consistent with "
+        f"{conclusion.coloured_noise}.",
     }[conclusion.outcome]

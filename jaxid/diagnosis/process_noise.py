@@ -233,6 +233,7 @@ def _turn(
 
 @eqx.filter_jit
 def _residuals(problem: Problem, parameters: Parameters) -> Float[Array, "case time output"]:
+    """Those of all records, compiled."""
     return problem.residuals(parameters)
 
 

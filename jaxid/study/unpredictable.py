@@ -51,14 +51,17 @@ def random_forces(search: Search, declared: Fitted, where: Where) -> RandomForce
 def coloured_noise(search: Search, found: Fitted) -> ColouredNoise | None:
     """That of the sensors, where a filter that knows of it leaves noise, and nothing absent scores among its innovations.
 
-    Noise that was given was given as white, so that its size is asked for anew.
+    It is asked about where the past of some sensor's residual predicts more of it than chance does. Noise that was given was given as white, so that its size is asked for anew.
 
     Args:
         search: with its workbench and options.
         found: the fit with what was added, or the declared model's.
     """
+    bench, records, allowed = search.bench, search.bench.records, search.predictable_by_chance()
+    coloured = tuple(name for name, share in search.predictable(found).items() if share > allowed)
+    if not coloured:
+        return None
     search.progress("whether coloured noise of the sensors explains the residual")
-    bench, records = search.bench, search.bench.records
     size = root_mean_square(found.fit.residuals, records.mask)
     noise, scores = bench.filtered(found, size, (("output", records.outputs),), False)
     deviation, time = np.asarray(noise.force), np.asarray(noise.time)
@@ -66,8 +69,6 @@ def coloured_noise(search: Search, found: Fitted) -> ColouredNoise | None:
     shows = np.sum(np.asarray(records.mask), axis=(0, 1)) * (deviation / white) ** 2 > critical(search.options.level)
     if not _nothing_is_left(search, noise, scores) or np.any(shows & (time > _longest(search))):
         return None
-    allowed = search.predictable_by_chance()
-    coloured = tuple(name for name, share in search.predictable(found).items() if share > allowed)
     steps = np.diff(np.asarray(records.t), axis=1)
     a = np.exp(-np.median(steps[steps > 0]) / time)
     inflation = (deviation**2 * (1 + a) / (1 - a) + white**2) / (deviation**2 + white**2)
@@ -78,7 +79,7 @@ def coloured_noise(search: Search, found: Fitted) -> ColouredNoise | None:
         dict(by_sensor(map(float, white))),
         dict(by_sensor(map(float, time))),
         dict(by_sensor(records.output_units)),
-        float(np.max(inflation[[name in coloured for name in records.outputs]], initial=1.0)),
+        float(np.max(inflation[[name in coloured for name in records.outputs]])),
         float(noise.gain),
     )
 

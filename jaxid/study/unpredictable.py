@@ -51,8 +51,8 @@ def random_forces(search: Search, declared: Fitted, where: Where) -> RandomForce
 def coloured_noise(search: Search, found: Fitted) -> ColouredNoise | None:
     """That of the sensors, where a filter that knows of it leaves noise, and nothing absent scores among its innovations.
 
-    It is asked about where the past of some sensor's residual predicts more of it than chance does. Noise that was given was given
-    as white, so that its size is asked for anew.
+    It is asked about where the past of some sensor's residual predicts more of it than chance does. Noise that was given was
+    given as white, so that its size is asked for anew.
 
     Args:
         search: with its workbench and options.

@@ -225,9 +225,8 @@ def _turn(
     end = (jax.tree.map(jnp.add, parameters, step), forces if of_sensors(places) else probable)
     without = Noise(jnp.full_like(noise.force, SILENT), noise.time, 2.0 * jnp.log(root_mean_square(white, mask)))
     innovations, _ = filtered(noise, probes.reshape(*mask.shape, -1))
-    without_one = jnp.stack(
-        [cost(noise._replace(force=noise.force.at[place].set(SILENT))) for place in range(noise.force.size)]
-    )
+    each = jnp.arange(noise.force.size)
+    without_one = jax.lax.map(lambda place: cost(noise._replace(force=noise.force.at[place].set(SILENT))), each)
     return Turn(noise, whole, innovations, (parameters, forces), end, cost(without), costs[best], without_one)
 
 

@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
-from .inputs import AbstractHold, AbstractPath, Linear
+from .inputs import AbstractHold, AbstractPath, Linear, corners_of
 
 
 class Beside(AbstractPath):
@@ -28,8 +28,7 @@ class Beside(AbstractPath):
         return Beside(self.first.rate_limited(channel, limit, weight), self.second)
 
     def corners(self):
-        found = [corners for path in (self.first, self.second) if (corners := path.corners()) is not None]
-        return jnp.sort(jnp.concatenate(found)) if found else None
+        return corners_of(self.first, self.second)
 
 
 class LinearBehind(AbstractHold):
@@ -45,6 +44,3 @@ class LinearBehind(AbstractHold):
 
     def path(self, t, u):
         return Beside(self.hold.path(t, u[:, : self.count]), Linear().path(t, u[:, self.count :]))
-
-    def check(self, t):
-        self.hold.check(t)

@@ -197,8 +197,13 @@ class Blend(AbstractPath):
         return Blend(one, other, self.weight)
 
     def corners(self):
-        found = [corners for path in (self.one, self.other) if (corners := path.corners()) is not None]
-        return jnp.sort(jnp.concatenate(found)) if found else None
+        return corners_of(self.one, self.other)
+
+
+def corners_of(*paths: AbstractPath) -> Float[Array, " corner"] | None:
+    """Times, in order, at which any of the paths jumps or bends."""
+    found = [corners for path in paths if (corners := path.corners()) is not None]
+    return jnp.sort(jnp.concatenate(found)) if found else None
 
 
 def _straight(t: Float[Array, " time"], knots: Float[Array, " knot"], values: Float[Array, " knot"]):

@@ -78,10 +78,10 @@ def conclude(
     if forces is not None:
         return Conclusion("process noise", forces)
     noise = coloured_noise(search, found)
+    if noise is not None and not found.effects:
+        return Conclusion("coloured noise", coloured_noise=noise)
     if noise is not None:
-        return (
-            _cause(search, rounds, found, where, noise) if found.effects else Conclusion("coloured noise", None, noise)
-        )
+        return _cause(search, rounds, found, where, noise)
     if not found.effects:
         return Conclusion("unexplained")
     return Conclusion("proxies", contenders=search.contenders(found, rounds, INSEPARABLE))

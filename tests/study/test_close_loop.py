@@ -66,18 +66,16 @@ def fly(seed, effect, samples=300):
 def study(effect, seed, effects=LIBRARY, likelihood=None, first=0):
     """A study of seven records."""
     flown = [fly(1000 * seed + first + index, effect)[0] for index in range(7)]
+    return closed(flown, effects, likelihood)
+
+
+def closed(flown, effects=LIBRARY, likelihood=None):
+    """The loop on seven records, with stiffness and damping free."""
     train, check, test = ([flown[index] for index in part] for part in (TRAIN, CHECK, TEST))
     model = Spring(1.0, 0.1)
+    own = free(model, "k", "c", per_record=("initial_state",))
     options = dict(effects=effects, window=WINDOW)
-    return close_loop(
-        model,
-        free(model, "k", "c", per_record=("initial_state",)),
-        likelihood or OutputError(),
-        train=train,
-        check=check,
-        test=test,
-        **options,
-    )
+    return close_loop(model, own, likelihood or OutputError(), train=train, check=check, test=test, **options)
 
 
 def realised(effect, seed):
@@ -110,10 +108,7 @@ def test_a_stop_that_the_records_show_comes_in_before_what_explains_more():
     flown = [fly(3000 + index, PLANTED["x^3 in v"])[0] for index in range(7)]
     level = 0.6 * max(float(jnp.max(one.z)) for one in flown[:3])
     stopped = [eqx.tree_at(lambda one: one.z, one, jnp.minimum(one.z, level)) for one in flown]
-    train, check, test = ([stopped[index] for index in part] for part in (TRAIN, CHECK, TEST))
-    model = Spring(1.0, 0.1)
-    own = free(model, "k", "c", per_record=("initial_state",))
-    found = close_loop(model, own, OutputError(), train=train, check=check, test=test, effects=LIBRARY, window=WINDOW)
+    found = closed(stopped)
     assert [one.added for one in found.rounds] == ["upper saturation of x", "x^3 in v", None]
     falls = {one.name: one.cost_fall for one in found.rounds[0].candidates}
     assert falls["x^3 in v"] > 2 * falls["upper saturation of x"]
@@ -167,13 +162,7 @@ def shaken(seed, samples=300):
 
 
 def test_a_random_force_is_told_as_such_and_nothing_is_added():
-    flown = [shaken(10 + index) for index in range(7)]
-    train, check, test = ([flown[index] for index in part] for part in (TRAIN, CHECK, TEST))
-    model = Spring(1.0, 0.1)
-    chosen = free(model, "k", "c", per_record=("initial_state",))
-    found = close_loop(
-        model, chosen, OutputError(), train=train, check=check, test=test, effects=LIBRARY, window=WINDOW
-    )
+    found = closed([shaken(10 + index) for index in range(7)])
     assert (found.outcome, found.effects) == ("process noise", ())
     assert found.process_noise.places == ("v",)
     # Found from 90 s of record, or 90 independent stretches, and below the noise at the fast end: within a half.
@@ -191,16 +180,8 @@ def coloured(seed, effect=None):
     return eqx.tree_at(lambda one: one.z, flown, flown.z - noise + error)
 
 
-def study_of_coloured(seed, effect=None, effects=LIBRARY):
-    flown = [coloured(seed + index, effect) for index in range(7)]
-    train, check, test = ([flown[index] for index in part] for part in (TRAIN, CHECK, TEST))
-    model = Spring(1.0, 0.1)
-    chosen = free(model, "k", "c", per_record=("initial_state",))
-    return close_loop(model, chosen, OutputError(), train=train, check=check, test=test, effects=effects, window=WINDOW)
-
-
 def test_noise_of_a_sensor_with_a_memory_is_told_as_such(seed):
-    found = study_of_coloured(seed)
+    found = closed([coloured(seed + index) for index in range(7)])
     assert (found.outcome, found.effects) == ("coloured noise", ())
     noise = found.coloured_noise
     assert noise.sensors == ("x",)
@@ -213,7 +194,7 @@ def test_noise_of_a_sensor_with_a_memory_is_told_as_such(seed):
 
 
 def test_an_effect_is_named_although_the_noise_is_coloured(seed):
-    found = study_of_coloured(seed, PLANTED["x^3 in v"])
+    found = closed([coloured(seed + index, PLANTED["x^3 in v"]) for index in range(7)])
     assert (found.outcome, found.effects) == ("explained", ("x^3 in v",))
     assert found.coloured_noise.sensors == ("x",)
     assert "consistent with coloured noise of sensors" in found.verdict

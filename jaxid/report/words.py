@@ -19,10 +19,12 @@ OUTCOMES = {
     "More candidates are the next thing to try.",
     "process noise": "What the declared model leaves is more than measurement noise, but nothing predicts it: once a filter "
     "knows of random forces in the equations or of gusts, what is left is noise, and neither a candidate nor any simple function "
-    "of the signals explains any part of it. So no term is missing that these records could show, and nothing was added.",
+    "of the signals explains any part of it. So no term is missing that these records could show. What a round may have added is "
+    "taken out again.",
     "coloured noise": "What the declared model leaves can be predicted from its own past, but from nothing else: once a filter "
     "knows of noise with a memory in the sensors, what is left is white noise, and neither a candidate nor any simple function "
-    "of the signals explains any part of it. So no term is missing that these records could show, and nothing was added.",
+    "of the signals explains any part of it. So no term is missing that these records could show. What a round may have added is "
+    "taken out again.",
     "nothing missing": "Already the declared model leaves no more than measurement noise, and no candidate explains "
     "any part of it. Nothing was added.",
 }

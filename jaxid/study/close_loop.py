@@ -111,7 +111,7 @@ def close_loop(
     declared = bench.finish(declared) if found.effects else found
     where["after"] = bench.where(found, like=where["before"]) if found.effects else where["before"]
     conclusion = conclude(search, rounds, declared, found, where)
-    if conclusion.process_noise:
+    if conclusion.outcome in ("process noise", "coloured noise"):  # it does without what was added
         found, where["after"] = declared, where["before"]
     rivals = tuple(one for one in conclusion.contenders if one.chi_square < INSEPARABLE)
     reading = {"before": bench.read(declared), "after": bench.read(found)}

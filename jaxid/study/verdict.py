@@ -78,8 +78,10 @@ def conclude(
     if forces is not None:
         return Conclusion("process noise", forces)
     noise = coloured_noise(search, found)
-    if noise is not None and not found.effects:
-        return Conclusion("coloured noise", coloured_noise=noise)
+    # A filter that knows the noise's memory tells what is slow from it better than a score does that was corrected for it.
+    alone = coloured_noise(search, declared) if noise and found.effects else noise
+    if alone is not None:
+        return Conclusion("coloured noise", coloured_noise=alone)
     if noise is not None:
         return _cause(search, rounds, found, where, noise)
     if not found.effects:

@@ -193,6 +193,14 @@ def test_noise_of_a_sensor_with_a_memory_is_told_as_such(seed):
     assert json.loads(found.to_json())["coloured_noise"]["sensors"] == ["x"]
 
 
+def test_an_effect_that_coloured_noise_does_without_is_not_kept():
+    # Of a hundred and more such studies, one whose noise has a mean that the score, corrected for its colour, takes for a force.
+    found = closed([coloured(7 + index) for index in range(7)])
+    assert found.rounds[0].added == "1 in v"
+    assert (found.outcome, found.effects) == ("coloured noise", ())
+    assert found.after.rms == found.before.rms
+
+
 def test_an_effect_is_named_although_the_noise_is_coloured(seed):
     found = closed([coloured(seed + index, PLANTED["x^3 in v"]) for index in range(7)])
     assert (found.outcome, found.effects) == ("explained", ("x^3 in v",))

@@ -15,7 +15,7 @@ from benchmarks.missing_effects.scenarios import Flown, Planted, Scenario, Syste
 from jaxid import OutputError, close_loop
 from jaxid.estimation.estimate import as_stack
 from jaxid.models.effects import Effect
-from jaxid.study import Study
+from jaxid.study import Study, doubts
 from jaxid.study.close_loop import candidates
 from jaxid.study.search import Search
 from jaxid.study.workbench import Workbench
@@ -69,7 +69,7 @@ def _study(system: System, flown: Flown, library: tuple[Effect, ...] | None) -> 
 @contextlib.contextmanager
 def left_out(planted: tuple[Planted, ...]) -> Iterator[None]:
     """No study inside sees what is planted; the compiled programs stay the same, as those of another library would not."""
-    scored, filtered = Search.candidates, Workbench.filtered
+    scored, filtered, near_kin = Search.candidates, Workbench.filtered, doubts.near_kin
 
     def without(self, fitted, scores):
         every = scored(self, fitted, scores)
@@ -83,10 +83,14 @@ def left_out(planted: tuple[Planted, ...]) -> Iterator[None]:
         parts = (scores.score.at[np.array(barred, int)].set(0.0), scores.left.at[np.array(barred, int)].set(0.0))
         return noise, eqx.tree_at(lambda one: (one.score, one.left), scores, parts)
 
+    def kin_without(*arguments):
+        return tuple(name for name in near_kin(*arguments) if not any(one.accepts(name, name) for one in planted))
+
     with contextlib.ExitStack() as stack:
         if planted:
             stack.enter_context(mock.patch.object(Search, "candidates", without))
             stack.enter_context(mock.patch.object(Workbench, "filtered", filtered_without))
+            stack.enter_context(mock.patch.object(doubts, "near_kin", kin_without))
         yield
 
 

@@ -1,12 +1,13 @@
 """Effects of aircraft: what an aerodynamic coefficient may lack."""
 
+import dataclasses
 from collections.abc import Mapping
 
 import equinox as eqx
 
 from .._foundation.types import Array, Float
 from ..models.effects import Effect, zero
-from ..models.polynomial import factors
+from ..models.polynomial import factors, next_powers
 
 SYMMETRIC = (
     *(
@@ -78,6 +79,9 @@ class CoefficientTerm(Effect):
     def terms(self):
         acting = "" if self.product == "1" else f" {self.product}"
         return tuple((state, f"{state}_per_{self.coefficient}{acting}") for state in self.moved)
+
+    def kin(self):
+        return tuple(dataclasses.replace(self, product=one, gain=zero()) for one in next_powers(self.product))
 
 
 def lacking_terms(

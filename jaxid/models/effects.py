@@ -89,6 +89,15 @@ class Effect(eqx.Module):
         return ()
 
     @property
+    def whole(self) -> bool:
+        """Whether it is all there at a gain of one, and something else at any other: a lag of gain two is nearly a delay."""
+        return False
+
+    def kin(self) -> tuple["Effect", ...]:
+        """The next shapes of its kind, which a library need not hold: where one of them does nearly as well, the form is open."""
+        return ()
+
+    @property
     def begin(self) -> float:
         """The gain from which a refit starts: zero, but where nothing is felt of a small gain."""
         return 0.0

@@ -31,6 +31,10 @@ class ActuatorShape(Effect):
     def complexity(self):
         return 2
 
+    @property
+    def whole(self):
+        return True
+
     @abc.abstractmethod
     def changed(self, u: Float[Array, ""]) -> Float[Array, ""]:
         """What the actuator makes of the value of its input."""
@@ -77,6 +81,10 @@ class InputRateLimit(Effect):
     @property
     def complexity(self):
         return 2
+
+    @property
+    def whole(self):
+        return True
 
     @property
     def bounds(self):

@@ -1,12 +1,14 @@
 """General effects in the equations of motion: polynomial terms, friction, a limit of a state that spills into another."""
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.types import Array, Float
 from .effects import Effect, zero
-from .polynomial import factor_of, factors, signals_in
+from .polynomial import factor_of, factors, next_powers, signals_in
 from .starts import level_in
 
 FASTEST = 2.0  # of a rate times the step between samples: the classical Runge-Kutta method is stable to 2.78
@@ -48,6 +50,9 @@ class Term(Effect):
     @property
     def terms(self):
         return ((self.state, self.product),)
+
+    def kin(self):
+        return tuple(dataclasses.replace(self, product=one, gain=zero()) for one in next_powers(self.product))
 
 
 class DryFriction(Effect):

@@ -67,6 +67,10 @@ class InputBetweenSamples(Effect):
     def sentence(self):
         return f"the input {self.channel} runs band-limited between its samples, not as assumed"
 
+    @property
+    def whole(self):
+        return True
+
     def input_path(self, path, inputs):
         return path.towards_band_limited(inputs.index(self.channel), self.gain)
 
@@ -105,6 +109,10 @@ class InputLag(Effect):
     @property
     def complexity(self):
         return 2
+
+    @property
+    def whole(self):
+        return True
 
     @property
     def bounds(self):

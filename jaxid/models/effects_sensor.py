@@ -200,6 +200,10 @@ class SensorSaturation(SensorEffect):
         return 2
 
     @property
+    def whole(self):
+        return True
+
+    @property
     def begin(self):
         return 1.0
 

@@ -75,6 +75,10 @@ class SensorQuantisation(SensorEffect):
         signal = measured[self.channel]
         return grid_of(signal) > 0 and float(np.mean(np.diff(signal) == 0)) > STAIRS
 
+    @property
+    def whole(self):
+        return True
+
     def start(self, signals, measured, step):
         signal = measured[self.channel]
         shape = jnp.asarray(grid_of(signal)), jnp.asarray(float(np.min(signal)))

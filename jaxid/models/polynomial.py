@@ -106,6 +106,21 @@ def factors(term: str) -> tuple[tuple[str, int], ...]:
     return tuple((factor.base, factor.power) for factor in parsed)
 
 
+def next_powers(term: str) -> tuple[str, ...]:
+    """The term with one factor more of each that it has: `"alpha^2 q"` gives `("alpha^3 q", "alpha^2 q^2")`.
+
+    Raises:
+        InputError: when the term cannot be read.
+    """
+    own = factors(term)
+
+    def written(raised: str) -> str:
+        powers = ((base, power + (base == raised)) for base, power in own)
+        return " ".join(base if power == 1 else f"{base}^{power}" for base, power in powers)
+
+    return tuple(written(base) for base in dict.fromkeys(base for base, _ in own))
+
+
 def signals_in(terms: Iterable[str]) -> tuple[str, ...]:
     """Names of the signals in terms, sorted: those of `"|beta| beta"`, `"(alpha-0.26)+"` and `"(x-y)^3"` are alpha, beta, x-y."""
     return tuple(sorted({_parse(base).signal for term in terms for base, _ in factors(term)}))

@@ -7,25 +7,13 @@ import numpy as np
 from jax.scipy.stats import chi2
 
 from ..diagnosis.where import Where
-from ..models.effects import Effect
 from ..models.noise import FixedNoise
+from .doubts import SETTLED, Doubts, doubts_about
 from .rivals import Rival
 from .search import INSEPARABLE, Search
 from .study import ColouredNoise, RandomForces, Round
 from .unpredictable import coloured_noise, random_forces
 from .workbench import Fitted, Workbench
-
-PLACES = {
-    "equation": "equation of",
-    "input": "input",
-    "output": "sensor",
-    "parameter": "parameter",
-}  # as `Effect.place` calls them
-# Of the residual's power: places whose shares differ by more are not the same. Two effects in two places can together do what
-# one does in a third, so that more is asked of them.
-NEAR, NEAR_OF_SEVERAL = 0.2, 0.05
-SETTLED = 25.0  # by how much worse another shape must fit for this one to be the cause: a discovery's five standard deviations
-ALIKE = 0.01  # of what an effect explains: a contender that differs by less is to these records the same, and one set with it
 
 
 class Conclusion(NamedTuple):
@@ -36,18 +24,14 @@ class Conclusion(NamedTuple):
         process_noise: the random forces where these are it.
         coloured_noise: the noise of sensors, where that is what stays.
         contenders: what fits hardly worse in the place of what was added.
-        parts: of the effects that are in, those that only together make up one function (`parts_of_one`).
-        elsewhere: whether most of the effects that are in act elsewhere than where the residual sits (`act_elsewhere`).
-        unsettled: what might as well be the cause (`unsettled`).
+        doubts: why what was added may not be the cause, although it leaves nothing but noise.
     """
 
     outcome: str
     process_noise: RandomForces | None = None
     coloured_noise: ColouredNoise | None = None
     contenders: tuple[Rival, ...] = ()
-    parts: tuple[str, ...] = ()
-    elsewhere: bool = False
-    unsettled: tuple[str, ...] = ()
+    doubts: Doubts = Doubts()
 
 
 def conclude(
@@ -93,10 +77,10 @@ def _cause(
     search: Search, rounds: tuple[Round, ...], found: Fitted, where: Mapping[str, Where], noise: ColouredNoise | None
 ) -> Conclusion:
     """Whether effects that leave nothing but noise, white unless it is given, are to be called the cause."""
-    effects = tuple(search.bench.effects[name] for name in found.effects)
-    contenders = search.contenders(found, rounds, SETTLED * (noise.inflation if noise else 1.0))
-    doubts = parts_of_one(effects), act_elsewhere(effects, where["before"]), unsettled(contenders, rounds)
-    return Conclusion("proxies" if any(doubts) else "explained", None, noise, contenders, *doubts)
+    inflation = noise.inflation if noise else 1.0
+    contenders = search.contenders(found, rounds, SETTLED * inflation)
+    doubts = doubts_about(search.bench, found, rounds, contenders, where["before"], inflation)
+    return Conclusion("proxies" if any(doubts) else "explained", None, noise, contenders, doubts)
 
 
 def stands_out(where: Where, level: float) -> bool:
@@ -106,53 +90,6 @@ def stands_out(where: Where, level: float) -> bool:
     """
     chances = [float(chi2.sf(one.score, one.dof)) for one in where.places if one.dof]
     return min(chances, default=1.0) < level / max(len(chances), 1)
-
-
-def parts_of_one(effects: tuple[Effect, ...]) -> tuple[str, ...]:
-    """Names of effects that, being of different shapes, only together make up a function of the same signals in one place.
-
-    A series of terms is a way to write a function; a kink, a friction and a cubic that it takes to say what one signal does are
-    not three causes, and a delay with a lag says that an input is late in a way of which two things are known.
-    """
-    groups: dict[tuple, list[Effect]] = {}
-    for effect in effects:
-        if effect.signals_used:
-            groups.setdefault((effect.place, effect.signals_used), []).append(effect)
-    mixed = [group for group in groups.values() if len(group) > 1 and not all(effect.terms for effect in group)]
-    return tuple(effect.name for group in mixed for effect in group)
-
-
-def act_elsewhere(effects: tuple[Effect, ...], where: Where) -> bool:
-    """Whether most of the effects act in places that explain clearly less of the residual than the best one does.
-
-    What predicts well may still be of another kind than the cause: two late sensors for a late input. Only equations, inputs and
-    sensors are held against it; what acts through a coefficient or a parameter may move several equations, and so does what acts
-    between two parts, a function of the same signals in the equation of each.
-    """
-    if act_between(effects):
-        return False
-    told = [effect.place for effect in effects]
-    where = where._replace(places=tuple(one for one in where.places if one.kind != "air"))  # no effect is a gust
-    rivals = where.rivals(NEAR if len(set(told)) == 1 else NEAR_OF_SEVERAL)
-    known, close = ({f"{PLACES[one.kind]} {one.name}" for one in some} for some in (where.places, rivals))
-    return set(told) <= known and 2 * sum(place not in close for place in told) > len(told)
-
-
-def act_between(effects: tuple[Effect, ...]) -> bool:
-    """Whether the effects are one action between two parts: of the same difference of signals, in the equations of both."""
-    places, signals = {effect.place for effect in effects}, {effect.signals_used for effect in effects}
-    alike = len(signals) == 1 and all("-" in signal for one in signals for signal in one)
-    return alike and len(places) == len(effects) > 1 and all(place.startswith(PLACES["equation"]) for place in places)
-
-
-def unsettled(contenders: tuple[Rival, ...], rounds: tuple[Round, ...]) -> tuple[str, ...]:
-    """Names of the contenders that these records do not refute, although they are of another shape.
-
-    A faint effect is fitted to within the noise by whatever resembles it. Where the library's nearest other shape is not
-    clearly worse, a shape that the library lacks could be the cause as well.
-    """
-    falls = {one.came_in: one.winner.cost_fall for one in rounds if one.winner}
-    return tuple(one.name for one in contenders if abs(one.chi_square) > ALIKE * (falls[one.instead_of] or 0.0))
 
 
 def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:
@@ -174,15 +111,8 @@ def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Ri
     """
     what = "; ".join(sentences)
     names = ", ".join(rival.name for rival in rivals)
-    also = f" (these records cannot tell it from: {names})" if rivals and not conclusion.unsettled else ""
-    stays = "What stays after them is more than noise."
-    if conclusion.parts:
-        stays = f"Together {' and '.join(conclusion.parts)} make up one function, and its form is not settled."
-    elif conclusion.elsewhere:
-        stays = "They leave nothing but noise, but act elsewhere than where the residual sits."
-    elif conclusion.unsettled:
-        nearly = ", ".join(conclusion.unsettled)
-        stays = f"What stays is noise, but these records do not settle the form: {nearly} would do nearly as well."
+    also = f" (these records cannot tell it from: {names})" if rivals and not conclusion.doubts.unsettled else ""
+    stays = str(conclusion.doubts) or "What stays after them is more than noise."
     noise = conclusion.coloured_noise or "noise"
     sits = " or the ".join(f"{one.kind} {one.name}" for one in left.rivals())
     return {

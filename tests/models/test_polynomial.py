@@ -7,7 +7,7 @@ import pytest
 
 from jaxid._foundation.checks import InputError
 from jaxid.models.names import parameter_names
-from jaxid.models.polynomial import Polynomial, factors, monomials, signals_in
+from jaxid.models.polynomial import Polynomial, factors, monomials, next_powers, signals_in
 
 ALPHA, BETA = 0.37, -0.11
 TERMS = {  # by term, its value with nothing taken from the signals
@@ -63,6 +63,14 @@ def test_derivatives_are_finite_everywhere_and_right_beside_the_kinks():
     np.testing.assert_allclose(slope(-0.5), [-1.0, -1.0, 0.0, 0.0], rtol=1e-14)
     assert np.isfinite(slope(0.0)).all()
     np.testing.assert_array_equal(slope(0.2)[2:], 0.0)
+
+
+def test_next_powers_have_one_factor_more():
+    assert next_powers("alpha^2 q") == ("alpha^3 q", "alpha^2 q^2")
+    assert next_powers("|v| v") == ("|v|^2 v", "|v| v^2")
+    assert next_powers("(x-y)^2") == ("(x-y)^3",)
+    assert next_powers("(alpha-0.26)+") == ("(alpha-0.26)+^2",)
+    assert next_powers("1") == ()
 
 
 def test_factors_and_signals_are_told():

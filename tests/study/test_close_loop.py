@@ -32,11 +32,12 @@ from jaxid.models import (
 )
 from jaxid.models.effects import Effect
 from jaxid.study.close_loop import SOLVER
+from jaxid.study.doubts import SETTLED, act_elsewhere, parts_of_one, unsettled
 from jaxid.study.pairs import pairs_of
 from jaxid.study.rivals import Rival, told_apart
 from jaxid.study.search import Search
 from jaxid.study.study import Candidate, Round
-from jaxid.study.verdict import SETTLED, act_elsewhere, parts_of_one, stands_out, unsettled
+from jaxid.study.verdict import stands_out
 from jaxid.study.workbench import Workbench
 
 SIGMA = 0.02

@@ -55,11 +55,11 @@ class Doubts(NamedTuple):
         if self.unsettled:
             nearly = ", ".join(self.unsettled)
             return f"What stays is noise, but these records do not settle the form: {nearly} would do nearly as well."
+        if not self.partial:
+            return ""
         gains = (f"{name} has a gain of {one:.2f} ± {error:.2f}" for name, (one, error) in self.partial.items())
         told = " and ".join(gains)
-        return f"What stays is noise, but the form is not settled: {told}, and is what it is called at 1 only." * bool(
-            told
-        )
+        return f"What stays is noise, but the form is not settled: {told}, and is what it is called at 1 only."
 
 
 def doubts_about(

@@ -8,7 +8,7 @@ from test_close_loop import LIBRARY, PLANTED, SIGMA, closed, study
 
 from jaxid import Augmented, OutputError, free, record, simulate
 from jaxid.estimation.estimate import as_stack
-from jaxid.models import FixedNoise, InputDelay, InputLag, SensorBias, Term
+from jaxid.models import FixedNoise, InputDelay, InputLag, Term
 from jaxid.study.close_loop import SOLVER
 from jaxid.study.doubts import OFF, PARTIAL, Doubts, partial
 from jaxid.study.kin import misfits_of_kin, near_kin
@@ -23,7 +23,9 @@ def pressed(seed, swing, samples=300):
     t = 0.1 * np.arange(samples)
     force = 2.1 + swing * np.convolve(rng.normal(size=samples), np.ones(8) / 2.5, "same")[:, None]
     y = np.asarray(simulate(Augmented(Spring(1.5, 0.2), (SQUARE,)), t, force, jnp.array([1.0, 0.0])).y)
-    return record(t, force, y + 0.5 * SIGMA * rng.normal(size=y.shape), inputs=("force",), outputs=("x",), name=f"{seed}")
+    return record(
+        t, force, y + 0.5 * SIGMA * rng.normal(size=y.shape), inputs=("force",), outputs=("x",), name=f"{seed}"
+    )
 
 
 @pytest.mark.parametrize("swing", [0.1, 0.3])

@@ -293,8 +293,8 @@ def places(names: Sequence[str], which: Sequence[str]) -> tuple[Effect, ...]:
         names: of all parameters.
         which: channels and co-ordinates, such as "alpha.x".
     """
-    called = {f"instruments.position.{one}": f"place of the sensor of {one.replace('.', ' along ')}" for one in which}
-    return shifts(names, called, "m")
+    called = {one: f"place of the sensor of {one.replace('.', ' along ')}" for one in which}
+    return _in_instruments(names, "position", called, "m")
 
 
 def skewed(names: Sequence[str], which: Sequence[str]) -> tuple[Effect, ...]:
@@ -304,8 +304,17 @@ def skewed(names: Sequence[str], which: Sequence[str]) -> tuple[Effect, ...]:
         names: of all parameters.
         which: channels and angles, such as "p.theta".
     """
-    called = {f"instruments.misalignment.{one}": f"axis of the sensor of {one.replace('.', ' in ')}" for one in which}
-    return shifts(names, called, "rad")
+    called = {one: f"axis of the sensor of {one.replace('.', ' in ')}" for one in which}
+    return _in_instruments(names, "misalignment", called, "rad")
+
+
+def _in_instruments(names: Sequence[str], part: str, called: Mapping[str, str], unit: str) -> tuple[Effect, ...]:
+    """Shifts of one part of the instruments, each of which acts in a channel's sensor."""
+    return tuple(
+        ParameterShift(f"instruments.{part}.{one}", called=words, unit=unit, channel=one.partition(".")[0])
+        for one, words in called.items()
+        if f"instruments.{part}.{one}" in names
+    )
 
 
 def _all_engines(names: Sequence[str], part: str, called: str, unit: str) -> tuple[Effect, ...]:

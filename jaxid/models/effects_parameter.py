@@ -61,17 +61,27 @@ class ParameterShift(ParameterEffect):
         along: parameters that move with it, and by how many times as much.
         called: what it is in words.
         unit: of the gain.
+        channel: the output whose sensor the parameter belongs to, if any: that is where it acts.
     """
 
     parameter: str = eqx.field(static=True)
     along: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
     called: str = eqx.field(static=True, default="")
     unit: str = eqx.field(static=True, default="")
+    channel: str = eqx.field(static=True, default="")
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
 
     @property
     def name(self):
         return f"shift of {self.what}"
+
+    @property
+    def place(self):
+        return f"sensor {self.channel}" if self.channel else f"parameter {self.parameter}"
+
+    @property
+    def signals_used(self):
+        return (self.channel,) if self.channel else ()
 
     @property
     def sentence(self):

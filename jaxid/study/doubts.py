@@ -4,6 +4,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+import numpy as np
+
+from .._foundation.types import Float
 from ..diagnosis.where import Where
 from ..models.effects import Effect
 from .kin import near_kin
@@ -81,7 +84,7 @@ def doubts_about(
         inflation: by how much worse than white noise coloured noise lets slow quantities be known.
     """
     effects = tuple(bench.effects[name] for name in found.effects)
-    near, torn = unsettled(contenders, rounds), partial(effects, bench.standard_errors(found))
+    near, torn = unsettled(contenders, rounds), partial(effects, bench.standard_errors(found), bench.measured)
     doubts = Doubts(parts_of_one(effects), act_elsewhere(effects, where), near, torn)
     return doubts if any(doubts) else Doubts(unsettled=near_kin(bench, found, NEXT * inflation))
 
@@ -134,18 +137,23 @@ def unsettled(contenders: tuple[Rival, ...], rounds: tuple[Round, ...]) -> tuple
 
 
 def partial(
-    effects: tuple[Effect, ...], estimates: Mapping[str, tuple[float, float]]
+    effects: tuple[Effect, ...],
+    estimates: Mapping[str, tuple[float, float]],
+    measured: dict[str, Float[np.ndarray, " _"]],
 ) -> dict[str, tuple[float, float]]:
     """Gains, with standard errors, of effects that are whole or none and are not seen to be whole: something else may stand
     behind them.
 
-    A delay is a lag of gain two, to second order in its time; two lags in a row are one of 1.3.
+    A delay is a lag of gain two, to second order in its time; two lags in a row are one of 1.3. What the records show by
+    themselves, such as a stop, needs no such proof.
 
     Args:
         effects: what is in.
         estimates: value and standard error by name.
+        measured: samples of the outputs, by name.
     """
-    gains = {effect.name: estimates[f"{effect.name}.gain"] for effect in effects if effect.whole}
+    asked = [effect.name for effect in effects if effect.whole and not effect.shown(measured)]
+    gains = {name: estimates[f"{name}.gain"] for name in asked}
     return {
         name: (gain, error)
         for name, (gain, error) in gains.items()

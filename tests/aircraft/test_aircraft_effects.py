@@ -141,6 +141,13 @@ def test_every_parameter_effect_names_parameters_that_exist():
         assert (effect.unit == "") == ("thrust" in effect.name and effect.parameter.endswith("share"))
 
 
+def test_what_is_wrong_with_an_instrument_acts_in_its_sensor():
+    places = {effect.name: (effect.place, effect.signals_used) for effect in of_type(ParameterShift, EVERY)}
+    assert places["shift of place of the sensor of alpha along x"] == ("sensor alpha", ("alpha",))
+    assert places["shift of axis of the sensor of p in theta"] == ("sensor p", ("p",))
+    assert places["shift of mass"] == ("parameter mass", ())
+
+
 # Parameters -----------------------------------------------------------------------------------------------------------
 
 

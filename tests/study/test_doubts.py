@@ -8,7 +8,7 @@ from test_close_loop import LIBRARY, PLANTED, SIGMA, closed, study
 
 from jaxid import Augmented, OutputError, free, record, simulate
 from jaxid.estimation.estimate import as_stack
-from jaxid.models import FixedNoise, InputDelay, InputLag, Term
+from jaxid.models import FixedNoise, InputDelay, InputLag, SensorSaturation, Term
 from jaxid.study.close_loop import SOLVER
 from jaxid.study.doubts import OFF, PARTIAL, Doubts, partial
 from jaxid.study.kin import misfits_of_kin, near_kin
@@ -73,7 +73,7 @@ def test_a_gain_is_whole_where_it_is_known_to_be():
     lag, term = InputLag("force"), Term("v", "x^3")
 
     def told(gain, error):
-        return partial((lag, term), {f"{lag.name}.gain": (gain, error), f"{term.name}.gain": (5.0, 0.1)})
+        return partial((lag, term), {f"{lag.name}.gain": (gain, error), f"{term.name}.gain": (5.0, 0.1)}, {})
 
     assert told(1.0, 0.01) == {}
     assert told(1.0 + 0.9 * PARTIAL, 0.001) == {}
@@ -81,6 +81,13 @@ def test_a_gain_is_whole_where_it_is_known_to_be():
     assert told(1.0 + 1.1 * PARTIAL, 0.001) == {lag.name: (1.0 + 1.1 * PARTIAL, 0.001)}
     assert told(1.0, 1.1 * PARTIAL) == {lag.name: (1.0, 1.1 * PARTIAL)}  # it may be none, or twice
     assert told(1.0, np.inf) == {lag.name: (1.0, np.inf)}
+
+
+def test_a_stop_that_the_records_show_needs_no_gain_of_one():
+    stop, ramp = SensorSaturation("x"), np.linspace(0.0, 1.0, 100)
+    estimates = {f"{stop.name}.gain": (0.7, 0.4)}
+    assert partial((stop,), estimates, {"x": ramp}) == {stop.name: (0.7, 0.4)}
+    assert partial((stop,), estimates, {"x": np.minimum(ramp, 0.5)}) == {}
 
 
 def test_no_doubt_has_no_words():

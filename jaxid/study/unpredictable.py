@@ -85,6 +85,27 @@ def coloured_noise(search: Search, found: Fitted) -> ColouredNoise | None:
     )
 
 
+def act_on_the_motion(search: Search, found: Fitted, where: Where, gain: float) -> bool:
+    """Whether random forces explain what effects leave better than coloured noise of sensors does: the likelihood decides.
+
+    An effect of nearly the right shape leaves a motion, which all sensors see together; noise of a sensor is its own.
+
+    Args:
+        search: with its workbench.
+        found: the fit with the effects.
+        where: the places of its residual.
+        gain: of coloured noise of the sensors, as `ColouredNoise` has it.
+    """
+    places = where.random()
+    if not places:
+        return False
+    search.progress("whether what is left acts on the motion")
+    size = jnp.array([place.size for place in places])
+    floor = 1e-3 * jnp.max(size) + jnp.finfo(float).tiny
+    forces, _ = search.bench.filtered(found, jnp.maximum(size, floor), _by_kind(places), False)
+    return float(forces.gain) > gain
+
+
 def _longest(search: Search) -> float:
     """The longest memory that these records can tell from a constant or a drift [s]."""
     t = np.asarray(search.bench.records.t)

@@ -12,7 +12,7 @@ from .doubts import SETTLED, Doubts, doubts_about
 from .rivals import Rival
 from .search import INSEPARABLE, Search
 from .study import ColouredNoise, RandomForces, Round
-from .unpredictable import coloured_noise, random_forces
+from .unpredictable import act_on_the_motion, coloured_noise, random_forces
 from .workbench import Fitted, Workbench
 
 
@@ -66,7 +66,7 @@ def conclude(
     alone = coloured_noise(search, declared) if noise and found.effects else noise
     if alone is not None:
         return Conclusion("coloured noise", coloured_noise=alone)
-    if noise is not None:
+    if noise is not None and not act_on_the_motion(search, found, where["after"], noise.gain):
         return _cause(search, rounds, found, where, noise)
     if not found.effects:
         return Conclusion("unexplained")

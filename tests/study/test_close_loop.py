@@ -37,6 +37,7 @@ from jaxid.study.pairs import pairs_of
 from jaxid.study.rivals import Rival, told_apart
 from jaxid.study.search import Search
 from jaxid.study.study import Candidate, Round
+from jaxid.study.unpredictable import act_on_the_motion
 from jaxid.study.verdict import stands_out
 from jaxid.study.workbench import Workbench
 
@@ -146,8 +147,9 @@ def test_no_cause_is_named_when_the_true_effect_is_not_in_the_library():
     assert found.verdict.startswith("Something is missing")
 
 
-def shaken(seed, samples=300):
-    """A record of the spring with a random force of 0.1 1/s^2 and 0.5 s in it, in steps of a twentieth of a sample."""
+def shaken(seed, samples=300, cubic=0.0):
+    """A record of the spring, with a cubic part or without, and with a random force of 0.1 1/s^2 and 0.5 s in it, in steps of a
+    twentieth of a sample."""
     rng = np.random.default_rng(seed)
     t, u = 0.1 * np.arange(samples), np.convolve(rng.normal(size=samples), np.ones(8) / 2.5, "same")
     keep, h = np.exp(-0.005 / 0.5), 0.005
@@ -157,7 +159,7 @@ def shaken(seed, samples=300):
         for part in range(20):
             force = u[i] + part / 20 * (u[min(i + 1, samples - 1)] - u[i])
             d = keep * d + np.sqrt(1 - keep**2) * 0.1 * rng.normal()
-            x = x + h * np.array([x[1], force - 1.5 * x[0] - 0.2 * x[1] + d])
+            x = x + h * np.array([x[1], force - 1.5 * x[0] - cubic * x[0] ** 3 - 0.2 * x[1] + d])
     z = np.array(y)[:, None] + SIGMA * rng.normal(size=(samples, 1))
     return record(t, u[:, None], z, inputs=("force",), outputs=("x",), name=f"record {seed}")
 
@@ -209,6 +211,21 @@ def test_an_effect_is_named_although_the_noise_is_coloured(seed):
     assert "consistent with coloured noise of sensors" in found.verdict
     # White noise of the same size would say more of what is slow: a noise that remembers five samples, 0.5 s, ten times.
     assert found.coloured_noise.inflation == pytest.approx(10.0, rel=0.5)
+
+
+@pytest.mark.parametrize("what", ["forces", "noise"])
+def test_the_likelihood_tells_noise_of_a_sensor_from_what_acts_on_the_motion(what):
+    flown = [
+        shaken(20 + one, cubic=0.6) if what == "forces" else coloured(20 + one, PLANTED["x^3 in v"]) for one in TRAIN
+    ]
+    model = Spring(1.0, 0.1)
+    own = free(model, "k", "c", per_record=("initial_state",))
+    bench = Workbench(model, own, (Term("v", "x^3"), Term("v", "v^3")), OutputError(), as_stack(flown), SOLVER)
+    found = bench.finish(bench.fit(["x^3 in v"], bench.set_shapes(bench.base()).values))
+    noise, _ = bench.filtered(found, jnp.array([SIGMA]), (("output", ("x",)),), False)
+    search = Search(bench, as_stack(flown), {}, None, LoopOptions(), lambda _: None)
+    told = act_on_the_motion(search, found, bench.where(found), float(noise.gain))
+    assert told == (what == "forces")
 
 
 def test_what_a_sensor_lacks_for_good_is_not_told_as_its_noise():

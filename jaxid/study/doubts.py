@@ -93,13 +93,16 @@ def parts_of_one(effects: tuple[Effect, ...]) -> tuple[str, ...]:
     """Names of effects that, being of different shapes, only together make up a function of the same signals in one place.
 
     A series of terms is a way to write a function; a kink, a friction and a cubic that it takes to say what one signal does are
-    not three causes, and a delay with a lag says that an input is late in a way of which two things are known.
+    not three causes, and a delay with a lag says that an input is late in a way of which two things are known. An instrument that
+    stands elsewhere along two axes stands elsewhere.
     """
     groups: dict[tuple, list[Effect]] = {}
     for effect in effects:
         if effect.signals_used:
             groups.setdefault((effect.place, effect.signals_used), []).append(effect)
-    mixed = [group for group in groups.values() if len(group) > 1 and not all(effect.terms for effect in group)]
+    mixed = [
+        group for group in groups.values() if len(set(map(type, group))) > 1 and not all(one.terms for one in group)
+    ]
     return tuple(effect.name for group in mixed for effect in group)
 
 

@@ -377,8 +377,10 @@ def both_seen(seed, effect):
         ((ParameterShift("r[0]", channel="x"), ParameterShift("r[1]", channel="x")), ()),
         ((ParameterShift("r[0]", channel="x"), SensorDelay("x")), ("shift of r[0]", "delay of x")),
     ],
-    ids=["series", "two signals", "one sensor", "shapes of one signal", "late and off", "late in two ways"]
-    + ["elsewhere along two axes", "elsewhere and late"],
+    ids=[
+        *("series", "two signals", "one sensor", "shapes of one signal", "late and off", "late in two ways"),
+        *("elsewhere along two axes", "elsewhere and late"),
+    ],
 )
 def test_shapes_of_one_signal_are_not_several_causes(effects, parts):
     assert parts_of_one(effects) == parts

@@ -25,11 +25,17 @@ def near_kin(bench: Workbench, found: Fitted, margin: float) -> tuple[str, ...]:
 def misfits_of_kin(bench: Workbench, found: Fitted) -> dict[str, float]:
     """By how much worse the training records are fitted with each of the kin in the place of its effect, in chi-square.
 
-    By the linear model, which holds where it counts: a shape that does nearly as well leads to nearly the same motion.
+        v + S_out phi = S_free d + s_kin g + rest,    misfit = |rest|^2 - |v|^2
+
+    with whitened residuals v and sensitivities S at the fit, the effect of gain phi taken out, and d and g by least squares. This
+    linear model holds where it counts: a shape that does nearly as well leads to nearly the same motion.
 
     Args:
         bench: with its library, which is asked about elsewhere and left out here.
         found: the fit with the effects.
+
+    Returns:
+        Misfits by name; infinite where the free parameters imitate what is asked about.
     """
     kin = [(name, one) for name in found.effects for one in bench.effects[name].kin() if one.name not in bench.effects]
     by_name = {one.name: one for _, one in kin}

@@ -32,10 +32,8 @@ def random_forces(search: Search, declared: Fitted, where: Where) -> RandomForce
     if not places:
         return None
     search.progress("whether random forces explain the residual")
-    size = jnp.array([place.size for place in places])
-    floor = 1e-3 * jnp.max(size) + jnp.finfo(float).tiny
     known = isinstance(bench.likelihood.noise, FixedNoise)
-    noise, scores = bench.filtered(declared, jnp.maximum(size, floor), _by_kind(places), known)
+    noise, scores = _with_forces(search, declared, places, known)
     if not _nothing_is_left(search, noise, scores) or float(noise.time[0]) > _longest(search):
         return None
     shows = np.asarray(noise.worth) > critical(search.options.level / len(places))
@@ -100,10 +98,15 @@ def act_on_the_motion(search: Search, found: Fitted, where: Where, gain: float) 
     if not places:
         return False
     search.progress("whether what is left acts on the motion")
+    forces, _ = _with_forces(search, found, places, False)
+    return float(forces.gain) > gain
+
+
+def _with_forces(search: Search, fitted: Fitted, places: Sequence[Place], known: bool) -> tuple[ProcessNoise, Scores]:
+    """A filter that knows of random forces at places, begun at the sizes that free-form disturbances have there."""
     size = jnp.array([place.size for place in places])
     floor = 1e-3 * jnp.max(size) + jnp.finfo(float).tiny
-    forces, _ = search.bench.filtered(found, jnp.maximum(size, floor), _by_kind(places), False)
-    return float(forces.gain) > gain
+    return search.bench.filtered(fitted, jnp.maximum(size, floor), _by_kind(places), known)
 
 
 def _longest(search: Search) -> float:

@@ -18,7 +18,7 @@ SQUARE = Term("v", "x^2", jnp.array(-0.6))
 
 
 def pressed(seed, swing, samples=300):
-    """A record of a spring that softens as the square of its length, pressed to a length near one, about which it swings."""
+    """A record of a spring that hardens as the square of its length, pulled to a length near one, about which it swings."""
     rng = np.random.default_rng(seed)
     t = 0.1 * np.arange(samples)
     force = 2.1 + swing * np.convolve(rng.normal(size=samples), np.ones(8) / 2.5, "same")[:, None]

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import sys
+import time
 from collections.abc import Callable
 from contextlib import contextmanager
 from enum import StrEnum
@@ -179,7 +180,16 @@ def _require_new(*paths: Path | None) -> None:
 
 @contextmanager
 def _told():
-    """A bar that moves while it works, with a few words beside it; on standard error, so that output can be piped."""
+    """A bar that moves while it works, with a few words beside it; on standard error, so that output can be piped.
+
+    Where that is no terminal but a log, each word is a line with its time.
+    """
+    if not console.is_terminal:
+        begin = time.monotonic()
+        yield lambda words: console.print(
+            f"{time.monotonic() - begin:6.0f} s  {words}", soft_wrap=True, highlight=False
+        )
+        return
     columns = (BarColumn(bar_width=24), TimeElapsedColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=None)

@@ -160,7 +160,7 @@ def _flat_vectors(model: AbstractModel, records: Record) -> Float[Array, "case f
 
 def leaves_at(model: AbstractModel, positions: Int[np.ndarray, " p"]) -> tuple[int, ...]:
     """Numbers of the model's array leaves that stand at these positions of its flat vector, the initial state last."""
-    sizes = [leaf.size for leaf in array_leaves(model)] + [len(model.states)]
+    sizes = [leaf.size for leaf in array_leaves(canonical(model))] + [len(model.states)]
     return tuple(int(leaf) for leaf in np.unique(np.repeat(np.arange(len(sizes)), sizes)[positions]))
 
 

@@ -309,10 +309,13 @@ class Workbench:
         return tuple((self.column[mine], self.column[theirs]) for mine, theirs in pairs if theirs in self.column)
 
     def is_void(self, fitted: Fitted, names: Sequence[str]) -> bool:
-        """Whether one of these effects stands on a bound on which it is none."""
+        """Whether one of these effects stands on a bound on which it is none, or, off bounds, where nothing determines it."""
+        own = [self.column[one] for name in names for one in own_parameters(self.effects[name])]
+        lost = np.isinf(np.diagonal(fitted.fit.covariance)) & ~np.asarray(fitted.fit.shared_on_bound)
         asked = [self.column[f"{name}.{field}"] for name in names for field in self.effects[name].void_on_bounds]
         bounds = np.stack([self.lower[asked], self.upper[asked]])
-        return bool(np.any(np.isclose(fitted.values[asked][None], bounds, rtol=1e-9, atol=0.0)))
+        void = np.isclose(fitted.values[asked][None], bounds, rtol=1e-9, atol=0.0)
+        return bool(np.any(void) or np.any(lost[: len(fitted.columns)] & np.isin(fitted.columns, own)))
 
     def _width(self, chosen: Sequence[int]) -> int:
         """In how many columns so many parameters are fitted."""

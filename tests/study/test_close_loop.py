@@ -21,6 +21,7 @@ from jaxid.models import (
     FixedNoise,
     InputBetweenSamples,
     InputDelay,
+    LaggedSignal,
     ParameterShift,
     QuadraticDrag,
     SensorBias,
@@ -31,7 +32,7 @@ from jaxid.models import (
     Term,
 )
 from jaxid.models.effects import Effect
-from jaxid.study.close_loop import SOLVER
+from jaxid.study.close_loop import SOLVER, candidates
 from jaxid.study.doubts import SETTLED, act_elsewhere, parts_of_one, unsettled
 from jaxid.study.pairs import pairs_of
 from jaxid.study.rivals import Rival, told_apart
@@ -273,13 +274,33 @@ def test_what_scores_second_far_from_the_solution_is_asked_again_at_it(first):
     search = Search(bench, as_stack(flown[2:]), {}, None, LoopOptions(refits=1), lambda _: None)
     declared = bench.set_shapes(bench.base())
     scores = bench.score(declared)
-    candidates = search.candidates(declared, scores)
-    assert candidates[0].name == band.name
-    added, _, _, told = search.best(declared, candidates, scores, 1)
+    asked = search.candidates(declared, scores)
+    assert asked[0].name == band.name
+    added, _, _, told = search.best(declared, asked, scores, 1)
     verdicts = {one.name: one.verdict for one in told}
     assert added == cubic.name
     assert (verdicts[cubic.name], verdicts[band.name]) == ("added", "helps less")
-    assert len(told) == len(candidates)
+    assert len(told) == len(asked)
+
+
+@pytest.mark.parametrize("time", [0.5, 1e9])
+def test_a_lag_longer_than_any_record_is_no_effect(time):
+    """It follows nothing any more, and its gain is the damping's: the records determine neither."""
+    late = LaggedSignal(Acting.equation("v"), "v", gain=jnp.array(-0.4), time=jnp.array(0.5))
+    model = Spring(1.5, 0.2)
+    flown = as_stack([fly(60 + seed, late)[0] for seed in range(2)])
+    bench = Workbench(model, free(model, "k", "c"), (late,), OutputError(), flown, SOLVER)
+    values = np.array(bench.base().values)
+    values[[bench.column[f"{late.name}.{own}"] for own in ("gain", "time")]] = 0.1, time
+    assert bench.is_void(bench.fit([late.name], values), [late.name]) == (time > 1e6)
+
+
+def test_a_model_made_of_plain_numbers_has_a_library():
+    model, arrays = Spring(1.0, 0.1), Spring(jnp.array(1.0), jnp.array(0.1))
+    flown = as_stack([fly(0, None)[0]])
+    own, named = ([one.name for one in candidates(m, free(m, "k", "c"), flown)] for m in (model, arrays))
+    assert own == named
+    assert "x^3 in v" in own
 
 
 def test_two_late_sensors_give_way_to_one_late_input():
@@ -292,8 +313,8 @@ def test_two_late_sensors_give_way_to_one_late_input():
     search = Search(bench, as_stack(flown[3:5]), {}, None, LoopOptions(), lambda _: None)
     declared = bench.set_shapes(bench.base())
     sensors = bench.fit([effects[0].name, effects[1].name], declared.values)
-    candidates = search.candidates(sensors, bench.score(sensors))
-    found, came, went = search.exchange(sensors, candidates, 1)
+    asked = search.candidates(sensors, bench.score(sensors))
+    found, came, went = search.exchange(sensors, asked, 1)
     assert (came, went, found.effects) == (late.name, (effects[0].name, effects[1].name), (late.name,))
     value, error = bench.standard_errors(found)[f"{late.name}.gain"]
     assert abs(value - 0.1) < 4.0 * error

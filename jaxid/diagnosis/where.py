@@ -166,7 +166,9 @@ def where(
 def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[int, int]:
     """How many hats, 20 or 60, over how many rows of each record, the residual's spectrum asks for: all, or half, a quarter...
 
-    Hats with their tops `1/(2.5 f)` apart follow what is slower than f, below which 95 % of the residual's power lies.
+    Hats with their tops `1/(2.5 f)` apart follow what is slower than f, below which 95 % of the residual's power lies, but for
+    that of white noise, the median over all frequencies: else it asked for hats that follow the noise, and where the record
+    is long so few rows are left that they may miss what happens.
 
     Args:
         records: a stack, sampled about uniformly.
@@ -176,7 +178,8 @@ def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[in
     step, rows = float(np.median(np.diff(t)[np.diff(t) > 0])), t.shape[-1]
     size = np.maximum(np.sqrt(np.mean(residual**2, axis=(0, 1))), 1e-300)
     power = np.abs(np.fft.rfft(residual / size, axis=1)) ** 2
-    cumulative = np.cumsum(np.sum(power, axis=(0, 2)))
+    spectrum = np.sum(power, axis=(0, 2))
+    cumulative = np.cumsum(np.maximum(spectrum - np.median(spectrum), 0.0))
     fast = np.fft.rfftfreq(rows, step)[np.searchsorted(cumulative, 0.95 * cumulative[-1])]
     spacing = 1.0 / (2.5 * max(float(fast), 1.0 / (rows * step)))
     wanted = int(np.ceil((rows - 1) * step / spacing)) + 1

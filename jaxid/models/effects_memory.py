@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from .._foundation.types import Array, Float
 from .acting import Acting, ActingEffect
@@ -28,6 +29,8 @@ class LaggedSignal(ActingEffect):
         multiple: where the time starts, as a multiple of the signal's own time scale, its standard deviation over that of its
             rate.
         gain: what acts with the lag [unit of the scalar over that of the signal].
+        time: of the lag [s].
+        longest: that it can be; what lags behind by more than a record follows nothing in it [s].
     """
 
     acting: Acting = eqx.field(static=True)
@@ -35,6 +38,7 @@ class LaggedSignal(ActingEffect):
     multiple: float = eqx.field(static=True, default=1.0)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
     time: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(NO_LAG_YET))
+    longest: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(jnp.inf))
 
     @property
     def name(self):
@@ -50,11 +54,21 @@ class LaggedSignal(ActingEffect):
 
     @property
     def bounds(self):
-        return {"time": (1e-6, float("inf"))}
+        return {"time": (1e-6, float(self.longest))}
+
+    @property
+    def fixed(self):
+        return ("longest",)
+
+    @property
+    def void_on_bounds(self):
+        return ("time",)
 
     def start(self, signals, measured, step):
+        longest = float(np.ptp(signals["t"]))
         time = self.multiple * time_scale_of(signals[self.signal], signals, step)
-        return eqx.tree_at(lambda effect: effect.time, self, jnp.asarray(max(time, SHORTEST * step)))
+        time = min(max(time, SHORTEST * step), longest)
+        return eqx.tree_at(lambda one: (one.time, one.longest), self, (jnp.asarray(time), jnp.asarray(longest)))
 
     @property
     def extra_states(self):

@@ -65,7 +65,7 @@ class Search:
             dropped: tuple[str, ...] = ()
             begin = fitted.effects
             if better is not None:
-                fitted, dropped = self.prune(better)
+                fitted, dropped = self.prune(self.bench.finish(better))  # the next scores are asked at it
                 dropped = (*(name for name in begin if name not in better.effects), *dropped)
             elif number <= self.options.max_rounds:
                 fitted, added, dropped = self.exchange(fitted, candidates, number)
@@ -139,12 +139,12 @@ class Search:
         """Refit what, asked at the winner's solution, would do better in its place.
 
         A score is asked where the declared model was fitted. Where what is missing is large, that is far from the truth, and the
-        right effect can score behind others; the winner's solution is nearer.
+        right effect can score behind others, or its refit end in another valley; the winner's solution is nearer.
         """
         if winner.pair or _cost_fall(winner) < FAR * candidates[0].score:
             return {}
         at, effects = refits[winner.name], self.bench.effects
-        waiting = [one for one in candidates if one.name not in (*refits, *twins) and not effects[one.name].refines]
+        waiting = [one for one in candidates if one.name not in (winner.name, *twins) and not effects[one.name].refines]
         gains = [self.bench.gains[one.name] for one in waiting]
         falls = np.asarray(self.bench.exchange_falls(at, [winner.parts]))[0, gains]
         told = {}
@@ -153,8 +153,10 @@ class Search:
                 break
             other = waiting[index]
             self.progress(f"round {number}: refit with {other.name}, in the place of {winner.name}")
-            refits[other.name] = self.replaced(at, other.parts, winner.parts)
-            told[other.name] = self.judge(fitted, refits[other.name], other, before, self.threshold(candidates))
+            again = self.replaced(at, other.parts, winner.parts)
+            if other.name not in refits or again.cost < refits[other.name].cost:
+                refits[other.name] = again
+                told[other.name] = self.judge(fitted, again, other, before, self.threshold(candidates))
         return told
 
     def refit_pairs(self, fitted, candidates, scores, before, refits: dict[str, Fitted], number) -> list[Candidate]:

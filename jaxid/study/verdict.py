@@ -110,7 +110,7 @@ def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Ri
         left: where what is left sits.
     """
     what = "; ".join(sentences)
-    names = ", ".join(rival.name for rival in rivals)
+    names = ", ".join(dict.fromkeys(rival.name for rival in rivals))  # one may stand in the place of several
     also = f" (these records cannot tell it from: {names})" if rivals and not conclusion.doubts.unsettled else ""
     stays = str(conclusion.doubts) or "What stays after them is more than noise."
     noise = conclusion.coloured_noise or "noise"

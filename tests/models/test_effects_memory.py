@@ -111,6 +111,8 @@ def test_shapes_start_from_the_signals():
     signals = {"t": t, "x": np.sin(5 * t)}
     assert float(LaggedSignal(BESIDE, "x", 2.0).start(signals, {}, 0.01).time) == pytest.approx(0.4, rel=1e-3)
     assert float(LaggedSignal(BESIDE, "x", 0.01).start(signals, {}, 0.01).time) == 0.02  # no shorter than two steps
+    slow = LaggedSignal(BESIDE, "x", 100.0).start(signals, {}, 0.01)  # no longer than the record
+    assert float(slow.time) == slow.bounds["time"][1] == pytest.approx(2 * np.pi)
     assert float(Hysteresis(BESIDE, "x").start(signals, {}, 0.01).width) == pytest.approx(0.2, rel=1e-4)
 
 

@@ -263,22 +263,35 @@ def hard_spring(seed):
     return record(t, u, y + SIGMA * rng.normal(size=y.shape), inputs=("force",), outputs=("x",))
 
 
-@pytest.mark.parametrize("first", [0, 10, 20])
-def test_what_scores_second_far_from_the_solution_is_asked_again_at_it(first):
-    """A dead band scores best where the linear spring was fitted, and is the only one refitted; at its solution x^3 is better."""
+@pytest.mark.parametrize(("first", "refits"), [(0, 1), (10, 1), (20, 1), (0, 5)])
+def test_what_scores_second_far_from_the_solution_is_asked_again_at_it(first, refits, monkeypatch):
+    """A dead band scores best where the linear spring was fitted; at its solution x^3 is better, whether it was not refitted at
+    first, or its refit ended in another valley."""
     flown = [hard_spring(first + i) for i in range(4)]
     cubic, band = Term("v", "x^3"), DeadBand(Acting.equation("v"), "x")
     model = Spring(jnp.array(1.5), jnp.array(0.2))
     library = (cubic, band, Term("v", "x v"), Term("v", "v^3"), Term("v", "force^3"))
     bench = Workbench(model, free(model, "k", "c"), library, OutputError(), as_stack(flown[:2]), SOLVER)
-    search = Search(bench, as_stack(flown[2:]), {}, None, LoopOptions(refits=1), lambda _: None)
+    search = Search(bench, as_stack(flown[2:]), {}, None, LoopOptions(refits=refits), lambda _: None)
+    refit = search.refit
+
+    def stuck(fitted, candidate):
+        found = refit(fitted, candidate)
+        return (
+            eqx.tree_at(lambda one: one.fit.cost, found, fitted.fit.cost - 50.0)
+            if candidate.name == cubic.name
+            else found
+        )
+
+    monkeypatch.setattr(search, "refit", stuck)
     declared = bench.set_shapes(bench.base())
     scores = bench.score(declared)
     asked = search.candidates(declared, scores)
     assert asked[0].name == band.name
-    added, _, _, told = search.best(declared, asked, scores, 1)
+    added, found, _, told = search.best(declared, asked, scores, 1)
     verdicts = {one.name: one.verdict for one in told}
     assert added == cubic.name
+    assert found.cost < declared.cost - 1000.0
     assert (verdicts[cubic.name], verdicts[band.name]) == ("added", "helps less")
     assert len(told) == len(asked)
 

@@ -14,7 +14,8 @@ class LoopOptions(eqx.Module):
             while the residual is still predictable, so that no significance is known. It must also stand out of the check's
             scatter: by one standard error where the training records bear the effect out, else by two.
         harm: rise of the same error that an effect may cause on check records that hardly excite it.
-        refits: how many of the best-scored candidates are refitted in each round.
+        refits: how many of the best-scored candidates are refitted in each round, and beside them so many at most of those whose
+            score does not tell what they bring (a stop, an overflow).
         pairs: how many of the best-scored pairs are refitted where no single candidate helps.
         max_rounds: how many effects may be added.
         predictable: share of the residual's power that its own past may explain, up to which it counts as noise.

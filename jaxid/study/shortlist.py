@@ -62,7 +62,7 @@ def shortlist(
         effects, gains: the library and the column of each gain, by name.
         measured: samples of the outputs, by name.
         threshold: the score from which on a candidate counts.
-        limit: how many of the best-scored.
+        limit: how many of the best-scored, and how many of those at most whose score does not tell.
     """
     overlap = np.abs(np.asarray(scores.overlap))
     chosen: list[str] = []
@@ -81,7 +81,10 @@ def shortlist(
         elif one.score > threshold and len(chosen) < limit:
             chosen.append(one.name)
     asked = {one.name: effects[one.name] for one in candidates}
-    unseen = frozenset(name for name, one in asked.items() if one.refines or one.worth_trying(measured))
+    # Of a model with many states there are more such than can be refitted in every round.
+    trying = [name for name, one in asked.items() if one.worth_trying(measured)]
+    first = sorted(trying, key=lambda name: not asked[name].shown(measured))[:limit]
+    unseen = frozenset((*first, *(name for name, one in asked.items() if one.refines)))
     return Shortlist(tuple(chosen), unseen, {name: same for name, same in twins.items() if name not in unseen})
 
 

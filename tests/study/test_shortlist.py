@@ -6,6 +6,7 @@ import pytest
 
 from jaxid.diagnosis.scores import Scores
 from jaxid.models.effects_equation import StateLimit, Term
+from jaxid.models.effects_sensor import SensorSaturation
 from jaxid.study.shortlist import HOPELESS, has_no_shape, shortlist
 from jaxid.study.study import Candidate
 
@@ -46,6 +47,19 @@ def test_of_twins_the_simpler_is_refitted():
 def test_what_scores_far_below_the_best_fall_is_not_refitted(share, refitted):
     listed, candidates = _listed({"x^3 in v": 1000.0, "x^2 in v": 1000.0 * share})
     assert (_verdict(listed, candidates["x^2 in v"], 1000.0) is None) == refitted
+
+
+def test_of_many_shapes_so_many_are_refitted_and_what_the_records_show_first():
+    levels = [StateLimit("x", "v", fraction) for fraction in (0.6, 0.75, 0.9)]
+    stop = SensorSaturation("x")
+    effects = {one.name: one for one in (*levels, stop)}
+    candidates = tuple(Candidate(name, name, "", "", 9.0 - i, 9.0 - i, 0.0, 1.0) for i, name in enumerate(effects))
+    zero = jnp.zeros(len(effects))
+    scores = Scores(zero, zero + 1.0, zero, zero, jnp.eye(len(effects)))
+    measured = {"x": np.minimum(np.linspace(0.0, 2.0, 101), 1.0)}
+    columns = {name: column for column, name in enumerate(effects)}
+    listed = shortlist(candidates, scores, effects, columns, measured, 10.0, limit=2)
+    assert listed.unseen == {stop.name, levels[0].name}
 
 
 def test_a_shape_is_refitted_however_little_it_scores():

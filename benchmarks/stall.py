@@ -26,7 +26,7 @@ from jaxid.models import Augmented, general_effects
 from jaxid.models.base import AbstractModel
 from jaxid.models.effects import Effect
 from jaxid.study import Study
-from jaxid.study.workbench import own_parameters
+from jaxid.study.columns import own_parameters
 
 ORDER = ("static separation", "separation with hysteresis")
 WINDOW = 50  # samples in which the test stall's first state is fitted

@@ -78,7 +78,9 @@ def left_out(planted: tuple[Planted, ...]) -> Iterator[None]:
     def filtered_without(self, *arguments):
         noise, scores = filtered(self, *arguments)
         barred = [
-            self.gains[name] for name, one in self.effects.items() if any(p.accepts(name, one.family) for p in planted)
+            self.columns.gains[name]
+            for name, one in self.effects.items()
+            if any(p.accepts(name, one.family) for p in planted)
         ]
         parts = (scores.score.at[np.array(barred, int)].set(0.0), scores.left.at[np.array(barred, int)].set(0.0))
         return noise, eqx.tree_at(lambda one: (one.score, one.left), scores, parts)

@@ -10,7 +10,8 @@ from jaxid.diagnosis.scores import critical
 from jaxid.estimation.estimate import as_stack
 from jaxid.models.effects import Effect
 from jaxid.study.close_loop import SOLVER
-from jaxid.study.workbench import Fitted, Workbench, own_parameters
+from jaxid.study.columns import own_parameters
+from jaxid.study.workbench import Fitted, Workbench
 
 
 class Reference(NamedTuple):
@@ -45,14 +46,14 @@ def reference(scenario: Scenario, flown: Flown, library: tuple[Effect, ...], win
     declared = bench.set_shapes(bench.base())
     names, values = [], np.array(declared.values)
     for name in flown.free.shared if scenario.planted else ():
-        values[bench.column[name]] = flown.true.get(name, values[bench.column[name]])
+        values[bench.columns.index[name]] = flown.true.get(name, values[bench.columns.index[name]])
     for one in scenario.planted:
         name = next((effect.name for effect in library if effect.family == one.effect.family), None)
         if name is None:
             raise ValueError(f"the library of candidates has no {one.effect.family}")
         names.append(name)
         for dotted in own_parameters(bench.effects[name]):
-            values[bench.column[dotted]] = float(getattr(one.effect, dotted.rpartition(".")[2]))
+            values[bench.columns.index[dotted]] = float(getattr(one.effect, dotted.rpartition(".")[2]))
     fitted = bench.fit(names, values, declared.fit.parameters.rows) if names else declared
     errors = bench.standard_errors(fitted)
     gains = tuple(_chi_square(*errors[f"{name}.gain"]) for name in names)

@@ -1,6 +1,7 @@
 """`Augmented`: any model with effects added to it, the only wrapper there is for them."""
 
 import itertools
+from collections.abc import Collection
 from typing import ClassVar
 
 import equinox as eqx
@@ -50,6 +51,10 @@ class Augmented(AbstractModel):
         self.states = model.states + sum((effect.extra_states for effect in self.effects_in), ())
         require_unique("state", self.states)
         self.inputs, self.outputs = model.inputs, model.outputs
+
+    def only(self, names: Collection[str]) -> "Augmented":
+        """The model with some of its effects and no other."""
+        return Augmented(self.model, tuple(effect for effect in self.effects_in if effect.name in names))
 
     def rhs(self, t, x, u):
         own, extra, arriving, acting = self._take_apart(x, u)

@@ -83,7 +83,7 @@ class Search:
         for name, effect in self.bench.effects.items():
             absent = effect.family not in families_in | refined
             if absent and (not effect.refines or effect.refines in families_in):
-                score, significance, expected, left = (float(array[self.bench.gains[name]]) for array in arrays)
+                score, significance, expected, left = (float(array[self.bench.columns.gains[name]]) for array in arrays)
                 words = (name, effect.family, effect.place, effect.sentence)
                 found.append(Candidate(*words, score, significance, expected, left))
         return tuple(sorted(found, key=lambda one: -one.score))
@@ -96,7 +96,7 @@ class Search:
         told: list[Candidate] = []
         bench, best_fall = self.bench, 0.0
         listed = shortlist(
-            candidates, scores, bench.effects, bench.gains, bench.measured, threshold, self.options.refits
+            candidates, scores, bench.effects, bench.columns.gains, bench.measured, threshold, self.options.refits
         )
         for candidate in candidates:
             verdict = listed.verdict_without_refit(candidate, bench.effects[candidate.name], best_fall)
@@ -145,7 +145,7 @@ class Search:
             return {}
         at, effects = refits[winner.name], self.bench.effects
         waiting = [one for one in candidates if one.name not in (winner.name, *twins) and not effects[one.name].refines]
-        gains = [self.bench.gains[one.name] for one in waiting]
+        gains = [self.bench.columns.gains[one.name] for one in waiting]
         falls = np.asarray(self.bench.exchange_falls(at, [winner.parts]))[0, gains]
         told = {}
         for index in np.argsort(-falls)[: self.options.pairs]:
@@ -166,7 +166,7 @@ class Search:
 
             score = (b_1^2 + b_2^2 - 2 rho b_1 b_2) / (1 - rho^2)    chi-square with two degrees of freedom
         """
-        pairs = pairs_of(candidates, scores, self.bench.gains)
+        pairs = pairs_of(candidates, scores, self.bench.columns.gains)
         count = len(candidates) * (len(candidates) - 1) // 2
         threshold = -2.0 * float(
             np.log(self.options.level / max(count, 1))
@@ -212,12 +212,12 @@ class Search:
             return self.replaced(fitted, candidate.parts, refined)
         effects, values = (*fitted.effects, *candidate.parts), np.array(fitted.values)
         for name in candidate.parts:
-            values[self.bench.gains[name]] = self.bench.effects[name].begin
+            values[self.bench.columns.gains[name]] = self.bench.effects[name].begin
         found = self.bench.fit(effects, values, fitted.fit.parameters.rows)
         if candidate.pair or 2.0 * (fitted.cost - found.cost) > STUCK * candidate.score:
             return found
         # Far from what the score promised: a kink on the way, or a step too long. Once more, from where it said.
-        values[self.bench.gains[candidate.name]] = candidate.expected
+        values[self.bench.columns.gains[candidate.name]] = candidate.expected
         again = self.bench.fit(effects, values, fitted.fit.parameters.rows)
         return again if again.cost < found.cost else found
 
@@ -273,7 +273,7 @@ class Search:
                 continue
             self.progress(f"trying without {name}")
             values = np.array(fitted.values)
-            values[self.bench.gains[name]] = 0.0
+            values[self.bench.columns.gains[name]] = 0.0
             rest = tuple(other for other in fitted.effects if other != name)
             without = self.bench.fit(rest, values, fitted.fit.parameters.rows)
             harmless = self.check_error(without) - self.check_error(fitted) < self.options.harm
@@ -310,7 +310,9 @@ class Search:
         if len(fitted.effects) < 2 or not absent:
             return []
         sets = [out for count in (1, 2) for out in itertools.combinations(fitted.effects, count)]
-        falls = np.asarray(self.bench.exchange_falls(fitted, sets))[:, [self.bench.gains[name] for name in absent]]
+        falls = np.asarray(self.bench.exchange_falls(fitted, sets))[
+            :, [self.bench.columns.gains[name] for name in absent]
+        ]
         # What goes out is paid back.
         falls += np.log(self.samples) * (np.array([len(out) for out in sets]) - 1)[:, None]
         best = np.argsort(-falls, axis=None)[: self.options.pairs]
@@ -319,13 +321,13 @@ class Search:
     def replaced(self, fitted: Fitted, come: tuple[str, ...], out: tuple[str, ...]) -> Fitted:
         """All parameters together with some effects in the place of others, whose values they take where they refine them."""
         values = np.array(fitted.values)
-        values[[self.bench.gains[name] for name in out]] = 0.0
+        values[[self.bench.columns.gains[name] for name in out]] = 0.0
         for name in come:
             effect = self.bench.effects[name]
-            values[self.bench.gains[name]] = effect.begin
+            values[self.bench.columns.gains[name]] = effect.begin
             for other in out:
                 if self.bench.effects[other].family == effect.refines:
-                    for own, theirs in self.bench.shared_parameters(name, other):
+                    for own, theirs in self.bench.columns.alike(name, other):
                         values[own] = fitted.values[theirs]
         stay = tuple(name for name in fitted.effects if name not in out)
         return self.bench.fit((*stay, *come), values, fitted.fit.parameters.rows)

@@ -7,8 +7,8 @@ import numpy as np
 
 from ..diagnosis.scores import Scores
 from ..models.effects import Effect
+from .columns import own_parameters
 from .study import Candidate
-from .workbench import own_parameters
 
 COLLINEAR = 0.9999  # overlap from which on two candidates are one and the same to the data
 HOPELESS = 0.05  # of the best fall so far: what scores less is no rival of it, whatever the score leaves out

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.results import RESULTS
-from .._foundation.types import Array, Bool, Float
+from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..diagnosis.free_form import Kind, Places, gusts_of
 from ..diagnosis.process_noise import ProcessNoise, process_noise
@@ -17,7 +17,7 @@ from ..diagnosis.validation import Prediction, predict_stack
 from ..diagnosis.where import Where, located, resolution
 from ..estimation.estimate import Fit, fit_problem
 from ..estimation.likelihoods import AbstractLikelihood
-from ..estimation.problem import Limits, Problem
+from ..estimation.problem import Problem
 from ..estimation.solver import GaussNewton
 from ..models.augmented import Augmented
 from ..models.base import AbstractModel, canonical
@@ -35,7 +35,8 @@ from ..models.free import (
 from ..models.library import started, uncertain_equations
 from ..models.names import flatten
 from ..models.noise import FixedNoise
-from .programs import compile_together, placed, signals_of
+from .columns import Columns
+from .programs import compile_together, pays_to_compile, placed, signals_of
 
 GO_ON = 10  # times that a fit goes on behind its iteration limit
 WIDTH = 8  # effects' parameters are fitted in columns of this many, so that few widths are ever compiled
@@ -86,18 +87,16 @@ class Workbench:
         self.model = canonical(Augmented(model, tuple(effects)))
         self.free, self.solver = canonical(free), solver
         self.likelihood, self.records = canonical(likelihood.compact()), records.anonymous()
-        self.names = all_names(self.model)
-        self.position = {name: index for index, name in enumerate(self.names)}
         self.effects = {effect.name: effect for effect in self.model.effects_in}
-        self.columns = free.shared + tuple(name for effect in self.effects.values() for name in own_parameters(effect))
-        self.column = {name: index for index, name in enumerate(self.columns)}
-        self.gains = {name: self.column[f"{name}.gain"] for name in self.effects}
-        self.at = np.array([self.position[name] for name in self.columns], int)
-        self.rows = jnp.array([self.position[name] for name in free.per_record], int)
+        self.columns = Columns(self.free, tuple(self.effects.values()))
+        self.names = all_names(self.model)
+        position = {name: index for index, name in enumerate(self.names)}
+        self.at = np.array([position[name] for name in self.columns.names], int)
+        self.rows = jnp.array([position[name] for name in free.per_record], int)
         self.starts = starting_states(free, model, self.model)
         self.equations = uncertain_equations(canonical(model), np.asarray(self.free.positions(canonical(model)).shared))
         self.leaves = leaves_at(self.model, np.r_[self.at, np.asarray(self.rows)])
-        self.lower, self.upper = self._effect_bounds()
+        self.by_itself = pays_to_compile(self.model, self.records.t.shape[1])
         self.measured: dict[str, np.ndarray] = {}
         self.variables: dict[str, Array] = {}
         self.passed: tuple | None = None
@@ -110,7 +109,7 @@ class Workbench:
             window: as `predict` takes it.
         """
         values = self._values()
-        declared = self._to_fit(self._chosen(()), values, None, None)
+        declared = self._to_fit((), values, None, None)
         noise = jnp.eye(len(self.records.outputs))
         by_shape = {(records.z.shape, records.u.shape): records for records in tests}
         programs = [
@@ -131,7 +130,7 @@ class Workbench:
         effects = started(tuple(self.effects.values()), signals, self.measured, float(np.median(steps[steps > 0])))
         self.model = eqx.tree_at(lambda model: model.effects_in, self.model, canonical(effects))
         self.effects = {effect.name: effect for effect in effects}
-        self.lower, self.upper = self._effect_bounds()
+        self.columns.bound(effects)
         values = self._values()
         values[: len(self.free.shared)] = fitted.values[: len(self.free.shared)]
         return eqx.tree_at(lambda one: one.values, fitted, values)
@@ -151,8 +150,8 @@ class Workbench:
             rows: the records' own parameters, where to start; what the model reads from the records by default.
             records: other records than the training ones.
         """
-        chosen = self._chosen(effects)
-        found = fit_problem(*self._to_fit(chosen, values, rows, records))
+        chosen = self.columns.chosen(effects)
+        found = fit_problem(*self._to_fit(effects, values, rows, records))
         new = np.array(values)
         new[chosen] = np.asarray(found.parameters.shared)[: len(chosen)]
         return Fitted(tuple(effects), new, found, tuple(chosen))
@@ -167,17 +166,15 @@ class Workbench:
 
     def score(self, fitted: Fitted) -> Scores:
         """Score all columns that are not in a fit."""
-        return scores_of(*self._white_columns(fitted), self._is_free(fitted.columns))
+        return scores_of(*self._white_columns(fitted), self.columns.marked(fitted.columns))
 
     def exchange_falls(self, fitted: Fitted, sets: Sequence[tuple[str, ...]]) -> Float[Array, "set column"]:
         """By how much chi-square falls with each column in the place of each set of effects that are in."""
-        out = np.zeros((len(sets), len(self.columns)), bool)
-        for row, names in zip(out, sets, strict=True):
-            row[[self.column[own] for name in names for own in own_parameters(self.effects[name])]] = True
-        is_gain = np.isin(np.arange(len(self.columns)), list(self.gains.values()))
+        out = jnp.stack([self.columns.marked(self.columns.of(names)) for names in sets])
+        is_gain = self.columns.marked(tuple(self.columns.gains.values()))
         white = self._white_columns(fitted)
-        values = jnp.where(jnp.asarray(is_gain), jnp.asarray(fitted.values), 0.0)
-        return exchange_falls(*white, self._is_free(fitted.columns), jnp.asarray(out), values)
+        values = jnp.where(is_gain, jnp.asarray(fitted.values), 0.0)
+        return exchange_falls(*white, self.columns.marked(fitted.columns), out, values)
 
     def predict(self, fitted: Fitted, records: Record, window: int | None) -> Prediction:
         """Predict records that were not used."""
@@ -192,8 +189,7 @@ class Workbench:
         """
         _, _, (v, S) = self._pass(fitted)
         # The model with what is in and nothing else: small, so that this one more program compiles fast.
-        whole = self._with(fitted.values)
-        model = canonical(Augmented(whole.model, tuple(one for one in whole.effects_in if one.name in fitted.effects)))
+        model = self._with(fitted.values).only(fitted.effects)
         problem = Problem.of(model, Free((), self.free.per_record), self.records, self.likelihood)
         places: dict[Kind, tuple[str, ...]] = {
             "equation": self.equations,
@@ -223,7 +219,7 @@ class Workbench:
             force, places, known: as `process_noise` takes them.
         """
         asked = self._of_all(fitted.values, fitted.fit.parameters.rows)
-        is_free = self._is_free(fitted.columns)
+        is_free = self.columns.marked(fitted.columns)
         noise = process_noise(*asked, is_free, force, places, known)
         columns = jnp.concatenate([noise.S, noise.probes], axis=-1)
         return noise, scores_of(noise.v, columns, jnp.pad(is_free, (0, noise.probes.shape[-1])))
@@ -243,21 +239,20 @@ class Workbench:
 
     def _of_all(self, values, rows) -> tuple[Problem, Parameters]:
         """The problem with all columns free, and its parameters."""
-        problem, shared = self._problem(range(len(self.columns)), len(self.columns), values, None)
+        problem, shared = self._problem(range(len(self.at)), len(self.at), values, None)
         return problem, Parameters(shared, rows)
 
     def _values(self) -> Float[np.ndarray, " column"]:
         """Of all columns, as the model has them."""
         return np.array(flatten(self.model)[0])[self.at]
 
-    def _chosen(self, effects: Sequence[str]) -> list[int]:
-        """Columns of the declared parameters and of those of some effects."""
-        own = (self.column[name] for effect in effects for name in own_parameters(self.effects[effect]))
-        return [*range(len(self.free.shared)), *own]
-
-    def _to_fit(self, chosen: Sequence[int], values, rows, records: Record | None):
+    def _to_fit(self, effects: Sequence[str], values, rows, records: Record | None):
         """What `fit_problem` takes."""
-        problem, shared = self._problem(chosen, self._width(chosen), values, records)
+        chosen = self.columns.chosen(effects)
+        if self.by_itself:
+            problem, shared = self._problem_by_itself(effects, chosen, values, records)
+        else:
+            problem, shared = self._problem(chosen, self._width(chosen), values, records)
         if rows is None:
             rows = start(problem.model, problem.positions, problem.records).rows
         parameters = Parameters(shared, rows)
@@ -275,9 +270,6 @@ class Workbench:
                 return jnp.pad(S[..., columns], ((0, 0), (0, 0), (0, 0), (0, padding)))
         return jnp.full((*records.z.shape, len(self.rows) + width), jnp.nan, float)
 
-    def _is_free(self, columns) -> Bool[Array, " column"]:
-        return jnp.zeros(len(self.columns), bool).at[np.array(columns, int)].set(True)
-
     def _to_predict(self, values, noise, records: Record, window: int | None):
         """What `predict_stack` takes."""
         known = eqx.tree_at(lambda likelihood: likelihood.noise, self.likelihood, FixedNoise(_regular(noise)))
@@ -286,7 +278,7 @@ class Workbench:
     def model_and_free(self, fitted: Fitted) -> tuple[AbstractModel, Free]:
         """The declared model with the effects of a fit and its values, and what is free in it."""
         effects = tuple(self.effects[name] for name in fitted.effects)
-        names = tuple(self.columns[column] for column in fitted.columns)
+        names = tuple(self.columns.names[column] for column in fitted.columns)
         declared = self.model.model
         model = with_values(
             Augmented(declared, effects) if effects else declared, names, jnp.asarray(fitted.values[[*fitted.columns]])
@@ -298,72 +290,47 @@ class Workbench:
         """Value and colour-corrected standard error of every free parameter, by name."""
         deviation = np.sqrt(np.diagonal(np.asarray(fitted.fit.coloured)))
         return {
-            self.columns[column]: (float(fitted.values[column]), float(deviation[index]))
+            self.columns.names[column]: (float(fitted.values[column]), float(deviation[index]))
             for index, column in enumerate(fitted.columns)
         }
 
-    def shared_parameters(self, one: str, other: str) -> tuple[tuple[int, int], ...]:
-        """Columns of the parameters of the same name that two effects have."""
-        own = (name.removeprefix(f"{one}.") for name in own_parameters(self.effects[one]))
-        pairs = ((f"{one}.{field}", f"{other}.{field}") for field in own)
-        return tuple((self.column[mine], self.column[theirs]) for mine, theirs in pairs if theirs in self.column)
-
     def is_void(self, fitted: Fitted, names: Sequence[str]) -> bool:
         """Whether one of these effects stands on a bound on which it is none, or, off bounds, where nothing determines it."""
-        own = [self.column[one] for name in names for one in own_parameters(self.effects[name])]
+        own = self.columns.of(names)
         lost = np.isinf(np.diagonal(fitted.fit.covariance)) & ~np.asarray(fitted.fit.shared_on_bound)
-        asked = [self.column[f"{name}.{field}"] for name in names for field in self.effects[name].void_on_bounds]
-        bounds = np.stack([self.lower[asked], self.upper[asked]])
+        asked = [self.columns.index[f"{name}.{field}"] for name in names for field in self.effects[name].void_on_bounds]
+        bounds = np.stack([self.columns.lower[asked], self.columns.upper[asked]])
         void = np.isclose(fitted.values[asked][None], bounds, rtol=1e-9, atol=0.0)
         return bool(np.any(void) or np.any(lost[: len(fitted.columns)] & np.isin(fitted.columns, own)))
 
     def _width(self, chosen: Sequence[int]) -> int:
         """In how many columns so many parameters are fitted."""
-        declared = len(self.free.shared)
+        declared = self.columns.declared
         return declared + WIDTH * max(1, -(-(len(chosen) - declared) // WIDTH))
 
     def _problem(self, chosen, width, values, records):
         """The problem with the chosen columns free, padded to a width, and their starting values."""
         padding = width - len(chosen)
-        chosen = list(chosen)
+        chosen = [*chosen]
         model = self._with(values)
         shared = jnp.asarray(np.r_[self.at[chosen], np.full(padding, len(self.names))], int)
         positions = Positions(shared, self.rows, self.leaves)
         records = self.records if records is None else records
-        limits = self._limits(chosen, padding, records.n_cases)
+        limits = self.columns.limits(chosen, padding, records.n_cases)
         shared = jnp.asarray(np.r_[values[chosen], np.zeros(padding)])
         return Problem(model, positions, records, self.likelihood, limits), shared
 
+    def _problem_by_itself(self, effects, chosen, values, records):
+        """The problem with the chosen columns free, in a model with these effects and no other, and their starting values."""
+        model = self._with(values).only(effects)
+        names = tuple(self.columns.names[column] for column in chosen)
+        positions = Free(names, self.free.per_record).positions(model)
+        records = self.records if records is None else records
+        limits = self.columns.limits(chosen, 0, records.n_cases)
+        return Problem(model, positions, records, self.likelihood, limits), jnp.asarray(values[chosen])
+
     def _with(self, values) -> Augmented:
         return placed(self.model, jnp.asarray(self.at), jnp.asarray(values))
-
-    def _limits(self, chosen, padding, n_cases) -> Limits:
-        own = Limits.of(Free((), self.free.per_record, self.free.lower, self.free.upper), n_cases)
-        declared = Limits.of(Free(self.free.shared, (), {}, {}, self.free.scale, self.free.prior), n_cases)
-
-        def wide(vector, fill):
-            """A vector over the declared parameters, extended to all columns, chosen, and padded."""
-            whole = np.r_[np.asarray(vector), np.full(len(self.columns) - len(vector), fill)]
-            return jnp.asarray(np.r_[whole[chosen], np.full(padding, fill)])
-
-        pad = np.full(padding, np.inf)
-        return Limits(
-            Parameters(jnp.asarray(np.r_[self.lower[chosen], -pad]), own.lower.rows),
-            Parameters(jnp.asarray(np.r_[self.upper[chosen], pad]), own.upper.rows),
-            wide(declared.scale, np.nan),
-            wide(declared.prior_mean, 0.0),
-            wide(declared.prior_deviation, np.inf),
-        )
-
-    def _effect_bounds(self):
-        lower, upper = (np.asarray(bound) for bound in self.free.bounds("shared"))
-        extra = np.full(len(self.columns) - lower.size, np.inf)
-        lower, upper = np.r_[lower, -extra], np.r_[upper, extra]
-        for effect in self.effects.values():
-            for field, (low, high) in effect.bounds.items():
-                index = self.column[f"{effect.name}.{field}"]
-                lower[index], upper[index] = low, high
-        return lower, upper
 
     def _signals(self, fitted: Fitted):
         """Signals of the model over all training records, and the measured outputs, valid samples only."""
@@ -383,13 +350,6 @@ def starting_states(free: Free, declared: AbstractModel, augmented: AbstractMode
     those that are free, or all where none is."""
     chosen = tuple(state for state in declared.states if f"{INITIAL_STATE}.{state}" in free.per_record)
     return (chosen or declared.states) + augmented.states[len(declared.states) :]
-
-
-def own_parameters(effect: Effect) -> tuple[str, ...]:
-    """Dotted names of the parameters of an effect that are estimated once it is in, its gain first."""
-    fields = [name for name in effect.__dataclass_fields__ if eqx.is_inexact_array(getattr(effect, name))]
-    fields = ["gain", *(name for name in fields if name != "gain" and name not in effect.fixed)]
-    return tuple(f"{effect.name}.{field}" for field in fields)
 
 
 def _regular(R: Float[Array, "output output"]) -> Float[Array, "output output"]:

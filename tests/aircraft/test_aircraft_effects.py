@@ -373,10 +373,10 @@ def test_a_dropped_mass_comes_first_and_its_time_is_found(bench):
     accelerometer is sharp, within half a sample."""
     base = bench.set_shapes(bench.base())
     scores = np.asarray(bench.score(base).score)
-    best = max(bench.effects, key=lambda name: scores[bench.gains[name]])
+    best = max(bench.effects, key=lambda name: scores[bench.columns.gains[name]])
     assert bench.effects[best].family == "step of mass"
-    others = [scores[bench.gains[name]] for name, one in bench.effects.items() if one.family != "step of mass"]
-    assert scores[bench.gains[best]] > max(others) + 100.0
+    others = [scores[bench.columns.gains[name]] for name, one in bench.effects.items() if one.family != "step of mass"]
+    assert scores[bench.columns.gains[best]] > max(others) + 100.0
     found = bench.standard_errors(bench.fit((best,), base.values, base.fit.parameters.rows))
     gain, error = found[f"{best}.gain"]
     assert abs(gain - DROP) < 4.0 * error < 0.2 * abs(DROP)

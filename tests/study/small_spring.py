@@ -1,9 +1,12 @@
 """The spring on which the loop is tried."""
 
 import jax.numpy as jnp
+import numpy as np
 
-from jaxid import AbstractModel
+from jaxid import AbstractModel, Augmented, record, simulate
 from jaxid._foundation.types import Array
+
+SIGMA = 0.02
 
 
 class Spring(AbstractModel):
@@ -18,3 +21,14 @@ class Spring(AbstractModel):
 
     def output(self, t, x, u):
         return x[:1]
+
+
+def fly(seed, effect, samples=300):
+    """One record of the spring with an effect, its noise free output beside it."""
+    rng = np.random.default_rng(seed)
+    t = 0.1 * np.arange(samples)
+    u = np.convolve(rng.normal(size=samples), np.ones(8) / 2.5, "same")[:, None]
+    truth = Spring(1.5, 0.2) if effect is None else Augmented(Spring(1.5, 0.2), (effect,))
+    y = np.asarray(simulate(truth, t, u, jnp.zeros(len(truth.states))).y)
+    noise = SIGMA * rng.normal(size=y.shape)
+    return record(t, u, y + noise, inputs=("force",), outputs=("x",), name=f"record {seed}"), noise

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from small_spring import Spring
+from small_spring import SIGMA, Spring, fly
 
 from jaxid import Augmented, LoopOptions, OutputError, close_loop, free, record, simulate
 from jaxid._foundation.checks import InputError
@@ -42,7 +42,6 @@ from jaxid.study.unpredictable import act_on_the_motion
 from jaxid.study.verdict import stands_out
 from jaxid.study.workbench import Workbench
 
-SIGMA = 0.02
 WINDOW = 60
 COMPILED = "/jax/core/compile/backend_compile_duration"
 TRAIN, CHECK, TEST = (0, 1, 2), (3, 4), (5, 6)
@@ -53,17 +52,6 @@ LIBRARY = (
     *(kind("x") for kind in (SensorBias, SensorSaturation)),
     InputDelay("force"),
 )
-
-
-def fly(seed, effect, samples=300):
-    """One record of the spring with an effect, its noise free output beside it."""
-    rng = np.random.default_rng(seed)
-    t = 0.1 * np.arange(samples)
-    u = np.convolve(rng.normal(size=samples), np.ones(8) / 2.5, "same")[:, None]
-    truth = Spring(1.5, 0.2) if effect is None else Augmented(Spring(1.5, 0.2), (effect,))
-    y = np.asarray(simulate(truth, t, u, jnp.zeros(len(truth.states))).y)
-    noise = SIGMA * rng.normal(size=y.shape)
-    return record(t, u, y + noise, inputs=("force",), outputs=("x",), name=f"record {seed}"), noise
 
 
 def study(effect, seed, effects=LIBRARY, likelihood=None, first=0):
@@ -304,7 +292,7 @@ def test_a_lag_longer_than_any_record_is_no_effect(time):
     flown = as_stack([fly(60 + seed, late)[0] for seed in range(2)])
     bench = Workbench(model, free(model, "k", "c"), (late,), OutputError(), flown, SOLVER)
     values = np.array(bench.base().values)
-    values[[bench.column[f"{late.name}.{own}"] for own in ("gain", "time")]] = 0.1, time
+    values[[bench.columns.index[f"{late.name}.{own}"] for own in ("gain", "time")]] = 0.1, time
     assert bench.is_void(bench.fit([late.name], values), [late.name]) == (time > 1e6)
 
 

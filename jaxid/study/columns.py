@@ -1,0 +1,98 @@
+"""`Columns`: all that a workbench can estimate, the declared free parameters and those of its effects, each in its column."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.types import Array, Bool
+from ..estimation.problem import Limits
+from ..models.effects import Effect
+from ..models.free import Free, Parameters
+
+
+class Columns:
+    """The columns of a workbench; those that the records have for themselves stand before them and are not counted here.
+
+    Attributes:
+        names: dotted, the declared parameters first.
+        index: the column of each name.
+        own: names of the parameters of each effect that are estimated once it is in, its gain first.
+        gains: the column of each effect's gain.
+        lower, upper: bounds.
+
+    Args:
+        free: what is free in the declared model.
+        effects: the library.
+    """
+
+    def __init__(self, free: Free, effects: Sequence[Effect]):
+        self.free, self.declared = free, len(free.shared)
+        self.own = {effect.name: own_parameters(effect) for effect in effects}
+        self.names = free.shared + tuple(name for own in self.own.values() for name in own)
+        self.index = {name: column for column, name in enumerate(self.names)}
+        self.gains = {name: self.index[own[0]] for name, own in self.own.items()}
+        self.bound(effects)
+
+    def bound(self, effects: Sequence[Effect]) -> None:
+        """Set the bounds; those of an effect may follow from its shape."""
+        extra = np.full(len(self.names) - self.declared, np.inf)
+        self.lower, self.upper = (
+            np.r_[np.asarray(own), sign * extra] for own, sign in zip(self.free.bounds("shared"), (-1, 1), strict=True)
+        )
+        for effect in effects:
+            for field, (low, high) in effect.bounds.items():
+                column = self.index[f"{effect.name}.{field}"]
+                self.lower[column], self.upper[column] = low, high
+
+    def chosen(self, effects: Sequence[str]) -> list[int]:
+        """Columns of the declared parameters and of those of some effects."""
+        return [*range(self.declared), *self.of(effects)]
+
+    def of(self, effects: Sequence[str]) -> list[int]:
+        """Columns of the parameters of some effects."""
+        return [self.index[own] for effect in effects for own in self.own[effect]]
+
+    def marked(self, columns: Sequence[int]) -> Bool[Array, " column"]:
+        """True at some columns."""
+        return jnp.zeros(len(self.names), bool).at[np.array(columns, int)].set(True)
+
+    def alike(self, one: str, other: str) -> tuple[tuple[int, int], ...]:
+        """Columns of the parameters of the same name that two effects have."""
+        own = (name.removeprefix(f"{one}.") for name in self.own[one])
+        pairs = ((f"{one}.{field}", f"{other}.{field}") for field in own)
+        return tuple((self.index[mine], self.index[theirs]) for mine, theirs in pairs if theirs in self.index)
+
+    def limits(self, chosen: Sequence[int], padding: int, n_cases: int) -> Limits:
+        """Bounds, scales and priors of chosen columns, of some that pad them, and of what the records have for themselves.
+
+        Args:
+            chosen: columns.
+            padding: columns that do nothing.
+            n_cases: number of records.
+        """
+        free = self.free
+        own = Limits.of(Free((), free.per_record, free.lower, free.upper), n_cases)
+        declared = Limits.of(Free(free.shared, (), {}, {}, free.scale, free.prior), n_cases)
+
+        def wide(vector, fill):
+            """A vector over the declared parameters, extended to all columns, chosen, and padded."""
+            whole = np.r_[np.asarray(vector), np.full(len(self.names) - len(vector), fill)]
+            return jnp.asarray(np.r_[whole[[*chosen]], np.full(padding, fill)])
+
+        pad = np.full(padding, np.inf)
+        return Limits(
+            Parameters(jnp.asarray(np.r_[self.lower[[*chosen]], -pad]), own.lower.rows),
+            Parameters(jnp.asarray(np.r_[self.upper[[*chosen]], pad]), own.upper.rows),
+            wide(declared.scale, np.nan),
+            wide(declared.prior_mean, 0.0),
+            wide(declared.prior_deviation, np.inf),
+        )
+
+
+def own_parameters(effect: Effect) -> tuple[str, ...]:
+    """Dotted names of the parameters of an effect that are estimated once it is in, its gain first."""
+    fields = [name for name in effect.__dataclass_fields__ if eqx.is_inexact_array(getattr(effect, name))]
+    fields = ["gain", *(name for name in fields if name != "gain" and name not in effect.fixed)]
+    return tuple(f"{effect.name}.{field}" for field in fields)

@@ -94,10 +94,11 @@ class Search:
         before = self.check_prediction(fitted)
         refits: dict[str, Fitted] = {}
         told: list[Candidate] = []
-        bench, best_fall = self.bench, 0.0
-        listed = shortlist(
-            candidates, scores, bench.effects, bench.columns.gains, bench.measured, threshold, self.options.refits
-        )
+        bench, best_fall, limit = self.bench, 0.0, self.options.refits
+        gains = bench.columns.gains
+        listed = shortlist(candidates, scores, bench.effects, gains, bench.measured, threshold, limit)
+        asked = [one for one in candidates if not listed.verdict_without_refit(one, bench.effects[one.name], 0.0)]
+        bench.prepare(fitted, [_with(fitted, one.parts, self.refined(fitted, one)) for one in asked])
         for candidate in candidates:
             verdict = listed.verdict_without_refit(candidate, bench.effects[candidate.name], best_fall)
             if verdict is not None:
@@ -168,9 +169,8 @@ class Search:
         """
         pairs = pairs_of(candidates, scores, self.bench.columns.gains)
         count = len(candidates) * (len(candidates) - 1) // 2
-        threshold = -2.0 * float(
-            np.log(self.options.level / max(count, 1))
-        )  # exceeded by chance with two degrees of freedom
+        level = self.options.level / max(count, 1)
+        threshold = -2.0 * float(np.log(level))  # exceeded by chance with two degrees of freedom
         told = []
         for pair in pairs[: self.options.pairs]:
             if min(pair.score, pair.significance) <= threshold:
@@ -210,7 +210,7 @@ class Search:
         refined = self.refined(fitted, candidate)
         if refined:
             return self.replaced(fitted, candidate.parts, refined)
-        effects, values = (*fitted.effects, *candidate.parts), np.array(fitted.values)
+        effects, values = _with(fitted, candidate.parts), np.array(fitted.values)
         for name in candidate.parts:
             values[self.bench.columns.gains[name]] = self.bench.effects[name].begin
         found = self.bench.fit(effects, values, fitted.fit.parameters.rows)
@@ -274,8 +274,7 @@ class Search:
             self.progress(f"trying without {name}")
             values = np.array(fitted.values)
             values[self.bench.columns.gains[name]] = 0.0
-            rest = tuple(other for other in fitted.effects if other != name)
-            without = self.bench.fit(rest, values, fitted.fit.parameters.rows)
+            without = self.bench.fit(_with(fitted, (), (name,)), values, fitted.fit.parameters.rows)
             harmless = self.check_error(without) - self.check_error(fitted) < self.options.harm
             if 2.0 * (without.cost - fitted.cost) < threshold and harmless:
                 fitted, dropped = without, (*dropped, name)
@@ -310,11 +309,10 @@ class Search:
         if len(fitted.effects) < 2 or not absent:
             return []
         sets = [out for count in (1, 2) for out in itertools.combinations(fitted.effects, count)]
-        falls = np.asarray(self.bench.exchange_falls(fitted, sets))[
-            :, [self.bench.columns.gains[name] for name in absent]
-        ]
-        # What goes out is paid back.
-        falls += np.log(self.samples) * (np.array([len(out) for out in sets]) - 1)[:, None]
+        gains = [self.bench.columns.gains[name] for name in absent]
+        falls = np.asarray(self.bench.exchange_falls(fitted, sets))[:, gains]
+        paid_back = np.log(self.samples) * (np.array([len(out) for out in sets]) - 1)
+        falls += paid_back[:, None]
         best = np.argsort(-falls, axis=None)[: self.options.pairs]
         return [(falls.flat[i], absent[i % len(absent)], sets[i // len(absent)]) for i in best]
 
@@ -329,8 +327,7 @@ class Search:
                 if self.bench.effects[other].family == effect.refines:
                     for own, theirs in self.bench.columns.alike(name, other):
                         values[own] = fitted.values[theirs]
-        stay = tuple(name for name in fitted.effects if name not in out)
-        return self.bench.fit((*stay, *come), values, fitted.fit.parameters.rows)
+        return self.bench.fit(_with(fitted, come, out), values, fitted.fit.parameters.rows)
 
     def contenders(self, fitted: Fitted, rounds: tuple[Round, ...], margin: float) -> tuple[Rival, ...]:
         """What fits worse by less than a margin, now that all is in, in the place of what came in in a round."""
@@ -391,6 +388,11 @@ class Search:
         """Share of the training residual that its own past predicts, per channel."""
         share = predictable_share(fitted.fit.residuals, self.bench.records.mask)
         return dict(zip(self.bench.records.outputs, map(float, share), strict=True))
+
+
+def _with(fitted: Fitted, come: tuple[str, ...], out: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """What is in a fit, with some effects in the place of others."""
+    return (*(name for name in fitted.effects if name not in out), *come)
 
 
 def _cost_fall(candidate: Candidate) -> float:

@@ -156,6 +156,17 @@ class Workbench:
         new[chosen] = np.asarray(found.parameters.shared)[: len(chosen)]
         return Fitted(tuple(effects), new, found, tuple(chosen))
 
+    def prepare(self, fitted: Fitted, sets: Sequence[tuple[str, ...]]) -> None:
+        """Compile the fits of some sets of effects side by side, where each has a program of its own.
+
+        Args:
+            fitted: from which they will start.
+            sets: names of effects.
+        """
+        if self.by_itself:
+            rows = fitted.fit.parameters.rows
+            compile_together([(fit_problem, self._to_fit(names, fitted.values, rows, None)) for names in sets])
+
     def finish(self, fitted: Fitted) -> Fitted:
         """A fit that its iteration limit ended, gone on with: a search need not wait for it, a figure that is reported must."""
         for _ in range(GO_ON):

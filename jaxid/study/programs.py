@@ -15,9 +15,9 @@ from ..models.base import AbstractModel
 from ..models.free import Parameters
 from ..models.names import flatten
 
-# What a fit's program costs to compile, in operations carried through a sample by the 24 passes of a refit: 3 s and 10 ms for
-# each operation of its model, at 0.6 us an operation and sample; measured on two cores with models of 6 to 1,435 operations.
-COMPILED, COMPILED_EACH = 200_000, 700
+# What a fit costs to compile, in operations that the 24 passes of a refit carry through one sample: 3 s and 10 ms for each
+# operation of its model, at 0.3 us an operation and sample (0.15 to 0.6); on two cores, models of 6 to 1,435 operations.
+COMPILED, COMPILED_EACH = 400_000, 1400
 
 
 def compile_together(programs: Sequence[tuple[Any, tuple]]) -> None:

@@ -311,8 +311,7 @@ class Search:
         sets = [out for count in (1, 2) for out in itertools.combinations(fitted.effects, count)]
         gains = [self.bench.columns.gains[name] for name in absent]
         falls = np.asarray(self.bench.exchange_falls(fitted, sets))[:, gains]
-        paid_back = np.log(self.samples) * (np.array([len(out) for out in sets]) - 1)
-        falls += paid_back[:, None]
+        falls += np.log(self.samples) * (np.array([[len(out)] for out in sets]) - 1)  # what goes out is paid back
         best = np.argsort(-falls, axis=None)[: self.options.pairs]
         return [(falls.flat[i], absent[i % len(absent)], sets[i // len(absent)]) for i in best]
 

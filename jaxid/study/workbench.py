@@ -1,4 +1,4 @@
-"""The workbench of a loop: one augmented model, compiled once, in which any set of effects can be fitted and scored."""
+"""The workbench of a loop: one augmented model, in which any set of effects can be fitted and scored."""
 
 from collections.abc import Sequence
 
@@ -64,7 +64,9 @@ class Fitted(eqx.Module):
 
 
 class Workbench:
-    """Fits and scores any set of effects with one compiled pass.
+    """Fits and scores any set of effects.
+
+    One compiled pass scores all. Fits take one program as well, or, where that pays (`by_itself`), one for each set of effects.
 
     Args:
         model: the declared model.

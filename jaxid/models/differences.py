@@ -1,4 +1,7 @@
-"""Differences of signals: what acts between two parts (a spring, heat, a flow) is a function of the difference of two states."""
+"""What the equations of a model know of each signal: not at all, or by its difference from another one.
+
+What acts between two parts (a spring, heat, a flow) is a function of the difference of two states.
+"""
 
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
@@ -50,6 +53,25 @@ def differences(model: AbstractModel, equations: tuple[str, ...]) -> dict[str, t
             state for state, row in zip(equations, depends, strict=True) if row[a] and row[b]
         )
         for a, b in pairs
+    }
+
+
+def strangers(model: AbstractModel, equations: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """States and inputs on which an equation of a model does not depend.
+
+    Args:
+        model: the declared model.
+        equations: states whose equations are asked.
+
+    Returns:
+        Signals by equation, such as `{"v": ("T",)}`.
+    """
+    if not equations:
+        return {}
+    channels, depends = model.states + model.inputs, np.asarray(_slopes(model)[1])
+    return {
+        state: tuple(name for name, one in zip(channels, depends[model.states.index(state)], strict=True) if not one)
+        for state in equations
     }
 
 

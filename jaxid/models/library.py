@@ -12,7 +12,7 @@ import numpy as np
 from .._foundation.types import Array, Bool
 from .acting import Acting
 from .base import AbstractModel, canonical
-from .differences import differences, with_differences
+from .differences import differences, strangers, with_differences
 from .effects import Effect
 from .effects_actuator import InputDeadZone, InputPositionLimit, InputRateLimit
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
@@ -55,12 +55,14 @@ def general_effects(
 
 
 def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effect]:
-    """Terms, friction and limits; shapes that no polynomial has, and memory, where there are few equations and states."""
+    """Terms (linear ones of what the equation does not know), friction and limits; shapes that no polynomial has, and memory,
+    where there are few equations and states."""
     effects: list[Effect] = []
     pairs = len(equations) * len(model.states)
+    unknown = strangers(canonical(model), equations)
     for state in equations:
         acting = Acting.equation(state)
-        effects += [Term(state, term) for term in products(model.states + model.inputs)]
+        effects += [Term(state, term) for term in (*unknown[state], *products(model.states + model.inputs))]
         effects += [DryFriction(state, state), QuadraticDrag(state, state)]  # of the equation's own speed
         effects += [StateLimit(state, into, start) for into in equations if into != state for start in LEVELS]
         for signal in model.states if pairs <= MOST_PAIRS_FOR_SHAPES else ():
@@ -114,7 +116,7 @@ def _of_one_kind(model: AbstractModel) -> tuple[tuple[str, str], ...]:
 
 
 def products(signals: tuple[str, ...]) -> tuple[str, ...]:
-    """Terms that a linear model lacks: the constant, all squares and products, cubes, and mixed cubes of few signals."""
+    """Terms that a linear equation lacks: the constant, all squares and products, cubes, and mixed cubes of few signals."""
     cubic = itertools.combinations_with_replacement(signals, 3)
     if len(signals) > MOST_SIGNALS_FOR_CUBIC_PRODUCTS:
         cubic = ((name,) * 3 for name in signals)

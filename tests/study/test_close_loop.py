@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from small_spring import SIGMA, Spring, fly
 
-from jaxid import Augmented, LoopOptions, OutputError, close_loop, free, record, simulate
+from jaxid import AbstractModel, Augmented, LoopOptions, OutputError, close_loop, free, record, simulate
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.types import Array
 from jaxid.diagnosis import Place, Scores, Where
@@ -93,6 +93,34 @@ def test_the_planted_effect_is_named_and_nothing_else(name):
     value = found.after.estimate.value(f"{name}.gain")
     error = found.after.estimate.standard_error(f"{name}.gain")
     assert abs(value - float(PLANTED[name].gain)) < 4 * error
+
+
+class Undamped(AbstractModel):
+    """`dv/dt = force - k x`, with the position seen."""
+
+    k: Array
+    states, inputs, outputs = Spring.states, Spring.inputs, Spring.outputs
+
+    def rhs(self, t, x, u):
+        return jnp.stack([x[1], u[0] - self.k * x[0]])
+
+    def output(self, t, x, u):
+        return x[:1]
+
+
+def test_damping_that_nobody_declared_is_named():
+    """Among the terms, drag and friction of the library that the loop takes by itself."""
+    train, check, test = ([fly(4000 + index, None)[0] for index in part] for part in (TRAIN, CHECK, TEST))
+    model = Undamped(1.0)
+    own = free(model, "k", per_record=("initial_state",))
+    known = candidates(model, own, as_stack(train))
+    library = [one for one in known if isinstance(one, Term | DryFriction | QuadraticDrag)]
+    parts = dict(train=train, check=check, test=test, effects=library, window=WINDOW)
+    found = close_loop(model, own, OutputError(), **parts)
+    assert found.effects == ("v in v",)
+    assert found.outcome == "explained"
+    error = found.after.estimate.standard_error("v in v.gain")
+    assert abs(found.after.estimate.value("v in v.gain") + 0.2) < 4 * error
 
 
 def test_a_stop_that_the_records_show_comes_in_before_what_explains_more():

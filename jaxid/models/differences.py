@@ -56,7 +56,7 @@ def differences(model: AbstractModel, equations: tuple[str, ...]) -> dict[str, t
     }
 
 
-def strangers(model: AbstractModel, equations: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+def absent_signals(model: AbstractModel, equations: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """States and inputs on which an equation of a model does not depend.
 
     Args:

@@ -12,7 +12,7 @@ import numpy as np
 from .._foundation.types import Array, Bool
 from .acting import Acting
 from .base import AbstractModel, canonical
-from .differences import differences, strangers, with_differences
+from .differences import absent_signals, differences, with_differences
 from .effects import Effect
 from .effects_actuator import InputDeadZone, InputPositionLimit, InputRateLimit
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
@@ -59,7 +59,7 @@ def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effe
     where there are few equations and states."""
     effects: list[Effect] = []
     pairs = len(equations) * len(model.states)
-    unknown = strangers(canonical(model), equations)
+    unknown = absent_signals(canonical(model), equations)
     for state in equations:
         acting = Acting.equation(state)
         effects += [Term(state, term) for term in (*unknown[state], *products(model.states + model.inputs))]

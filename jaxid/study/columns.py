@@ -58,7 +58,7 @@ class Columns:
         """True at some columns."""
         return jnp.zeros(len(self.names), bool).at[np.array(columns, int)].set(True)
 
-    def alike(self, one: str, other: str) -> tuple[tuple[int, int], ...]:
+    def same_named(self, one: str, other: str) -> tuple[tuple[int, int], ...]:
         """Columns of the parameters of the same name that two effects have."""
         own = (name.removeprefix(f"{one}.") for name in self.own[one])
         pairs = ((f"{one}.{field}", f"{other}.{field}") for field in own)

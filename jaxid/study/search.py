@@ -324,7 +324,7 @@ class Search:
             values[self.bench.columns.gains[name]] = effect.begin
             for other in out:
                 if self.bench.effects[other].family == effect.refines:
-                    for own, theirs in self.bench.columns.alike(name, other):
+                    for own, theirs in self.bench.columns.same_named(name, other):
                         values[own] = fitted.values[theirs]
         return self.bench.fit(_with(fitted, come, out), values, fitted.fit.parameters.rows)
 

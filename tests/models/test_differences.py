@@ -9,7 +9,7 @@ import pytest
 from jaxid import AbstractModel
 from jaxid.models import Augmented, DeadBand, DryFriction, QuadraticDrag, Term, general_effects
 from jaxid.models.acting import Acting
-from jaxid.models.differences import differences, strangers, with_differences
+from jaxid.models.differences import absent_signals, differences, with_differences
 from jaxid.models.library import started
 
 X = jnp.array([0.7, -0.2, 0.1, 0.5])  # x1, v1, x2, v2
@@ -97,13 +97,13 @@ def test_an_effect_of_a_difference_adds_what_it_says(effect, expected):
 
 
 def test_an_equation_lacks_a_linear_term_of_what_it_does_not_know():
-    unknown = strangers(MASSES, ("v1", "v2"))
+    unknown = absent_signals(MASSES, ("v1", "v2"))
     assert unknown == {"v1": (), "v2": ("force",)}
     names = {effect.name for effect in general_effects(MASSES, ("v1", "v2"))}
     assert "force in v2" in names
     # Terms that it has are the declared model's own affair, free or not.
     assert not {"x1 in v1", "v1 in v1", "x2 in v2", "v1 in v2"} & names
-    assert strangers(MASSES, ()) == {}
+    assert absent_signals(MASSES, ()) == {}
 
 
 def test_the_library_offers_what_acts_between_two_parts():

@@ -33,6 +33,12 @@ HOMES = {
     "diffrax": ("simulation/*",),
     "lineax": ("estimation/*",),
     "optimistix": ("_foundation/results.py", "simulation/*", "estimation/*", "diagnosis/process_noise.py", "design/*"),
+    "interpax": (
+        "models/tables.py",
+        "models/effects_sensor.py",
+        "simulation/inputs.py",
+        "aircraft/kinematics_corrected.py",
+    ),
     "matplotlib": ("report/*",),
     "jinja2": ("report/*",),
 }

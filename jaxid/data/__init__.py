@@ -40,6 +40,7 @@ from .smoothing_method import Smoothed as Smoothed
 from .smoothing_polynomial import LocalPolynomial as LocalPolynomial
 from .smoothing_spline import SmoothingSpline as SmoothingSpline
 from .stack import Split as Split
+from .stack import cut as cut
 from .stack import split as split
 from .stack import split_at as split_at
 from .stack import stack as stack

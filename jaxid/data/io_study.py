@@ -12,6 +12,7 @@ from .io_csv import read_csv
 from .record import Record
 from .smoothing import differentiate
 from .smoothing_fourier import Fourier
+from .stack import cut
 
 
 class StudyFile(NamedTuple):
@@ -98,7 +99,7 @@ SECTIONS: dict[str, dict[str, Kind]] = {
     "records": {
         **{"train": FILES, "check": FILES, "test": SETS, "inputs": TEXTS, "outputs": TEXTS},
         **{"time": TEXT, "sample_time": NUMBER, "units": TEXT_BY_NAME, "units_row": SWITCH, "delimiter": TEXT},
-        **{"constants": NUMBERS_BY_NAME, "derivatives": TEXT_BY_NAME},
+        **{"constants": NUMBERS_BY_NAME, "derivatives": TEXT_BY_NAME, "cut": NUMBER},
     },
     "library": {"effects": TEXTS, "leave_out": TEXTS, "general": SWITCH},
 }
@@ -198,7 +199,7 @@ def _require_apart(path: Path, parts: Mapping[str, Sequence[str]]) -> None:
 
 
 def _read(path: Path, name: str, files: Sequence[str], section: Mapping[str, Any]) -> tuple[Record, ...]:
-    """The records of one part, with the derivatives that are asked for."""
+    """The records of one part, with the derivatives and in the pieces that are asked for."""
     options = {key: section[key] for key in READING if key in section}
     with within(path, "records", name.split()[0]):
         records = [read_csv(path.parent / file, **options) for file in files]
@@ -206,4 +207,7 @@ def _read(path: Path, name: str, files: Sequence[str], section: Mapping[str, Any
     if derivatives:
         with within(path, "records", "derivatives"):
             records = [differentiate(record, derivatives, Fourier()) for record in records]
+    if "cut" in section:
+        with within(path, "records", "cut"):
+            records = [piece for record in records for piece in cut(record, section["cut"])]
     return tuple(records)

@@ -1,5 +1,8 @@
-"""Several records as one stack of common length, and back; which records are fitted and which are held out."""
+"""Several records as one stack of common length, and back; one in pieces; which are fitted and which are held out."""
 
+import dataclasses
+import itertools
+import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -125,6 +128,39 @@ def split_at(record: Record, where: float | int) -> tuple[Record, Record]:
         "least 2: give a fraction between 0 and 1, or a row (int) inside the record.",
     )
     return record.window(0, row), record.window(row)
+
+
+def cut(record: Record, seconds: float | int) -> tuple[Record, ...]:
+    """Cut a single record into pieces of equal time, none longer than asked, each a record with a first state of its own.
+
+    Where a motion is unstable, or held by a pilot or a controller whose input carries what disturbs it, errors add up along a
+    simulation, and after some seconds it says little of the parameters. Pieces as long as one manoeuvre keep what they say.
+
+        n = ceil(duration / seconds),    piece k: rows of duration k / n <= t - t_0 < duration (k + 1) / n
+
+    Args:
+        record: a single record.
+        seconds: longest piece [s].
+
+    Returns:
+        The pieces in their order, named after the record; time goes on from one to the next, and no sample is lost.
+
+    Raises:
+        InputError: when the record is a stack, `seconds` is not positive, or a piece would have fewer than 2 samples.
+    """
+    require(not record.is_stack, "Only a single record can be cut, and this is a stack. Take `stack[i]`.")
+    require(seconds > 0, f"Pieces of {seconds} s cannot be. Give a positive number of seconds.")
+    name, t = record.names[0], np.asarray(record.t)
+    count = max(1, math.ceil((t[-1] - t[0]) / seconds))
+    edges = [*np.searchsorted(t, np.linspace(t[0], t[-1], count + 1)[:-1]), len(t)]
+    fewest = int(np.min(np.diff(edges)))
+    require(
+        fewest >= 2,
+        f"Record {name!r}: in {count} pieces of at most {seconds:g} s one has {fewest} samples, and 2 are needed. Give more "
+        "seconds.",
+    )
+    pieces = (record.window(int(a), int(b)) for a, b in itertools.pairwise(edges))
+    return tuple(dataclasses.replace(piece, names=(f"{name} ({k} of {count})",)) for k, piece in enumerate(pieces, 1))
 
 
 def _pad(array: Array, rows: int, repeat: bool = False) -> Array:

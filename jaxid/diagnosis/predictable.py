@@ -29,9 +29,9 @@ def predictable_share(
     Args:
         v: residuals.
         mask: valid samples.
-        order: number of past samples.
+        order: number of past samples; fewer where no record is longer.
     """
-    v = jnp.where(mask, v, 0.0)
+    v, order = jnp.where(mask, v, 0.0), min(order, v.shape[1] - 1)
 
     def covariance(lag):
         pairs = jnp.sum(mask[:, lag:] & mask[:, : mask.shape[1] - lag], axis=(0, 1))

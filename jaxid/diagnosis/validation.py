@@ -41,7 +41,8 @@ class Prediction(eqx.Module):
     @property
     def rms(self) -> Float[Array, " output"]:
         """Root mean square error of each channel over the scored samples of all records."""
-        return root_mean_square(self.residuals, self.scored)
+        seen = jnp.any(self.scored, axis=(0, 1))
+        return jnp.where(seen, root_mean_square(self.residuals, self.scored), jnp.nan)
 
 
 def predict(

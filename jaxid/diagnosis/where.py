@@ -69,7 +69,7 @@ class Where(NamedTuple):
         variables: states, inputs and outputs at the knots, by name, each of shape (case, knot).
         hats: how many there are in each record, and over how many of its rows.
         power: what the shares are of: the whitened sum of squares of the residual, less its degrees of freedom where the noise
-            is known.
+            is known; where that scatters below what the first place explains, what that explains. NaN where it explains nothing.
     """
 
     places: tuple[Place, ...]
@@ -80,7 +80,8 @@ class Where(NamedTuple):
 
     def rivals(self, within: float = 0.05) -> tuple[Place, ...]:
         """The first place and those whose share is less than `within` below its."""
-        return tuple(one for one in self.places if one.share > self.places[0].share - within)
+        first, *others = self.places
+        return (first, *(one for one in others if one.share > first.share - within))
 
     def random(self) -> tuple[Place, ...]:
         """Where a random force could act: in the equations, or in the air, or in both, as the first place and its rivals say."""
@@ -123,7 +124,8 @@ def where(
 ) -> Where:
     r"""How much of the residual a free-form disturbance at each place could explain, beyond what the free parameters do.
 
-        score = v' R^-1 G (G' M G)^-1 G' R^-1 v,    M the projection that takes out the free parameters' sensitivities
+        score = v' R^-1 G (G' M G)^-1 G' R^-1 v,    M the projection that takes out the free parameters' sensitivities,
+                                                    R its diagonal
 
     with G the outputs' answers to the hats at one place, each record with hats of its own. A place that is not the cause can
     explain nearly as much where it moves the outputs in nearly the same way: a force on a mass and the input that pushes it are
@@ -224,7 +226,8 @@ def located(
         noise = jnp.diag(jnp.clip(white, 1e-6 * jnp.diagonal(noise), jnp.diagonal(noise)))
     found = search(problem, parameters, seen, noise, *hats, tuple(places.items()))
     squares, samples = float(found.squares), float(found.samples)
-    power = squares - samples if noise_known else squares
+    most = float(np.max(np.asarray(found.score) - np.asarray(found.dof)))
+    power = max(squares - samples if noise_known else squares, most)
     power = power if power > 0 else float("nan")
     names = [(kind, name) for kind, of in places.items() for name in of]
     rows = [
@@ -317,4 +320,5 @@ def _explained(
     stands_out = jnp.where(strong, jnp.maximum(1.0 - noise / jnp.maximum(seen, jnp.finfo(float).tiny), 0.0), 0.0)
     best = vectors @ (stands_out * inverse * turned) / size
     spread = jnp.sqrt(noise * jnp.sum(vectors**2 * (stands_out * inverse)[None], axis=1)) / size
-    return score, dof, best.reshape(cases, knots), spread.reshape(cases, knots)
+    unseen = jnp.sum(jnp.where(strong, 0.0, vectors**2), axis=1) > 0.5  # most of it lies where nothing is felt
+    return score, dof, best.reshape(cases, knots), jnp.where(unseen, jnp.inf, spread).reshape(cases, knots)

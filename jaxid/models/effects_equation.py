@@ -1,4 +1,6 @@
 """General effects in the equations of motion: polynomial terms, friction, a limit of a state that spills into another."""
+# Pyright counts equinox's abstract fields as arguments of the constructor; at run time they are none.
+# pyright: reportCallIssue=false
 
 import dataclasses
 
@@ -52,7 +54,9 @@ class Term(Effect):
         return ((self.state, self.product),)
 
     def kin(self):
-        return tuple(dataclasses.replace(self, product=one, gain=zero()) for one in next_powers(self.product))
+        raised = tuple(dataclasses.replace(self, product=one, gain=zero()) for one in next_powers(self.product))
+        cube_of_its_own = factors(self.product) == factors(f"{self.state}^3")
+        return (*raised, QuadraticDrag(state=self.state, speed=self.state)) if cube_of_its_own else raised
 
 
 class DryFriction(Effect):
@@ -138,6 +142,9 @@ class QuadraticDrag(Effect):
     @property
     def terms(self):
         return ((self.state, f"|{self.speed}| {factor_of(self.speed)}"),)
+
+    def kin(self):
+        return (Term(state=self.state, product=f"{factor_of(self.speed)}^3"),)
 
 
 class StateLimit(Effect):

@@ -1,4 +1,6 @@
 """General effects of a shape that no polynomial has: a dead band, a saturation, a hinge."""
+# Pyright counts equinox's abstract fields as arguments of the constructor; at run time they are none.
+# pyright: reportCallIssue=false
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -7,6 +9,8 @@ import numpy as np
 from .._foundation.types import Array, Float
 from .acting import Acting, ActingEffect
 from .effects import zero
+from .effects_equation import QuadraticDrag, Term
+from .polynomial import factor_of
 from .starts import centre_of, level_in, reach_of
 
 INSIDE = (0.1, 0.9)  # quantiles of a signal between which a bend can be told: samples enough on either side
@@ -57,6 +61,14 @@ class DeadBand(ActingEffect):
     def scalar(self, signals):
         away = signals[self.signal] - self.centre
         return away - jnp.clip(away, -self.width, self.width)
+
+    def kin(self):
+        """The smooth shapes of the same kind, where it stands in an equation."""
+        state = self.acting.name
+        if self.acting != Acting.equation(state):
+            return ()
+        cube = Term(state=state, product=f"{factor_of(self.signal)}^3")
+        return (cube, QuadraticDrag(state=state, speed=state)) if self.signal == state else (cube,)
 
 
 class Saturating(ActingEffect):

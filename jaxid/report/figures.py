@@ -107,22 +107,21 @@ def errors(study: Study) -> Figure:
     return figure
 
 
-def ranking(one: Round, threshold: float | None = None) -> Figure:
+def ranking(one: Round) -> Figure:
     """The candidates of one round by their score, the one that was kept and its rivals marked.
 
     Args:
         one: the round.
-        threshold: chi-square that a score must exceed to be no accident, with the number of candidates accounted for.
 
     Returns:
         One panel of horizontal bars on a logarithmic axis, at most the best twelve; a dot is the score with the
-        colour of the residual accounted for.
+        colour of the residual accounted for, the line what it must exceed to be no accident.
     """
     best = one.candidates[:MOST_CANDIDATES]
     figure, ((ax,),) = canvas(1.0 + 0.24 * max(len(best), 2))
     scores = np.array([_positive(candidate.score) for candidate in best])
     dots = np.array([_positive(candidate.significance) for candidate in best])
-    known = np.concatenate([scores, dots, [threshold or np.nan, 1.0]])
+    known = np.concatenate([scores, dots, [one.threshold, 1.0]])
     low, high = 0.5 * min(np.nanmin(np.maximum(known, 0.1)), 1.0), 2.0 * np.nanmax(known)
     ax.barh(
         np.arange(len(best)), np.nan_to_num(scores), color=[_colour(one, candidate) for candidate in best], height=0.68
@@ -135,9 +134,8 @@ def ranking(one: Round, threshold: float | None = None) -> Figure:
         "score: chi-square that the candidate would explain (bar); the same, colour of the residual allowed for (dot)",
     )
     ax.grid(False, axis="y")
-    if threshold is not None:
-        ax.axvline(threshold, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
-        _note(ax, threshold, "no accident beyond this line", above=True)
+    ax.axvline(one.threshold, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+    _note(ax, one.threshold, "no accident beyond this line", above=True)
     roles = {_colour(one, candidate) for candidate in best}
     entries = [("added", AFTER), ("rival", RIVAL), ("other", OTHER)]
     key(figure, [entry for entry in entries if entry[1] in roles], title=_shown_of(best, one))

@@ -30,7 +30,7 @@ def where(found: Where) -> Figure:
 
 
 def _bars(ax: Axes, places: tuple[Place, ...], rivals: set[tuple[str, str]]) -> None:
-    shares = np.clip([one.share for one in places], 0.0, None)
+    shares = np.nan_to_num(np.clip([one.share for one in places], 0.0, None))
     colours = [AFTER if (one.kind, one.name) in rivals else OTHER for one in places]
     rows = np.arange(len(places))
     ax.barh(rows, shares, color=colours, height=0.68)
@@ -48,7 +48,7 @@ def _bars(ax: Axes, places: tuple[Place, ...], rivals: set[tuple[str, str]]) -> 
 def _in_time(ax: Axes, found: Where, place: Place) -> None:
     """The disturbance of the first record, where it is known at all."""
     t, d, error = found.knots[0], place.disturbance[0], 2.0 * place.deviation[0]
-    ax.fill_between(t, d - error, d + error, color=AFTER, alpha=0.2, linewidth=0)
+    ax.fill_between(t, d - error, d + error, where=np.isfinite(error), color=AFTER, alpha=0.2, linewidth=0)
     ax.plot(t, d, color=AFTER, linewidth=1.2)
     ax.axhline(0.0, color=INK, linewidth=0.5)
     known = np.isfinite(error) & (error <= 3.0 * np.median(error))

@@ -106,9 +106,7 @@ def _round(one, index: int) -> Picture | None:
         "How much of the residual each candidate could explain beyond what the free parameters already do, before any "
         "of them is fitted. The refit decides, not this score."
     )
-    # Older studies do not carry the threshold; then the line is left out.
-    threshold = getattr(one, "threshold", None)
-    return Picture(f"ranking-round-{index}", ranking(one, threshold), caption) if one.candidates else None
+    return Picture(f"ranking-round-{index}", ranking(one), caption) if one.candidates else None
 
 
 def _slug(name: str) -> str:

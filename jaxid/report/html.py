@@ -7,7 +7,7 @@ from jinja2 import Environment, StrictUndefined
 
 from ..study.study import Study
 from .gallery import Gallery, gallery
-from .tables import decided, effect_rows, error_rows, parameter_rows, place_rows, remains_rows, round_rows
+from .tables import decided, effect_rows, error_rows, other_way, parameter_rows, place_rows, remains_rows, round_rows
 from .words import COLOURED, NOISE_KNOWN, OUTCOMES, raised
 
 TEMPLATE = "study.html.j2"
@@ -40,6 +40,7 @@ def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None)
         effects=effect_rows(study),
         parameters=parameter_rows(study),
         rounds=list(zip(round_rows(study), drawn.rounds, strict=True)),
+        other_way=other_way(study),
         remains=remains_rows(study),
         places=place_rows(study),
         degrees=any(unit.startswith("rad") for unit in study.output_units),
@@ -58,7 +59,7 @@ def _facts(study: Study) -> dict[str, str | tuple[str, ...]]:
         "model": _model_name(study),
         "train": f"{_records(records)}, {int(np.sum(np.asarray(estimate.mask)))} valid measurements",
         "tests": tuple(tests),
-        "candidates": str(len(study.rounds[0].candidates)) if study.rounds else "0",
+        "candidates": str(sum(not one.pair for one in study.rounds[0].candidates)),
         "before_status": declared.status,
         "status": estimate.status,
         "weak": tuple(raised(words) for words in estimate.weak_directions),

@@ -174,6 +174,18 @@ def round_rows(study: Study) -> tuple[RoundRow, ...]:
     return tuple(rows)
 
 
+def other_way(study: Study) -> tuple[str, ...]:
+    """What was added, in this order, on the way that was given up.
+
+    Args:
+        study: the study.
+
+    Returns:
+        A sentence for each effect; none where the search was begun once.
+    """
+    return tuple(_sentence(one, one.added) for one in study.other_rounds if one.added)
+
+
 def remains_rows(study: Study) -> tuple[RemainsRow, ...]:
     """How much of each channel's training residual is no noise, at the beginning of the first and of the last round.
 
@@ -181,11 +193,10 @@ def remains_rows(study: Study) -> tuple[RemainsRow, ...]:
         study: the study.
 
     Returns:
-        One row for each channel; none without a round.
+        One row for each channel.
     """
-    if not study.rounds:
-        return ()
-    first, last = study.rounds[0].predictable, study.rounds[-1].predictable
+    first = study.rounds[0].predictable
+    last = study.rounds[-1].predictable if study.effects else first  # of what is in, as what follows is
     before, after = study.reading["before"], study.reading["after"]
     return tuple(
         RemainsRow(name, percent(first[name]), percent(last[name]), _follows(before, name), _follows(after, name))
@@ -236,8 +247,13 @@ def decided(study: Study) -> tuple[str, ...]:
     return tuple(
         name
         for name in study.tests
-        if study.rounds and all(one.errors.get("check") == one.errors.get(f"test {name}") for one in study.rounds)
+        if all(_same(one.errors["check"], one.errors[f"test {name}"]) for one in study.rounds)
     )
+
+
+def _same(one: dict[str, float], other: dict[str, float]) -> bool:
+    """Whether two errors by channel are the very same, failed ones included."""
+    return np.array_equal([*one.values()], [*other.values()], equal_nan=True)
 
 
 def _values(estimate: Estimate) -> dict[str, tuple[str, str]]:

@@ -29,7 +29,7 @@ class Spectrum(eqx.Module):
 
     def weak(self, threshold: float) -> Bool[Array, " parameter"]:
         """Which directions have an eigenvalue below `threshold` times the largest (Eq. 4.28)."""
-        return self.eigenvalues < threshold * self.eigenvalues[0]
+        return self.eigenvalues < threshold * self.eigenvalues[:1]
 
     def step(self, weights: Float[Array, " parameter"]) -> Float[Array, " parameter"]:
         """The step whose component along each scaled direction is `weights * turned`."""

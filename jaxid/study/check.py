@@ -8,9 +8,9 @@ from ..estimation.coloured import tapered_covariance
 
 
 def mean_log(prediction: Prediction) -> float:
-    """Mean over the channels of the logarithm of the error; infinite where the simulation fails."""
-    rms = np.asarray(prediction.rms)
-    return float(np.mean(np.log(rms))) if np.all(np.isfinite(rms)) else np.inf
+    """Mean over the channels that were seen of the logarithm of the error; infinite where the simulation fails."""
+    rms = np.asarray(prediction.rms)[np.any(np.asarray(prediction.scored), axis=(0, 1))]
+    return float(np.mean(np.log(np.maximum(rms, np.finfo(float).tiny)))) if np.all(np.isfinite(rms)) else np.inf
 
 
 def difference_error(before: Prediction, after: Prediction) -> float:
@@ -21,7 +21,8 @@ def difference_error(before: Prediction, after: Prediction) -> float:
 
     def influence(one: Prediction):
         v, counts = jnp.where(one.scored, one.residuals, 0.0), jnp.sum(one.scored, axis=(0, 1))
-        return 0.5 * v**2 / (one.rms**2 * counts * counts.size)[None, None]
+        power = jnp.where(one.rms > 0, one.rms, 1.0) ** 2  # of a channel that was seen and missed
+        return 0.5 * v**2 / (power * jnp.maximum(counts, 1) * jnp.sum(counts > 0))[None, None]
 
     apart = jnp.sum(influence(before) - influence(after), axis=-1, keepdims=True)
     rows = jnp.sum(jnp.any(before.scored, axis=-1))
@@ -36,5 +37,6 @@ def uncertainty(prediction: Prediction) -> float:
     v = jnp.where(prediction.scored, prediction.residuals, 0.0)
     count = jnp.sum(prediction.scored, axis=(0, 1))
     covariance = tapered_covariance(v)
-    squared = jnp.sum((covariance / covariance[:1]) ** 2, axis=0)
-    return float(jnp.sqrt(jnp.mean(0.5 * squared / count) / count.size))
+    squared = jnp.sum((covariance / jnp.where(covariance[:1] > 0, covariance[:1], 1.0)) ** 2, axis=0)
+    variance = jnp.where(count > 0, 0.5 * squared / jnp.maximum(count, 1), 0.0)
+    return float(jnp.sqrt(jnp.sum(variance)) / jnp.sum(count > 0))

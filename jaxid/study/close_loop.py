@@ -24,13 +24,16 @@ from ..models.effects import Effect
 from ..models.effects_parameter import ParameterDrift, not_free
 from ..models.free import Free
 from ..models.library import general_effects, uncertain_equations
+from ..models.names import read
 from ..models.noise import FixedNoise
 from ..sensitivity.spectrum import spectrum
+from .judge import Judge
 from .options import LoopOptions
 from .rivals import Rival
 from .search import INSEPARABLE, Search
 from .study import Side, Study
 from .verdict import Conclusion, conclude, verdict
+from .way import Way
 from .workbench import Fitted, Workbench, starting_states
 
 # Tolerance in standard errors: a decision needs no more. Effects bring corners, at which steps are refused.
@@ -76,8 +79,8 @@ def close_loop(
         What was found.
 
     Raises:
-        InputError: when channels differ, a record is too short to be cut or for the window, an effect's name occurs twice, or
-            JAX is in 32 bit.
+        InputError: when channels differ, a record is too short to be cut or for the window, an effect's name occurs twice or its
+            gain is not zero, the check records have no valid sample, or JAX is in 32 bit.
     """
     require_float64()
     progress, options, solver = progress or (lambda _: None), options or LoopOptions(), solver or SOLVER
@@ -93,10 +96,15 @@ def close_loop(
     check_samples(train)
     likelihood.check(model, train)
     library = candidates(model, free, train) if effects is None else tuple(effects)
+    _require_absent(library)
 
     if window is not None:
         for records in (check, *tests.values()):
             check_window(model, records, window, len(starting_states(free, model, model)))
+    require(
+        bool(jnp.any(check.mask[:, window or 0 :])),
+        "No output of the check records has a valid sample behind the window. Give others, or leave `check` out.",
+    )
 
     bench = Workbench(model, free, library, likelihood, train, solver)
     progress("compilation of the model with its candidates")
@@ -105,9 +113,9 @@ def close_loop(
     declared = bench.set_shapes(_started(bench))
     progress("where the residual sits")
     where = {"before": bench.where(declared)}
-    search = Search(bench, check, tests, window, options, progress)
-    found, rounds = search.run(declared)
-    found = bench.finish(found)
+    search = Search(Judge(bench, check, tests, window, options), progress)
+    way, other = search.run(declared)
+    found, rounds = bench.finish(way.fitted), way.rounds
     declared = bench.finish(declared) if found.effects else found
     where["after"] = bench.where(found, like=where["before"]) if found.effects else where["before"]
     conclusion = conclude(search, rounds, declared, found, where)
@@ -115,13 +123,19 @@ def close_loop(
         found, where["after"] = declared, where["before"]
     rivals = tuple(one for one in conclusion.contenders if one.chi_square < INSEPARABLE)
     reading = {"before": bench.read(declared), "after": bench.read(found)}
+    predicted = declared, found
     if whole is not None:
         progress("estimate on the whole of the training records")
         declared, found, dropped = _on_the_whole(bench, search, declared, found, whole)
         rounds = (*rounds[:-1], dataclasses.replace(rounds[-1], dropped=(*rounds[-1].dropped, *dropped)))
+        if dropped and conclusion.outcome in ("explained", "proxies"):  # what the whole does not bear out is no cause
+            conclusion = conclusion._replace(outcome="proxies" if found.effects else "unexplained")
+        if test is not None:  # else they are the last third, which the estimate on the whole has seen
+            predicted = declared, found
     progress("prediction of the test records")
     used = train if whole is None else whole
-    return _study(bench, search, declared, found, rounds, rivals, (where, reading), tests, used, conclusion)
+    sides = (predicted[0], declared), (predicted[1], found)
+    return _study(bench, search, sides, rounds, rivals, (where, reading), tests, used, conclusion, other)
 
 
 def _started(bench: Workbench) -> Fitted:
@@ -149,9 +163,11 @@ def _carve(train: Record, window: int | None) -> tuple[Record, Record]:
 
     The check runs on from the record's own start, so that it needs no initial state of its own in the middle of a motion.
     """
-    first = stack([split_at(record, 2 / 3)[0] for record in unstack(train)])
+    records = unstack(train)
+    ends = [round(2 / 3 * record.t.shape[0]) for record in records]
+    first = stack([split_at(record, end)[0] for record, end in zip(records, ends, strict=True)])
     row = jnp.arange(train.t.shape[1])[None]
-    kept = (row >= (2 * train.samples[:, None]) // 3) | (row < (window or 0))
+    kept = (row >= jnp.array(ends)[:, None]) | (row < (window or 0))
     return first, eqx.tree_at(lambda record: record.mask, train, train.mask & kept[..., None])
 
 
@@ -162,6 +178,17 @@ def _on_the_whole(bench: Workbench, search: Search, declared: Fitted, found: Fit
     declared, found = map(bench.finish, again)
     found, dropped = search.prune(found, keep=0)
     return declared, bench.finish(found), dropped
+
+
+def _require_absent(library: Sequence[Effect]) -> None:
+    """A candidate that is there already would change the declared model."""
+    for effect in library:
+        gain = float(read(effect, ("gain",))[0])
+        require(
+            gain == 0.0,
+            f"The candidate {effect.name!r} has a gain of {gain:g}, and is to be absent until it comes in. Leave its gain out; "
+            "what is known to be there belongs into the model: Augmented(model, (effect,)).",
+        )
 
 
 def _tests(test, check: Record) -> dict[str, Record]:
@@ -177,18 +204,19 @@ def _tests(test, check: Record) -> dict[str, Record]:
 def _study(
     bench: Workbench,
     search: Search,
-    declared,
-    found,
+    sides,
     rounds,
     rivals: tuple[Rival, ...],
     diagnoses,
     tests,
     used: Record,
     conclusion: Conclusion,
+    other: Way | None,
 ) -> Study:
     where, reading = diagnoses
+    found = sides[1][1]
     effects = tuple(bench.effects[name] for name in found.effects)
-    before, after = _side(bench, search, declared, tests, used), _side(bench, search, found, tests, used)
+    before, after = (_side(bench, search, *side, tests, used) for side in sides)
     known = isinstance(bench.likelihood.noise, FixedNoise)
     deviation = np.sqrt(np.diagonal(np.asarray(found.fit.noise)))
     sentences = tuple(effect.sentence for effect in effects)
@@ -198,6 +226,7 @@ def _study(
         effects=found.effects,
         sentences=sentences,
         rounds=rounds,
+        other_rounds=other.rounds if other else (),
         rivals=rivals,
         where=where,
         reading=reading,
@@ -213,8 +242,11 @@ def _study(
     )
 
 
-def _side(bench: Workbench, search: Search, fitted: Fitted, tests: dict[str, Record], used: Record) -> Side:
-    predictions = {name: bench.predict(fitted, test, search.window) for name, test in tests.items()}
+def _side(
+    bench: Workbench, search: Search, predicted: Fitted, fitted: Fitted, tests: dict[str, Record], used: Record
+) -> Side:
+    """What a fit says, and what the fit that has not seen the tests predicts of them."""
+    predictions = {name: bench.predict(predicted, test, search.judge.window) for name, test in tests.items()}
     rms = {name: dict(zip(used.outputs, map(float, one.rms), strict=True)) for name, one in predictions.items()}
     model, free = bench.model_and_free(fitted)
     return Side(

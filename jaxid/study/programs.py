@@ -1,6 +1,7 @@
 """The small programs of a workbench, and how its large ones are compiled together."""
 
-from collections.abc import Sequence
+import inspect
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -9,6 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from .._foundation.types import Array, Bool, Float, Int
+from ..estimation.estimate import fit_problem
 from ..estimation.problem import Problem
 from ..models.augmented import Augmented
 from ..models.base import AbstractModel
@@ -19,6 +21,59 @@ from ..simulation.steppers import rate
 # What a fit costs to compile, in operations that the 24 passes of a refit carry through one sample: 3 s and 10 ms for each
 # operation of its model, at 0.3 us an operation and sample (0.15 to 0.6); on two cores, models of 6 to 1,435 operations.
 COMPILED, COMPILED_EACH = 400_000, 1400
+KEPT_FITS = 48  # as many more come in one round at most, and all of a large model's leave half of the memory maps
+
+
+class Programs:
+    """A function that is compiled for every structure of its arguments, and can let go of what was compiled.
+
+    What `jax.jit` compiled it keeps as long as the function lives. A search compiles one fit for each set of effects, and each
+    takes some three hundred of the 65,530 memory maps that Linux grants a process (`vm.max_map_count`): behind two hundred of
+    them lies a crash.
+
+    Args:
+        function: pure, of arguments whose leaves are arrays, or hashable.
+        most: how many programs are kept when room is asked for.
+    """
+
+    def __init__(self, function: Callable[..., Any], most: int):
+        self.function, self.most = function, most
+        self._begin()
+
+    def __call__(self, *arguments: Any) -> Any:
+        """What the function gives, compiled where it is not yet."""
+        return self.jitted(*self._noted(arguments))
+
+    def lower(self, *arguments: Any) -> Any:
+        """The program for such arguments, to be compiled."""
+        return self.jitted.lower(*self._noted(arguments))
+
+    def make_room(self, count: int) -> None:
+        """Let go of all programs, where so many more would be too many."""
+        if len(self.known) + count > self.most:
+            self._begin()
+
+    def _begin(self) -> None:
+        def run(arrays, others):
+            rest, structure = others
+            both = zip(arrays, rest, strict=True)
+            return self.function(*jax.tree.unflatten(structure, [b if a is None else a for a, b in both]))
+
+        self.jitted, self.known = jax.jit(run, static_argnums=1), set()
+
+    def _noted(self, arguments: tuple) -> tuple[list, tuple]:
+        arrays, others = _apart(arguments)
+        self.known.add((others, tuple((one.shape, one.dtype) for one in arrays if one is not None)))
+        return arrays, others
+
+
+def _apart(arguments: tuple) -> tuple[list, tuple]:
+    """Arrays, with None in the place of what is none; and the rest the other way round, with the structure of both."""
+    leaves, structure = jax.tree.flatten(arguments)
+    is_array = [eqx.is_array(leaf) for leaf in leaves]
+    arrays = [leaf if known else None for leaf, known in zip(leaves, is_array, strict=True)]
+    rest = tuple(None if known else leaf for leaf, known in zip(leaves, is_array, strict=True))
+    return arrays, (rest, structure)
 
 
 def compile_together(programs: Sequence[tuple[Any, tuple]]) -> None:
@@ -28,11 +83,15 @@ def compile_together(programs: Sequence[tuple[Any, tuple]]) -> None:
     lock up on few cores; these only come into being.
 
     Args:
-        programs: functions under `eqx.filter_jit`, with what they are going to be called with.
+        programs: functions under `eqx.filter_jit`, or `Programs`, with what they are going to be called with.
     """
     with ThreadPoolExecutor() as beside:
         for done in [beside.submit(program.lower(*arguments).compile) for program, arguments in programs]:
             done.result()
+
+
+# One for all workbenches: studies of the same shapes compile once.
+FITS = Programs(inspect.unwrap(fit_problem), KEPT_FITS)
 
 
 def pays_to_compile(model: Augmented, samples: int) -> bool:

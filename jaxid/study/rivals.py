@@ -72,5 +72,6 @@ def told_apart(study: "Study", plan: Record) -> dict[str, float]:
     found = {}
     for rival in study.rivals:
         problem, begin = problem_of(rival.model, rival.free, expected)
-        found[rival.name] = float(left_over(*whitened(problem, *sensitivities(problem, begin)), len(rival.free.shared)))
+        left = float(left_over(*whitened(problem, *sensitivities(problem, begin)), len(rival.free.shared)))
+        found[rival.name] = min(left, found.get(rival.name, left))  # one may stand in the place of several
     return found

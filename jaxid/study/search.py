@@ -2,26 +2,25 @@
 
 import dataclasses
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from ..data.record import Record
-from ..diagnosis.predictable import allowance, predictable_share
 from ..diagnosis.scores import Scores, critical
-from ..diagnosis.validation import Prediction, root_mean_square
-from .check import difference_error, mean_log, uncertainty
-from .options import LoopOptions
+from .check import mean_log, uncertainty
+from .judge import KEPT, Judge
 from .pairs import pairs_of
 from .rivals import Rival
-from .shortlist import has_no_shape, shortlist
+from .shortlist import shortlist
 from .study import Candidate, Round
-from .workbench import Fitted, Workbench
+from .tried import Tried
+from .way import Way
+from .workbench import Fitted
 
-DETERMINED = 2.0  # standard errors that a gain, or a fall of the check's error, must stand off zero to be told at all
 STUCK = 0.25  # of the score: a refit that brings less than that is begun again elsewhere
 FAR = 2.0  # times the best score: a fall that is larger tells that the scores were asked far from the solution
 INSEPARABLE = 6.0  # fits whose chi-squares differ by less are rivals that the data cannot tell apart
+SECOND = 0.3  # of the winner's fall in the first round: what brings more is worth a second way
 Progress = Callable[[str], None]
 
 
@@ -29,50 +28,82 @@ class Search:
     """Adds effects to a declared model until nothing helps.
 
     Args:
-        bench: fits and scores.
-        check: the records that decide; not used for fitting.
-        tests: records whose errors are noted in passing, and decide nothing.
-        window: samples at the start of check and test records in which the initial state is fitted.
-        options: levels and limits.
+        judge: says what may be kept; with its workbench and its options.
         progress: told what is going on.
     """
 
-    def __init__(
-        self,
-        bench: Workbench,
-        check: Record,
-        tests: dict[str, Record],
-        window: int | None,
-        options: LoopOptions,
-        progress: Progress,
-    ):
-        self.bench, self.check, self.tests = bench, check, tests
-        self.window = window
-        self.options, self.progress = options, progress
-        self.samples = int(np.sum(np.asarray(bench.records.mask)))
+    def __init__(self, judge: Judge, progress: Progress):
+        self.judge, self.progress = judge, progress
+        self.bench, self.options = judge.bench, judge.options
 
-    def run(self, fitted: Fitted) -> tuple[Fitted, tuple[Round, ...]]:
-        """All rounds, from the declared model's fit."""
-        rounds = []
-        for number in range(1, self.options.max_rounds + 2):
-            self.progress(f"round {number}: scores")
-            scores = self.bench.score(fitted)
-            candidates = self.candidates(fitted, scores)
-            errors, predictable = self.errors(fitted), self.predictable(fitted)
-            added, better, rivals, tried = None, None, (), candidates
-            if number <= self.options.max_rounds:
-                added, better, rivals, tried = self.best(fitted, candidates, scores, number)
-            dropped: tuple[str, ...] = ()
-            begin = fitted.effects
-            if better is not None:
-                fitted, dropped = self.prune(self.bench.finish(better))  # the next scores are asked at it
+    def run(self, declared: Fitted) -> tuple[Way, Way | None]:
+        """All rounds from the declared model's fit, and the other way where two were gone.
+
+        A search that takes the best effect of each round can be led astray by the first. Where it ends with something left,
+        and another effect did not much worse in the first round, the search is begun again with that one, and goes on as long as
+        it keeps up: what needs more effects to come as far is no better an explanation.
+        """
+        tried = self.tried(declared, 1)
+        first = self.way(tried)
+        passed = first.rounds[0].winner
+        if passed is None or self.options.ways < 2 or self.leaves_noise(first) or not self.second_begins(tried, passed):
+            return first, None
+        self.progress(f"another way, not beginning with {passed.name}")
+        second = self.way(tried, passed.family, first)
+        return (second, first) if self.leads_further(second, first) else (first, second)
+
+    def second_begins(self, tried: Tried, winner: Candidate) -> bool:
+        """Whether what was not chosen in the first round does not much worse than what was."""
+        others = (one for one in tried.candidates if one.verdict == KEPT and one.family != winner.family)
+        return any(_cost_fall(one) > SECOND * _cost_fall(winner) for one in others)
+
+    def leads_further(self, second: Way, first: Way) -> bool:
+        """Whether a second way leaves noise, or predicts the check records better and has more credit of all records."""
+        if set(second.fitted.effects) != set(second.rounds[-1].effects):  # given up
+            return False
+        if self.leaves_noise(second):
+            return True
+        judge = self.judge
+        predicts = judge.check_error(second.fitted) < judge.check_error(first.fitted)
+        return predicts and judge.worth(second.fitted) > judge.worth(first.fitted)
+
+    def is_given_up(self, way: Way, other: Way) -> bool:
+        """Whether a way has met one that was gone before, or has fallen behind it and does not leave noise."""
+        return other.holds(way.fitted.effects) or (other.is_ahead_of(way.worth) and not self.leaves_noise(way))
+
+    def leaves_noise(self, way: Way) -> bool:
+        """Whether what stays at the end of a way looks like noise."""
+        return self.judge.looks_like_noise(self.judge.predictable(way.fitted))
+
+    def way(self, tried: Tried, passed_over: str = "", other: Way | None = None) -> Way:
+        """All rounds, from the refits of the first.
+
+        Args:
+            tried: the refits of the first round.
+            passed_over: a family that is not to come in in the first.
+            other: a way that was gone before. This one ends where it meets that, or falls behind it.
+        """
+        fitted, rounds, worth = tried.fitted, (), ()
+        while True:
+            number, begin = tried.number, tried.fitted.effects
+            winner, tried, rivals = self.take(tried, passed_over if number == 1 else "")
+            added, dropped = winner and winner.name, ()
+            if winner is not None:
+                finished = self.bench.finish(tried.refits[winner.name])
+                better = self.begun_again(finished)  # the next scores are asked at it
+                fitted, dropped = self.prune(better)
                 dropped = (*(name for name in begin if name not in better.effects), *dropped)
             elif number <= self.options.max_rounds:
-                fitted, added, dropped = self.exchange(fitted, candidates, number)
-            rounds.append(Round(begin, tried, added, rivals, dropped, errors, predictable, self.threshold(candidates)))
-            if fitted.effects == begin:
-                break
-        return fitted, tuple(rounds)
+                fitted, added, dropped, told = self.exchange(fitted, tried.singles, number)
+                tried = tried._replace(candidates=tuple(told.get(one.name, one) for one in tried.candidates))
+            errors, predictable = self.judge.errors(tried.fitted), self.judge.predictable(tried.fitted)
+            threshold = self.judge.threshold(tried.singles)
+            rounds += (Round(begin, tried.candidates, added, rivals, dropped, errors, predictable, threshold),)
+            worth += (self.judge.worth(fitted),)
+            way = Way(fitted, rounds, worth)
+            if fitted.effects == begin or (other and self.is_given_up(way, other)):
+                return way
+            tried = self.tried(fitted, number + 1)
 
     def candidates(self, fitted: Fitted, scores: Scores) -> tuple[Candidate, ...]:
         """All effects that are not in, best score first: none of their family is in, nor what refines them, and what they refine
@@ -88,17 +119,21 @@ class Search:
                 found.append(Candidate(*words, score, significance, expected, left))
         return tuple(sorted(found, key=lambda one: -one.score))
 
-    def best(self, fitted: Fitted, candidates: tuple[Candidate, ...], scores: Scores, number: int):
-        """Refit the best-scored candidates; the one to keep, its fit, its rivals, and the candidates with their verdicts."""
-        threshold = self.threshold(candidates)
-        before = self.check_prediction(fitted)
-        refits: dict[str, Fitted] = {}
-        told: list[Candidate] = []
-        bench, best_fall, limit = self.bench, 0.0, self.options.refits
-        gains = bench.columns.gains
-        listed = shortlist(candidates, scores, bench.effects, gains, bench.measured, threshold, limit)
+    def tried(self, fitted: Fitted, number: int) -> Tried:
+        """Score all candidates of a round and refit the best, and where none of them may be kept, the best pairs."""
+        self.progress(f"round {number}: scores")
+        bench, judge = self.bench, self.judge
+        scores = bench.score(fitted)
+        candidates, before = self.candidates(fitted, scores), judge.check_prediction(fitted)
+        if number > self.options.max_rounds:
+            return Tried(fitted, before, candidates, {}, {}, number)
+        threshold, gains = judge.threshold(candidates), bench.columns.gains
+        listed = shortlist(candidates, scores, bench.effects, gains, bench.measured, threshold, self.options.refits)
         asked = [one for one in candidates if not listed.verdict_without_refit(one, bench.effects[one.name], 0.0)]
         bench.prepare(fitted, [_with(fitted, one.parts, self.refined(fitted, one)) for one in asked])
+        refits: dict[str, Fitted] = {}
+        told: list[Candidate] = []
+        best_fall = 0.0
         for candidate in candidates:
             verdict = listed.verdict_without_refit(candidate, bench.effects[candidate.name], best_fall)
             if verdict is not None:
@@ -106,59 +141,67 @@ class Search:
                 continue
             self.progress(f"round {number}: refit with {candidate.name}")
             refits[candidate.name] = self.refit(fitted, candidate)
-            told.append(self.judge(fitted, refits[candidate.name], candidate, before, threshold))
-            if told[-1].verdict == "kept":
+            told.append(judge.told(fitted, refits[candidate.name], candidate, before, threshold))
+            if told[-1].verdict == KEPT:
                 best_fall = max(best_fall, _cost_fall(told[-1]))
-        kept = {one.name: one for one in told if one.verdict == "kept"}
-        if not kept:
-            pairs = self.refit_pairs(fitted, candidates, scores, before, refits, number)
-            told = sorted([*told, *pairs], key=lambda one: -one.score)
-            kept = {one.name: one for one in pairs if one.verdict == "kept"}
-        if not kept:
-            return None, None, (), tuple(told)
-        winner, rivals = self.choose(kept, refits)
-        second = self.second_look(fitted, kept[winner], candidates, tuple(listed.twins), before, refits, number)
-        if second:
-            told = [second.get(one.name, one) for one in told]
-            kept |= {name: one for name, one in second.items() if one.verdict == "kept"}
-            winner, rivals = self.choose(kept, refits)
-        rivals += tuple(name for name, same in listed.twins.items() if same == winner)
-        verdicts = {
-            name: "added"
-            if name == winner
-            else "a rival that the data cannot tell from it"
-            if name in rivals
-            else "helps less"
-            for name in kept
-        }
-        told = [dataclasses.replace(one, verdict=verdicts.get(one.name, one.verdict)) for one in told]
-        return winner, refits[winner], rivals, tuple(told)
+        if not any(one.verdict == KEPT for one in told):
+            told += self.refit_pairs(fitted, candidates, scores, before, refits, number)
+            told.sort(key=lambda one: -one.score)
+        return Tried(fitted, before, tuple(told), refits, listed.twins, number)
 
-    def second_look(
-        self, fitted: Fitted, winner: Candidate, candidates, twins, before, refits: dict[str, Fitted], number: int
-    ) -> dict[str, Candidate]:
+    def take(self, tried: Tried, passed_over: str = "") -> tuple[Candidate | None, Tried, tuple[str, ...]]:
+        """Choose among the refits of a round.
+
+        Args:
+            tried: the refits.
+            passed_over: a family that is not to be chosen.
+
+        Returns:
+            What is to come in, if anything; the refits, with their final verdicts and those of a second look; the rivals.
+        """
+        told = {one.name: _passed_over(one) if one.family == passed_over else one for one in tried.candidates}
+        kept = {name: one for name, one in told.items() if one.verdict == KEPT}
+        if not kept:
+            return None, tried._replace(candidates=tuple(told.values())), ()
+        refits = dict(tried.refits)
+        winner, rivals = self.choose(kept, refits)
+        second = self.second_look(tried, kept[winner], passed_over)
+        if second:
+            refits |= {name: refit for name, (refit, _) in second.items()}
+            told |= {name: one for name, (_, one) in second.items()}
+            kept = {name: one for name, one in told.items() if one.verdict == KEPT}
+            winner, rivals = self.choose(kept, refits)
+        rivals += tuple(name for name, same in tried.twins.items() if same == winner)
+        verdicts = dict.fromkeys(kept, "helps less") | dict.fromkeys(
+            rivals, "a rival that the data cannot tell from it"
+        )
+        verdicts = {name: verdicts[name] for name in kept} | {winner: "added"}
+        told |= {name: dataclasses.replace(told[name], verdict=verdict) for name, verdict in verdicts.items()}
+        return told[winner], tried._replace(candidates=tuple(told.values()), refits=refits), rivals
+
+    def second_look(self, tried: Tried, winner: Candidate, passed_over: str) -> dict[str, tuple[Fitted, Candidate]]:
         """Refit what, asked at the winner's solution, would do better in its place.
 
         A score is asked where the declared model was fitted. Where what is missing is large, that is far from the truth, and the
         right effect can score behind others, or its refit end in another valley; the winner's solution is nearer.
         """
-        if winner.pair or _cost_fall(winner) < FAR * candidates[0].score:
+        if winner.pair or _cost_fall(winner) < FAR * tried.candidates[0].score:
             return {}
-        at, effects = refits[winner.name], self.bench.effects
-        waiting = [one for one in candidates if one.name not in (winner.name, *twins) and not effects[one.name].refines]
+        at, effects = tried.refits[winner.name], self.bench.effects
+        absent = (one for one in tried.singles if one.name not in (winner.name, *tried.twins))
+        waiting = [one for one in absent if not effects[one.name].refines and one.family != passed_over]
         gains = [self.bench.columns.gains[one.name] for one in waiting]
         falls = np.asarray(self.bench.exchange_falls(at, [winner.parts]))[0, gains]
-        told = {}
+        threshold, found = self.judge.threshold(tried.singles), {}
         for index in np.argsort(-falls)[: self.options.pairs]:
             if falls[index] <= 0.0:
                 break
             other = waiting[index]
-            self.progress(f"round {number}: refit with {other.name}, in the place of {winner.name}")
+            self.progress(f"round {tried.number}: refit with {other.name}, in the place of {winner.name}")
             again = self.replaced(at, other.parts, winner.parts)
-            if other.name not in refits or again.cost < refits[other.name].cost:
-                refits[other.name] = again
-                told[other.name] = self.judge(fitted, again, other, before, self.threshold(candidates))
-        return told
+            if other.name not in tried.refits or again.cost < tried.refits[other.name].cost:
+                found[other.name] = again, self.judge.told(tried.fitted, again, other, tried.before, threshold)
+        return found
 
     def refit_pairs(self, fitted, candidates, scores, before, refits: dict[str, Fitted], number) -> list[Candidate]:
         """Refit the pairs that score best together, for effects that hide each other: weak alone, strong together.
@@ -177,25 +220,25 @@ class Search:
                 continue
             self.progress(f"round {number}: refit with {pair.name}")
             refits[pair.name] = self.refit(fitted, pair)
-            told.append(self.judge(fitted, refits[pair.name], pair, before, threshold))
+            told.append(self.judge.told(fitted, refits[pair.name], pair, before, threshold))
         return told
 
-    def choose(self, kept: dict[str, Candidate], refits: dict[str, Fitted]) -> tuple[str, tuple[str, ...]]:
+    def choose(self, kept: Mapping[str, Candidate], refits: Mapping[str, Fitted]) -> tuple[str, tuple[str, ...]]:
         """The winner and its rivals.
 
-        Training and check records are one body of evidence: twice the log-likelihood of both, less a price for each parameter.
-        Of those that come near the best, the colour of the residual accounted for, the simplest wins, and of equally simple
-        ones the best. (A check record by itself is short: where a model drifts, its error is a matter of luck.) What the records
-        show by themselves goes before what only a model can tell: a stop of a sensor hides what there is to explain beyond it.
+        Of those that come near the best in evidence, each parameter priced and the colour of the residual accounted for, the
+        simplest wins, and of equally simple ones the best. What the records show by themselves goes before what only a model
+        can tell: a stop of a sensor hides what there is to explain beyond it.
         """
         effects, measured = self.bench.effects, self.bench.measured
         kept = {
             name: one for name, one in kept.items() if any(effects[part].shown(measured) for part in one.parts)
         } or kept
-        evidence = {name: _cost_fall(one) - 2.0 * self.check_cost(refits[name]) for name, one in kept.items()}
-        worth = {name: fall - np.log(self.samples) * len(refits[name].columns) for name, fall in evidence.items()}
+        evidence = {name: self.judge.evidence(refits[name]) for name in kept}
+        worth = {name: one - self.judge.price(refits[name]) for name, one in evidence.items()}
         top = max(worth, key=worth.__getitem__)
-        near = [name for name in kept if worth[top] - worth[name] <= INSEPARABLE * kept[top].colour]
+        colour = kept[top].colour if np.isfinite(kept[top].colour) else 1.0
+        near = [name for name in kept if worth[top] - worth[name] <= INSEPARABLE * colour]
         complexity = {name: sum(effects[part].complexity for part in kept[name].parts) for name in near}
         winner = min(near, key=lambda name: (complexity[name], -worth[name]))
         rivals = [
@@ -221,87 +264,71 @@ class Search:
         again = self.bench.fit(effects, values, fitted.fit.parameters.rows)
         return again if again.cost < found.cost else found
 
+    def begun_again(self, fitted: Fitted) -> Fitted:
+        """A fit, or, where it leaves more than noise, that from the declared model's own values if it ends below.
+
+        The declared model by itself may be fitted far from the truth, and what it lacked then comes in in another valley.
+        """
+        if self.judge.looks_like_noise(self.judge.predictable(fitted)):
+            return fitted
+        self.progress(f"again from the declared values, with {' and '.join(fitted.effects)}")
+        values = np.array(fitted.values)
+        values[: self.bench.begin.size] = self.bench.begin
+        again = self.bench.fit(fitted.effects, values)
+        return again if again.cost < fitted.cost else fitted
+
     def refined(self, fitted: Fitted, candidate: Candidate) -> tuple[str, ...]:
         """Names of the effects that are in and that a candidate says more closely."""
         families = {self.bench.effects[name].refines for name in candidate.parts} - {""}
         return tuple(name for name in fitted.effects if self.bench.effects[name].family in families)
 
-    def judge(
-        self, fitted: Fitted, refit: Fitted, candidate: Candidate, before: Prediction, threshold: float
-    ) -> Candidate:
-        """Whether a refitted candidate may be kept, and why not if not."""
-        fall = 2.0 * (fitted.cost - refit.cost)
-        after = self.check_prediction(refit)
-        check_fall = mean_log(before) - mean_log(after)
-        # Of a residual that is still predictable no significance is known; there only a material gain counts, which stands out
-        # of the check's scatter: by more where the training records, as far as their colour is known, do not bear it out.
-        noise = self.looks_like_noise(self.predictable(refit))
-        borne_out = fall / candidate.colour > threshold
-        significant = noise and borne_out
-        stands_out = check_fall > (1.0 if borne_out else DETERMINED) * difference_error(before, after)
-        material = fall > threshold and check_fall > self.options.material and stands_out
-        if not np.isfinite(check_fall) or check_fall < -self.options.harm:
-            verdict = "predicts the check records worse"
-        elif not self.determined(refit, candidate):
-            verdict = "its size is not determined"
-        elif self.bench.is_void(refit, candidate.parts):
-            verdict = "its shape runs out of the records"
-        elif not (significant or material):
-            verdict = "not significant"
-        else:
-            verdict = "kept"
-        return dataclasses.replace(candidate, cost_fall=fall, check_fall=float(check_fall), verdict=verdict)
-
-    def determined(self, refit: Fitted, candidate: Candidate) -> bool:
-        """Whether each gain stands two standard errors off zero, the colour of what is left accounted for.
-
-        Where an effect has a shape beside its gain, the two can be told together only (a faint lag is gain times time), and
-        the gain by itself says nothing.
-        """
-        errors = self.bench.standard_errors(refit)
-        alone = (name for name in candidate.parts if has_no_shape(self.bench.effects[name]))
-        return all(abs(value) > DETERMINED * error for value, error in (errors[f"{name}.gain"] for name in alone))
-
     def prune(self, fitted: Fitted, keep: int = 1) -> tuple[Fitted, tuple[str, ...]]:
         """Take out effects that have become superfluous, but for so many of the latest."""
         dropped: tuple[str, ...] = ()
-        threshold = critical(self.options.level / len(self.bench.effects))
+        threshold = critical(self.options.level / max(len(self.bench.effects), 1))
         errors = self.bench.standard_errors(fitted)
         for name in fitted.effects[: len(fitted.effects) - keep]:
             value, error = errors[f"{name}.gain"]
-            if (value / error) ** 2 > threshold if error > 0 else False:
+            if error > 0 and (value / error) ** 2 > threshold:
                 continue
             self.progress(f"trying without {name}")
             values = np.array(fitted.values)
             values[self.bench.columns.gains[name]] = 0.0
             without = self.bench.fit(_with(fitted, (), (name,)), values, fitted.fit.parameters.rows)
-            harmless = self.check_error(without) - self.check_error(fitted) < self.options.harm
+            harmless = self.judge.check_error(without) - self.judge.check_error(fitted) < self.options.harm
             if 2.0 * (without.cost - fitted.cost) < threshold and harmless:
                 fitted, dropped = without, (*dropped, name)
         return fitted, dropped
 
     def exchange(
         self, fitted: Fitted, candidates: tuple[Candidate, ...], number: int
-    ) -> tuple[Fitted, str | None, tuple[str, ...]]:
+    ) -> tuple[Fitted, str | None, tuple[str, ...], dict[str, Candidate]]:
         """Put one effect in the place of one or two that are in, where it says as much or more; at best, once.
 
         Effects that came in one by one can stand for one that could not be told yet: two late sensors for a late input.
         (Miller, Subset Selection in Regression, 2002, section 3.5.)
 
         Returns:
-            The fit, what came in and what went out; the old fit, None and nothing where no exchange is for the better.
+            The fit, what came in, what went out, and what was tried in its place, by name; the old fit, None and nothing where no
+            exchange is for the better.
         """
-        before, found = self.check_error(fitted), (0.0, fitted, None, ())
+        before, found, falls = self.judge.check_error(fitted), (0.0, fitted, None, ()), {}
+        by_name = {one.name: one for one in candidates}
         for _, name, out in self.exchanges(fitted, candidates):
             self.progress(f"round {number}: {name} in the place of {' and '.join(out)}")
             refit = self.replaced(fitted, (name,), out)
-            gain = 2.0 * (fitted.cost - refit.cost)
-            gain += np.log(self.samples) * (len(fitted.columns) - len(refit.columns)) - INSEPARABLE * (len(out) == 1)
-            after = self.check_prediction(refit)
+            gain = fall = 2.0 * (fitted.cost - refit.cost)
+            gain += self.judge.price(fitted) - self.judge.price(refit) - INSEPARABLE * (len(out) == 1)
+            after = self.judge.check_prediction(refit)
             harmless = mean_log(after) - before < uncertainty(after)
+            falls.setdefault(out, {})[name] = dataclasses.replace(by_name[name], cost_fall=fall, verdict="helps less")
             if gain > found[0] and harmless:
                 found = (gain, refit, name, out)
-        return found[1:]
+        _, fitted, added, out = found
+        told = falls.get(out, {})
+        if added is not None:
+            told[added] = dataclasses.replace(told[added], verdict="added")
+        return fitted, added, out, told
 
     def exchanges(self, fitted: Fitted, candidates: tuple[Candidate, ...]) -> list[tuple[float, str, tuple[str, ...]]]:
         """What could come in for what, with the fall of chi-square that the linear model expects, the best first."""
@@ -311,7 +338,7 @@ class Search:
         sets = [out for count in (1, 2) for out in itertools.combinations(fitted.effects, count)]
         gains = [self.bench.columns.gains[name] for name in absent]
         falls = np.asarray(self.bench.exchange_falls(fitted, sets))[:, gains]
-        falls += np.log(self.samples) * (np.array([[len(out)] for out in sets]) - 1)  # what goes out is paid back
+        falls += np.log(self.judge.samples) * (np.array([[len(out)] for out in sets]) - 1)  # what goes out is paid back
         best = np.argsort(-falls, axis=None)[: self.options.pairs]
         return [(falls.flat[i], absent[i % len(absent)], sets[i // len(absent)]) for i in best]
 
@@ -346,48 +373,6 @@ class Search:
                     found.append(Rival(candidate.name, candidate.sentence, out, worse, model, free))
         return tuple(found)
 
-    def check_prediction(self, fitted: Fitted) -> Prediction:
-        """The check records as a fit predicts them."""
-        return self.bench.predict(fitted, self.check, self.window)
-
-    def check_cost(self, fitted: Fitted) -> float:
-        """Negative log-likelihood of the check records."""
-        predicted = self.check_prediction(fitted)
-        return float(self.bench.likelihood.noise.cost(predicted.residuals, predicted.scored))
-
-    def check_error(self, fitted: Fitted) -> float:
-        """Mean over the channels of the logarithm of the error on the check records."""
-        return mean_log(self.check_prediction(fitted))
-
-    def threshold(self, candidates: tuple[Candidate, ...]) -> float:
-        """The chi-square that counts as significant, with as many candidates tried (Bonferroni)."""
-        return critical(self.options.level / max(len(candidates), 1))
-
-    def errors(self, fitted: Fitted) -> dict[str, dict[str, float]]:
-        """Root mean square error by part and channel."""
-        names = self.bench.records.outputs
-        parts = {
-            "train": root_mean_square(fitted.fit.residuals, self.bench.records.mask),
-            "check": self.bench.predict(fitted, self.check, self.window).rms,
-        }
-        for name, test in self.tests.items():
-            parts[f"test {name}"] = self.bench.predict(fitted, test, self.window).rms
-        return {part: dict(zip(names, map(float, rms), strict=True)) for part, rms in parts.items()}
-
-    def looks_like_noise(self, predictable: dict[str, float]) -> bool:
-        """Whether no channel's past predicts more of it than is allowed, the scatter of short records included."""
-        return max(predictable.values()) <= self.predictable_by_chance()
-
-    def predictable_by_chance(self) -> float:
-        """The share of a channel's residual that its past may predict, and it still counts as noise."""
-        fewest = int(np.min(np.sum(np.asarray(self.bench.records.mask), axis=(0, 1))))
-        return self.options.predictable + allowance(fewest)
-
-    def predictable(self, fitted: Fitted) -> dict[str, float]:
-        """Share of the training residual that its own past predicts, per channel."""
-        share = predictable_share(fitted.fit.residuals, self.bench.records.mask)
-        return dict(zip(self.bench.records.outputs, map(float, share), strict=True))
-
 
 def _with(fitted: Fitted, come: tuple[str, ...], out: tuple[str, ...] = ()) -> tuple[str, ...]:
     """What is in a fit, with some effects in the place of others."""
@@ -398,3 +383,9 @@ def _cost_fall(candidate: Candidate) -> float:
     """The fall of the training cost of a candidate that was refitted."""
     assert candidate.cost_fall is not None
     return candidate.cost_fall
+
+
+def _passed_over(candidate: Candidate) -> Candidate:
+    """A candidate with which another way has begun."""
+    kept = candidate.verdict == KEPT
+    return dataclasses.replace(candidate, verdict="another way began with its like") if kept else candidate

@@ -79,7 +79,7 @@ class Round:
         added: the name of the candidate that was kept, None when none was.
         rivals: candidates that the data cannot tell from it.
         dropped: effects that became insignificant and were taken out again.
-        errors: root mean square error per channel by part (`train`, `check`, `test`), at the beginning of the round.
+        errors: root mean square error per channel by part (`train`, `check`, `test NAME`), at the beginning of the round.
         predictable: share of the training residual that its own past predicts, per channel.
         threshold: chi-square from which on a candidate counts as significant, the number tried accounted for.
     """
@@ -202,6 +202,7 @@ class Study:
         effects: names of the effects that were added and kept, in the order of their finding.
         sentences: the same in words.
         rounds: what happened.
+        other_rounds: of the way that was given up, where the search was begun twice; else none.
         rivals: effects that do as well in the place of one that is in, in the end; `told_apart` says what another record would
             make of them.
         where: where the training residual sits, of the declared model (`before`) and of the one with the effects (`after`).
@@ -220,6 +221,7 @@ class Study:
     effects: tuple[str, ...]
     sentences: tuple[str, ...]
     rounds: tuple[Round, ...]
+    other_rounds: tuple[Round, ...]
     rivals: tuple[Rival, ...]
     where: dict[str, Where]
     reading: dict[str, Reading]
@@ -254,6 +256,7 @@ class Study:
             "where": {side: _places(one) for side, one in self.where.items()},
             "rivals": [_rival(one) for one in self.rivals],
             "rounds": [dataclasses.asdict(one) for one in self.rounds],
+            "other_rounds": [dataclasses.asdict(one) for one in self.other_rounds],
         }
 
     def to_json(self) -> str:
@@ -268,6 +271,9 @@ class Study:
             rivals = f", not to be told from {', '.join(one.rivals)}" if one.rivals else ""
             lines.append(f"round {index}: {what}{rivals}" + (f" (best score: {best.name})" if best else ""))
             lines += [f"         dropped {name}" for name in one.dropped]
+        if self.other_rounds:
+            steps = ", ".join(str(one.added) for one in self.other_rounds if one.added)
+            lines.append(f"another way was tried and given up: {steps}")
         first = self.where["before"]
         if self.outcome != "nothing missing":
             sits = ", or ".join(f"{one.kind} {one.name} ({one.share:.0%})" for one in first.rivals())

@@ -56,8 +56,8 @@ def coloured_noise(search: Search, found: Fitted) -> ColouredNoise | None:
         search: with its workbench and options.
         found: the fit with what was added, or the declared model's.
     """
-    bench, records, allowed = search.bench, search.bench.records, search.predictable_by_chance()
-    coloured = tuple(name for name, share in search.predictable(found).items() if share > allowed)
+    bench, records, allowed = search.bench, search.bench.records, search.judge.predictable_by_chance()
+    coloured = tuple(name for name, share in search.judge.predictable(found).items() if share > allowed)
     if not coloured:
         return None
     search.progress("whether coloured noise of the sensors explains the residual")
@@ -128,4 +128,4 @@ def _nothing_is_left(search: Search, noise: ProcessNoise, scores: Scores) -> boo
     significance = np.asarray(scores.significance)
     tried = int(np.sum(np.asarray(scores.left) > 0))
     fires = float(np.max(significance, initial=0.0)) > critical(search.options.level / max(tried, 1))
-    return search.looks_like_noise(dict(zip(records.outputs, map(float, share), strict=True))) and not fires
+    return search.judge.looks_like_noise(dict(zip(records.outputs, map(float, share), strict=True))) and not fires

@@ -51,7 +51,7 @@ def conclude(
     """
     last = rounds[-1]
     fires = any(min(one.score, one.significance) > last.threshold for one in last.candidates)
-    coloured = not search.looks_like_noise(last.predictable)
+    coloured = not search.judge.looks_like_noise(last.predictable)
     if isinstance(search.bench.likelihood.noise, FixedNoise):
         coloured = coloured or _above_known_noise(found, search.bench, search.options.level)
     if found.effects:
@@ -95,9 +95,10 @@ def stands_out(where: Where, level: float) -> bool:
 def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:
     """Whether the residual's whitened sum of squares is larger than known noise allows (chi-square)."""
     mask = np.asarray(bench.records.mask)
-    deviation = np.sqrt(np.diagonal(np.asarray(found.fit.noise)))
-    white = np.asarray(found.fit.residuals) / deviation
-    return bool(chi2.sf(np.sum(white[mask] ** 2), int(mask.sum()) - len(found.columns)) < level)
+    triangle = np.linalg.cholesky(np.asarray(found.fit.noise))
+    white = np.where(mask, np.asarray(found.fit.residuals), 0.0) @ np.linalg.inv(triangle).T
+    unknown = len(found.columns) + found.fit.parameters.rows.size
+    return bool(chi2.sf(np.sum(white**2), max(int(mask.sum()) - unknown, 1)) < level)
 
 
 def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Rival, ...], left: Where) -> str:

@@ -15,7 +15,7 @@ from ..diagnosis.reading import Reading, read
 from ..diagnosis.scores import Scores, exchange_falls, scores_of, sensitivities, whitened
 from ..diagnosis.validation import Prediction, predict_stack
 from ..diagnosis.where import Where, located, resolution
-from ..estimation.estimate import Fit, fit_problem
+from ..estimation.estimate import Fit
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..estimation.solver import GaussNewton
@@ -36,9 +36,11 @@ from ..models.library import started, uncertain_equations
 from ..models.names import flatten
 from ..models.noise import FixedNoise
 from .columns import Columns
-from .programs import compile_together, pays_to_compile, placed, signals_of
+from .programs import FITS, compile_together, pays_to_compile, placed, signals_of
 
-GO_ON = 10  # times that a fit goes on behind its iteration limit
+GO_ON = 10  # times at most that a fit goes on behind its iteration limit
+LITTLE = 0.5  # fall of the cost (one of chi-square) that makes it worth while
+CREEPING = 0.1  # of all that going on has brought: a time that brings less changes no choice
 WIDTH = 8  # effects' parameters are fitted in columns of this many, so that few widths are ever compiled
 
 
@@ -99,6 +101,7 @@ class Workbench:
         self.equations = uncertain_equations(canonical(model), np.asarray(self.free.positions(canonical(model)).shared))
         self.leaves = leaves_at(self.model, np.r_[self.at, np.asarray(self.rows)])
         self.by_itself = pays_to_compile(self.model, self.records.t.shape[1])
+        self.begin = self._values()[: self.columns.declared]  # where the declared model's own fit starts
         self.measured: dict[str, np.ndarray] = {}
         self.variables: dict[str, Array] = {}
         self.passed: tuple | None = None
@@ -111,19 +114,19 @@ class Workbench:
             window: as `predict` takes it.
         """
         values = self._values()
-        declared = self._to_fit((), values, None, None)
+        declared = self._to_fit((), values, None)
         noise = jnp.eye(len(self.records.outputs))
         by_shape = {(records.z.shape, records.u.shape): records for records in tests}
         programs = [
-            (fit_problem, declared),
+            (FITS, declared),
             (sensitivities, self._of_all(values, declared[1].rows)),
             *((predict_stack, self._to_predict(values, noise, records, window)) for records in by_shape.values()),
         ]
         compile_together(programs)
 
-    def base(self, records: Record | None = None) -> Fitted:
+    def base(self) -> Fitted:
         """The declared model by itself."""
-        return self.fit((), self._values(), records=records)
+        return self.fit((), self._values())
 
     def set_shapes(self, fitted: Fitted) -> Fitted:
         """Set the effects' shapes from the signals of the declared model's fit; the fit itself is not touched."""
@@ -142,21 +145,31 @@ class Workbench:
         effects: Sequence[str],
         values: Float[np.ndarray, " column"],
         rows: Float[Array, "case own"] | None = None,
-        records: Record | None = None,
+        creeping: float = CREEPING,
     ) -> Fitted:
         """Estimate the declared parameters and those of some effects together.
+
+        A fit that its iteration limit ends is gone on with, as a search that compares what is under way takes the wrong one.
 
         Args:
             effects: names of the effects that are in.
             values: of all columns, where to start.
             rows: the records' own parameters, where to start; what the model reads from the records by default.
-            records: other records than the training ones.
+            creeping: share of all that going on has brought; a time that brings less is the last.
         """
-        chosen = self.columns.chosen(effects)
-        found = fit_problem(*self._to_fit(effects, values, rows, records))
-        new = np.array(values)
-        new[chosen] = np.asarray(found.parameters.shared)[: len(chosen)]
-        return Fitted(tuple(effects), new, found, tuple(chosen))
+        chosen, values = self.columns.chosen(effects), np.array(values)
+        found, costs = None, []
+        while found is None or (found.result == RESULTS.steps_exhausted and worth_going_on(costs, creeping)):
+            found = FITS(*self._to_fit(effects, values, rows))
+            values[chosen] = np.asarray(found.parameters.shared)[: len(chosen)]
+            rows, costs = found.parameters.rows, [*costs, float(found.cost)]
+        return Fitted(tuple(effects), values, found, tuple(chosen))
+
+    def finish(self, fitted: Fitted) -> Fitted:
+        """A fit gone on with to its very end, as a figure that is reported must be."""
+        if fitted.fit.result != RESULTS.steps_exhausted:
+            return fitted
+        return self.fit(fitted.effects, fitted.values, fitted.fit.parameters.rows, creeping=0.0)
 
     def prepare(self, fitted: Fitted, sets: Sequence[tuple[str, ...]]) -> None:
         """Compile the fits of some sets of effects side by side, where each has a program of its own.
@@ -167,15 +180,8 @@ class Workbench:
         """
         if self.by_itself:
             rows = fitted.fit.parameters.rows
-            compile_together([(fit_problem, self._to_fit(names, fitted.values, rows, None)) for names in sets])
-
-    def finish(self, fitted: Fitted) -> Fitted:
-        """A fit that its iteration limit ended, gone on with: a search need not wait for it, a figure that is reported must."""
-        for _ in range(GO_ON):
-            if fitted.fit.result != RESULTS.steps_exhausted:
-                break
-            fitted = self.fit(fitted.effects, fitted.values, fitted.fit.parameters.rows)
-        return fitted
+            FITS.make_room(len(sets))
+            compile_together([(FITS, self._to_fit(names, fitted.values, rows)) for names in sets])
 
     def score(self, fitted: Fitted) -> Scores:
         """Score all columns that are not in a fit."""
@@ -252,20 +258,20 @@ class Workbench:
 
     def _of_all(self, values, rows) -> tuple[Problem, Parameters]:
         """The problem with all columns free, and its parameters."""
-        problem, shared = self._problem(range(len(self.at)), len(self.at), values, None)
+        problem, shared = self._problem(range(len(self.at)), len(self.at), values)
         return problem, Parameters(shared, rows)
 
     def _values(self) -> Float[np.ndarray, " column"]:
         """Of all columns, as the model has them."""
         return np.array(flatten(self.model)[0])[self.at]
 
-    def _to_fit(self, effects: Sequence[str], values, rows, records: Record | None):
+    def _to_fit(self, effects: Sequence[str], values, rows):
         """What `fit_problem` takes."""
         chosen = self.columns.chosen(effects)
         if self.by_itself:
-            problem, shared = self._problem_by_itself(effects, chosen, values, records)
+            problem, shared = self._problem_by_itself(effects, chosen, values)
         else:
-            problem, shared = self._problem(chosen, self._width(chosen), values, records)
+            problem, shared = self._problem(chosen, self._width(chosen), values)
         if rows is None:
             rows = start(problem.model, problem.positions, problem.records).rows
         parameters = Parameters(shared, rows)
@@ -296,8 +302,10 @@ class Workbench:
         model = with_values(
             Augmented(declared, effects) if effects else declared, names, jnp.asarray(fitted.values[[*fitted.columns]])
         )
-        one = self.free
-        return model, Free(names, one.per_record, one.lower, one.upper, one.scale, one.prior)
+        one, own = self.free, self.columns
+        lower = {own.names[k]: jnp.asarray(own.lower[k]) for k in fitted.columns if np.isfinite(own.lower[k])}
+        upper = {own.names[k]: jnp.asarray(own.upper[k]) for k in fitted.columns if np.isfinite(own.upper[k])}
+        return model, Free(names, one.per_record, one.lower | lower, one.upper | upper, one.scale, one.prior)
 
     def standard_errors(self, fitted: Fitted) -> dict[str, tuple[float, float]]:
         """Value and colour-corrected standard error of every free parameter, by name."""
@@ -321,26 +329,24 @@ class Workbench:
         declared = self.columns.declared
         return declared + WIDTH * max(1, -(-(len(chosen) - declared) // WIDTH))
 
-    def _problem(self, chosen, width, values, records):
+    def _problem(self, chosen, width, values):
         """The problem with the chosen columns free, padded to a width, and their starting values."""
         padding = width - len(chosen)
         chosen = [*chosen]
         model = self._with(values)
         shared = jnp.asarray(np.r_[self.at[chosen], np.full(padding, len(self.names))], int)
         positions = Positions(shared, self.rows, self.leaves)
-        records = self.records if records is None else records
-        limits = self.columns.limits(chosen, padding, records.n_cases)
+        limits = self.columns.limits(chosen, padding, self.records.n_cases)
         shared = jnp.asarray(np.r_[values[chosen], np.zeros(padding)])
-        return Problem(model, positions, records, self.likelihood, limits), shared
+        return Problem(model, positions, self.records, self.likelihood, limits), shared
 
-    def _problem_by_itself(self, effects, chosen, values, records):
+    def _problem_by_itself(self, effects, chosen, values):
         """The problem with the chosen columns free, in a model with these effects and no other, and their starting values."""
         model = self._with(values).only(effects)
         names = tuple(self.columns.names[column] for column in chosen)
         positions = Free(names, self.free.per_record).positions(model)
-        records = self.records if records is None else records
-        limits = self.columns.limits(chosen, 0, records.n_cases)
-        return Problem(model, positions, records, self.likelihood, limits), jnp.asarray(values[chosen])
+        limits = self.columns.limits(chosen, 0, self.records.n_cases)
+        return Problem(model, positions, self.records, self.likelihood, limits), jnp.asarray(values[chosen])
 
     def _with(self, values) -> Augmented:
         return placed(self.model, jnp.asarray(self.at), jnp.asarray(values))
@@ -369,3 +375,9 @@ def _regular(R: Float[Array, "output output"]) -> Float[Array, "output output"]:
     """R with a floor on its diagonal, for a channel that is fitted without any error."""
     floor = jnp.finfo(float).eps * jnp.max(jnp.diagonal(R))
     return R + floor * jnp.eye(R.shape[0])
+
+
+def worth_going_on(costs: list[float], creeping: float) -> bool:
+    """Whether a fit that its iteration limit ended, at these costs so far, is to be gone on with."""
+    few = len(costs) < 2  # of which no fall is known
+    return len(costs) <= GO_ON and (few or costs[-2] - costs[-1] > max(LITTLE, creeping * (costs[0] - costs[-1])))

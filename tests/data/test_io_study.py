@@ -71,6 +71,16 @@ def test_everything_that_is_said_is_read(folder):
     np.testing.assert_allclose(speed[10:-10], 2 * np.pi * np.cos(2 * np.pi * t)[10:-10], rtol=0.05, atol=0.1)
 
 
+def test_records_are_cut_after_their_derivatives_are_taken(folder):
+    whole, file = read(folder, GOOD), read(folder, GOOD.replace("[noise]", "cut = 0.3\n[noise]"))
+    assert [one.names[0] for one in file.train] == [f"{name} ({k} of 4)" for name in "ab" for k in (1, 2, 3, 4)]
+    assert [one.names[0] for one in file.test["fast"]] == [f"d ({k} of 4)" for k in (1, 2, 3, 4)]
+    pieces = np.concatenate([np.asarray(one.z) for one in file.train[:4]])
+    np.testing.assert_array_equal(pieces, np.asarray(whole.train[0].z))
+    with pytest.raises(InputError, match=r"\[records\] cut: Record 'a': in 50 pieces"):
+        read(folder, GOOD.replace("[noise]", "cut = 0.02\n[noise]"))
+
+
 def test_only_model_and_records_are_needed(folder):
     file = read(folder, '[model]\nuse = "m:C"\n[records]\ninputs=["force"]\noutputs=["x"]\ntime="s"\ntrain=["a.csv"]\n')
     assert (file.title, file.free, file.noise, file.loop, file.library) == ("study", {}, {}, {}, {})

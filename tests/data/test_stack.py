@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from strategies_data import alike, assert_same
 
 from jaxid._foundation.checks import InputError
-from jaxid.data import record, split, split_at, stack, unstack
+from jaxid.data import cut, record, split, split_at, stack, unstack
 
 
 def flight(name, rows=6, **changes):
@@ -115,3 +115,36 @@ def test_split_at_fraction_and_row():
             split_at(r, where)
     with pytest.raises(InputError, match=r"stack\[i\]"):
         split_at(stack([r]), 0.5)
+
+
+def test_cut_loses_no_sample_and_makes_equal_pieces():
+    r = flight("a", rows=11)  # 10 s, one sample a second
+    pieces = cut(r, 4)
+    assert [piece.names for piece in pieces] == [("a (1 of 3)",), ("a (2 of 3)",), ("a (3 of 3)",)]
+    assert [piece.t.shape[0] for piece in pieces] == [4, 3, 4]
+    for key in ("t", "u", "z", "mask"):
+        np.testing.assert_array_equal(np.concatenate([getattr(piece, key) for piece in pieces]), getattr(r, key))
+    assert all(piece.constants == r.constants for piece in pieces)
+    (whole,) = cut(r, 10.0)
+    np.testing.assert_array_equal(whole.t, r.t)
+
+
+@pytest.mark.parametrize(("step", "seconds"), [(0.01, 2.0), (0.1, 0.7), (1 / 3, 1.0)])
+def test_cut_pieces_of_uneven_numbers_are_no_longer_than_asked(step, seconds):
+    t = step * np.arange(1000)
+    pieces = cut(record(t, np.zeros((1000, 1)), np.zeros((1000, 1)), inputs=("u",), outputs=("z",)), seconds)
+    sizes = [piece.t.shape[0] for piece in pieces]
+    assert sum(sizes) == 1000
+    assert max(sizes) - min(sizes) <= 1
+    assert all(float(piece.t[-1] - piece.t[0]) <= seconds for piece in pieces)
+
+
+def test_cut_refuses():
+    r = flight("a", rows=9)
+    for seconds in (0, -1.0):
+        with pytest.raises(InputError, match="positive number of seconds"):
+            cut(r, seconds)
+    with pytest.raises(InputError, match=r"Record 'a': in 8 pieces of at most 1 s one has 1 samples"):
+        cut(r, 1)
+    with pytest.raises(InputError, match=r"stack\[i\]"):
+        cut(stack([r]), 2.0)

@@ -106,6 +106,13 @@ def test_records_that_decided_are_told(study, drawn, quick):
     assert "but quick, which decided" in " ".join(told.split())
 
 
+def test_another_way_that_was_given_up_is_told(study, page, drawn, quick):
+    assert "Another way" not in page
+    other = study.rounds[:1]
+    told = Page(html(dataclasses.replace(study, other_rounds=other), drawn=drawn)).text
+    assert f"these came in: {words.raised(other[0].winner.sentence)}" in " ".join(told.split())
+
+
 def test_prediction_has_a_panel_for_each_channel(study):
     figure = figures.prediction(study, "quick", 1)
     assert len(figure.axes) == 2
@@ -146,7 +153,7 @@ def test_errors_have_a_panel_for_each_channel_and_logarithms_where_needed(study)
 
 def test_ranking_marks_what_was_added(study):
     one = study.rounds[0]
-    (ax,) = figures.ranking(one, threshold=9.0).axes
+    (ax,) = figures.ranking(dataclasses.replace(one, threshold=9.0)).axes
     assert ax.get_xscale() == "log"
     assert [label.get_text() for label in ax.get_yticklabels()] == ["x³ in v", "x² in v", "bias of x"]
     colours = [patch.get_facecolor() for patch in ax.patches]

@@ -34,6 +34,7 @@ from jaxid.models import (
 from jaxid.models.effects import Effect
 from jaxid.study.close_loop import SOLVER, candidates
 from jaxid.study.doubts import SETTLED, act_elsewhere, parts_of_one, unsettled
+from jaxid.study.judge import Judge
 from jaxid.study.pairs import pairs_of
 from jaxid.study.rivals import Rival, told_apart
 from jaxid.study.search import Search
@@ -240,7 +241,7 @@ def test_the_likelihood_tells_noise_of_a_sensor_from_what_acts_on_the_motion(wha
     bench = Workbench(model, own, (Term("v", "x^3"), Term("v", "v^3")), OutputError(), as_stack(flown), SOLVER)
     found = bench.finish(bench.fit(["x^3 in v"], bench.set_shapes(bench.base()).values))
     noise, _ = bench.filtered(found, jnp.array([SIGMA]), (("output", ("x",)),), False)
-    search = Search(bench, as_stack(flown), {}, None, LoopOptions(), lambda _: None)
+    search = Search(Judge(bench, as_stack(flown), {}, None, LoopOptions()), lambda _: None)
     told = act_on_the_motion(search, found, bench.where(found), float(noise.gain))
     assert told == (what == "forces")
 
@@ -288,7 +289,7 @@ def test_what_scores_second_far_from_the_solution_is_asked_again_at_it(first, re
     model = Spring(jnp.array(1.5), jnp.array(0.2))
     library = (cubic, band, Term("v", "x v"), Term("v", "v^3"), Term("v", "force^3"))
     bench = Workbench(model, free(model, "k", "c"), library, OutputError(), as_stack(flown[:2]), SOLVER)
-    search = Search(bench, as_stack(flown[2:]), {}, None, LoopOptions(refits=refits), lambda _: None)
+    search = Search(Judge(bench, as_stack(flown[2:]), {}, None, LoopOptions(refits=refits)), lambda _: None)
     refit = search.refit
 
     def stuck(fitted, candidate):
@@ -301,15 +302,14 @@ def test_what_scores_second_far_from_the_solution_is_asked_again_at_it(first, re
 
     monkeypatch.setattr(search, "refit", stuck)
     declared = bench.set_shapes(bench.base())
-    scores = bench.score(declared)
-    asked = search.candidates(declared, scores)
-    assert asked[0].name == band.name
-    added, found, _, told = search.best(declared, asked, scores, 1)
-    verdicts = {one.name: one.verdict for one in told}
-    assert added == cubic.name
-    assert found.cost < declared.cost - 1000.0
+    tried = search.tried(declared, 1)
+    assert tried.candidates[0].name == band.name
+    added, taken, _ = search.take(tried)
+    verdicts = {one.name: one.verdict for one in taken.candidates}
+    assert added.name == cubic.name
+    assert taken.refits[cubic.name].cost < declared.cost - 1000.0
     assert (verdicts[cubic.name], verdicts[band.name]) == ("added", "helps less")
-    assert len(told) == len(asked)
+    assert len(taken.candidates) == len(library)
 
 
 @pytest.mark.parametrize("time", [0.5, 1e9])
@@ -339,15 +339,16 @@ def test_two_late_sensors_give_way_to_one_late_input():
     effects = (SensorDelay("x"), SensorDelay("v"), late)
     model = BothSeen(1.5, 0.2)
     bench = Workbench(model, free(model, "k", "c"), effects, OutputError(), as_stack(flown[:3]), SOLVER)
-    search = Search(bench, as_stack(flown[3:5]), {}, None, LoopOptions(), lambda _: None)
+    search = Search(Judge(bench, as_stack(flown[3:5]), {}, None, LoopOptions()), lambda _: None)
     declared = bench.set_shapes(bench.base())
     sensors = bench.fit([effects[0].name, effects[1].name], declared.values)
     asked = search.candidates(sensors, bench.score(sensors))
-    found, came, went = search.exchange(sensors, asked, 1)
+    found, came, went, told = search.exchange(sensors, asked, 1)
+    assert {name: one.verdict for name, one in told.items()} == {late.name: "added"}
     assert (came, went, found.effects) == (late.name, (effects[0].name, effects[1].name), (late.name,))
     value, error = bench.standard_errors(found)[f"{late.name}.gain"]
     assert abs(value - 0.1) < 4.0 * error
-    assert search.exchange(found, search.candidates(found, bench.score(found)), 1) == (found, None, ())
+    assert search.exchange(found, search.candidates(found, bench.score(found)), 1) == (found, None, (), {})
 
 
 class Bent(Effect):

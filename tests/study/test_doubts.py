@@ -3,12 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from small_spring import Spring
+from small_spring import Spring, fly
 from test_close_loop import LIBRARY, PLANTED, SIGMA, closed, study
 
 from jaxid import Augmented, OutputError, free, record, simulate
 from jaxid.estimation.estimate import as_stack
-from jaxid.models import FixedNoise, InputDelay, InputLag, SensorSaturation, Term
+from jaxid.models import Acting, DeadBand, FixedNoise, InputDelay, InputLag, QuadraticDrag, SensorSaturation, Term
 from jaxid.study.close_loop import SOLVER
 from jaxid.study.doubts import OFF, PARTIAL, Doubts, partial
 from jaxid.study.kin import misfits_of_kin, near_kin
@@ -93,3 +93,25 @@ def test_a_stop_that_the_records_show_needs_no_gain_of_one():
 def test_no_doubt_has_no_words():
     assert str(Doubts()) == ""
     assert not any(Doubts())
+
+
+def test_a_dead_band_is_no_cause_where_a_drag_that_no_library_holds_would_do_as_well():
+    drag = QuadraticDrag("v", "v", jnp.array(-0.1))
+    flown = [fly(400 + seed, drag)[0] for seed in range(7)]
+    found = closed(flown, (DeadBand(Acting.equation("v"), "v"), Term("v", "x^2")))
+    assert (found.outcome, found.effects) == ("proxies", ("dead band of v in v",))
+    assert "do not settle the form" in found.verdict
+    assert "|v|v in v" in found.verdict
+    named = closed(flown, (QuadraticDrag("v", "v"), DeadBand(Acting.equation("v"), "v"), Term("v", "v^3")))
+    assert "|v|v in v" in named.effects
+
+
+def test_the_smooth_shapes_of_one_speed_are_kin():
+    def names(effect):
+        return {one.name for one in effect.kin()}
+
+    assert names(Term("v", "v^3")) == {"v^4 in v", "|v|v in v"}
+    assert names(Term("v", "x^3")) == {"x^4 in v"}
+    assert names(QuadraticDrag("v", "(x-y)")) == names(DeadBand(Acting.equation("v"), "x-y")) == {"(x-y)^3 in v"}
+    assert names(DeadBand(Acting.equation("v"), "v")) == {"v^3 in v", "|v|v in v"}
+    assert names(DeadBand(Acting("Cm", (("q", "q_per_Cm"),)), "alpha")) == set()

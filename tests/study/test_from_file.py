@@ -1,5 +1,6 @@
 """From a study file to the model, its free parameters and candidates; what does not exist is refused where it stands."""
 
+import dataclasses
 import re
 import sys
 import tomllib
@@ -115,6 +116,13 @@ def test_a_class_beside_the_file_is_made_and_declared(said):
     assert (case.check, case.test) == (None, None)
 
 
+def test_every_option_of_the_loop_may_be_said(said):
+    defaults = {field.name: field.default for field in dataclasses.fields(LoopOptions)}
+    text = "\n".join(f"{name} = {value}" for name, value in defaults.items())
+    assert said(("level = 0.05", text)).options == LoopOptions()
+    assert said(("level = 0.05", "ways = 1")).options.ways == 1
+
+
 def test_defaults_are_those_of_the_loop(said):
     loop, library = "[loop]\nwindow = 3\nlevel = 0.05", GOOD[GOOD.index("[library]") :]
     case = said(("Spring", "stiff"), ("c = 2", "c = 1"), ('[noise]\nx = "5 mm"', ""), (loop, ""), (library, ""))
@@ -149,6 +157,7 @@ def test_defaults_are_those_of_the_loop(said):
         ("level = 0.05", "levels = 0.05", r"\[loop\]: There is no key 'levels'. Did you mean 'level'"),
         ("level = 0.05", "level = 5", r"\[loop\]: level is 5.0; it must lie between 0 and 1"),
         ("level = 0.05", "refits = 2.5", r"\[loop\] refits: found 2.5, and a whole number is wanted"),
+        ("level = 0.05", "ways = 3", r"\[loop\]: ways is 3; it must be 1 or 2"),
         ("own_springs:own", "own_springs:wrong", r"\[library\] effects: own_springs:wrong gives something that is no"),
         ("bias of x", "bias of z", r"\[library\] leave_out: There is no candidate or family 'bias of z'"),
         ('["bias of x"]', '["bias of x", "x^5 in v"]', r"\[library\]: no candidate is left"),

@@ -1,5 +1,7 @@
 """A set of effects is fitted in a model with the whole library or in one of its own: the fit is the same."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -14,13 +16,13 @@ from jaxid.models.effects_sensor import SensorBias
 from jaxid.study import workbench
 from jaxid.study.close_loop import SOLVER
 from jaxid.study.programs import operations, pays_to_compile
-from jaxid.study.workbench import Workbench
+from jaxid.study.workbench import Workbench, worth_going_on
 
 LIBRARY = (Term("v", "x^3"), InputLag("force"), SensorBias("x"), StateLimit("x", "v"))
 CUBIC = Term("v", "x^3", jnp.array(-0.3))
 
 
-def _bench(monkeypatch, by_itself: bool) -> Workbench:
+def _bench(monkeypatch, by_itself: bool, solver=SOLVER) -> Workbench:
     monkeypatch.setattr(workbench, "pays_to_compile", lambda model, samples: by_itself)
     model = Spring(jnp.array(1.5), jnp.array(0.2))
     own = free(
@@ -32,7 +34,7 @@ def _bench(monkeypatch, by_itself: bool) -> Workbench:
         prior={"k": (1.2, 0.5)},
     )
     records = as_stack([fly(70 + seed, CUBIC)[0] for seed in range(2)])
-    return Workbench(model, own, LIBRARY, OutputError(), records, SOLVER)
+    return Workbench(model, own, LIBRARY, OutputError(), records, solver)
 
 
 def _both(monkeypatch, named):
@@ -68,6 +70,31 @@ def test_at_a_corner_both_fits_end_where_the_solver_ends(monkeypatch):
     """Which steps are refused at a corner hangs on rounding; that the last falls are small does not."""
     for (_, carried), (_, fitted) in _both(monkeypatch, (LIBRARY[3].name,)):
         assert abs(fitted.cost - carried.cost) < SOLVER.least_fall
+
+
+def test_a_fit_that_its_iteration_limit_ends_is_gone_on_with(monkeypatch):
+    """So that a search compares what the effects bring, and not how far their fits have come."""
+    whole, brief = (_bench(monkeypatch, False, dataclasses.replace(SOLVER, max_steps=most)) for most in (100, 4))
+    start = whole.base().values
+    done = whole.fit(["x^3 in v"], start).cost
+    assert abs(brief.fit(["x^3 in v"], start).cost - done) < SOLVER.least_fall
+    monkeypatch.setattr(workbench, "GO_ON", 0)
+    assert brief.fit(["x^3 in v"], start).cost > done + 10.0
+
+
+@pytest.mark.parametrize(
+    ("costs", "creeping", "goes_on"),
+    [
+        ([50.0], 0.1, True),  # no fall is known yet
+        ([50.0, 20.0], 0.1, True),
+        ([50.0, 20.0, 18.0], 0.1, False),
+        ([50.0, 20.0, 18.0], 0.0, True),
+        ([50.0, 49.7], 0.0, False),
+        ([50.0 - one for one in range(20)], 0.0, False),  # it has gone on often enough
+    ],
+)
+def test_a_fit_that_creeps_is_not_gone_on_with_but_to_be_finished(costs, creeping, goes_on):
+    assert worth_going_on(costs, creeping) is goes_on
 
 
 def test_a_program_of_its_own_pays_for_a_small_model_on_long_records():

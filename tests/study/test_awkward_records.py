@@ -1,0 +1,109 @@
+"""Records and requests that are unusual and legitimate: a dead sensor, no candidates, nothing shared, noise overstated."""
+
+import dataclasses
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from small_spring import SIGMA, Spring, fly
+
+from jaxid import OutputError, close_loop, estimate, free
+from jaxid._foundation.checks import InputError
+from jaxid.diagnosis.predictable import predictable_share
+from jaxid.diagnosis.validation import Prediction
+from jaxid.models import FixedNoise, Term
+from jaxid.report import html
+from jaxid.report.tables import decided
+from jaxid.study.check import difference_error, mean_log, uncertainty
+
+CUBE = Term("v", "x^3", gain=jnp.array(-0.5))
+LIBRARY = (Term("v", "x^2"), Term("v", "x^3"))
+
+
+def spring():
+    model = Spring(1.0, 0.1)
+    return model, free(model, "k", "c", per_record=("initial_state",))
+
+
+def flights(count, effect=CUBE, samples=150):
+    return [fly(100 + index, effect, samples)[0] for index in range(count)]
+
+
+def prediction(v, mask):
+    t = jnp.arange(v.shape[1], dtype=float)[None]
+    return Prediction(t, v, jnp.zeros_like(v), mask, jnp.zeros((1, 2)))
+
+
+def test_a_channel_without_samples_is_left_out_of_the_error():
+    rng = np.random.default_rng(0)
+    v = jnp.asarray(rng.normal(size=(1, 200, 2)))
+    whole = jnp.ones(v.shape, bool)
+    dead = whole.at[..., 1].set(False)
+    both, one = prediction(v, dead), prediction(v[..., :1], whole[..., :1])
+    assert np.isnan(both.rms[1])
+    assert mean_log(both) == pytest.approx(mean_log(one), rel=1e-12)
+    assert uncertainty(both) == pytest.approx(uncertainty(one), rel=1e-12)
+    halves = prediction(0.5 * v, dead), prediction(0.5 * v[..., :1], whole[..., :1])
+    assert difference_error(both, halves[0]) == pytest.approx(difference_error(one, halves[1]), rel=1e-12)
+    assert mean_log(prediction(0.0 * v, whole)) == mean_log(prediction(0.0 * v, dead))
+
+
+def test_check_records_without_any_sample_are_refused():
+    model, own = spring()
+    train = flights(2)
+    blind = eqx.tree_at(lambda one: one.mask, train[1], jnp.zeros_like(train[1].mask))
+    with pytest.raises(InputError, match="No output of the check records has a valid sample behind the window"):
+        close_loop(model, own, OutputError(), train=train[0], check=blind, effects=LIBRARY)
+
+
+def test_no_candidates_and_no_check_records():
+    model, own = spring()
+    found = close_loop(model, own, OutputError(), train=flights(2), effects=(), window=20)
+    assert (found.effects, found.outcome) == ((), "unexplained")
+    assert "Something is missing" in str(found)
+
+
+def test_what_the_last_estimate_has_seen_is_predicted_by_the_one_before_it():
+    """Without check and test records the last third decides, and is reported as the fit to the first two thirds predicts it."""
+    model, own = spring()
+    train = flights(2)
+    alone = close_loop(model, own, OutputError(), train=train, effects=LIBRARY, window=20)
+    given = close_loop(model, own, OutputError(), train=train, test={"check": train}, effects=LIBRARY, window=20)
+    assert alone.effects == given.effects == ("x^3 in v",)
+    assert alone.after.rms["check"]["x"] != given.after.rms["check"]["x"]
+    np.testing.assert_array_equal(alone.after.estimate.values, given.after.estimate.values)
+    assert decided(alone) == ("check",)
+    failed = [dataclasses.replace(one, errors={name: {"x": np.nan} for name in one.errors}) for one in alone.rounds]
+    assert decided(dataclasses.replace(alone, rounds=tuple(failed))) == ("check",)
+
+
+def test_noise_that_is_overstated_leaves_a_place_and_a_page():
+    """The residual lies below the noise that is said, and a cubic is found in it all the same."""
+    model, own = spring()
+    records = flights(5, Term("v", "x^3", gain=jnp.array(-0.1)))
+    noise = OutputError(FixedNoise([(1.5 * SIGMA) ** 2]))
+    found = close_loop(
+        model, own, noise, train=records[:3], check=records[3], test=records[4], effects=LIBRARY, window=20
+    )
+    assert found.effects == ("x^3 in v",)
+    assert all(one.rivals() for one in found.where.values())
+    assert "<html" in html(found)
+
+
+def test_an_estimate_without_shared_parameters_is_printed():
+    model = Spring(1.5, 0.2)
+    found = estimate(model, free(model, per_record=("initial_state",)), flights(1, None)[0], OutputError())
+    assert "Converged" in str(found) or "converged" in str(found)
+
+
+@pytest.mark.parametrize("rows", [5, 10, 11])
+def test_the_predictable_share_of_a_short_record(rows):
+    v = jnp.asarray(np.random.default_rng(1).normal(size=(1, rows, 1)))
+    assert np.all(np.isfinite(predictable_share(v, jnp.ones(v.shape, bool))))
+
+
+def test_a_candidate_that_is_there_already_is_refused():
+    model, own = spring()
+    with pytest.raises(InputError, match=r"The candidate 'x\^3 in v' has a gain of -0\.5"):
+        close_loop(model, own, OutputError(), train=flights(2), effects=(CUBE,))

@@ -1,0 +1,51 @@
+"""Programs that are compiled for every structure of their arguments, and let go of when there are too many."""
+
+import gc
+import weakref
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxid.study.programs import Programs, compile_together
+
+
+def times(x, factor):
+    return {"product": factor * x["x"]}
+
+
+def asked(count):
+    return {"x": jnp.arange(float(count))}, 3.0
+
+
+def test_what_is_no_array_is_part_of_the_structure():
+    traced = []
+
+    def counted(x, factor):
+        traced.append(factor)
+        return times(x, factor)
+
+    programs = Programs(counted, most=2)
+    for factor in (2.0, 3.0, 3.0):
+        np.testing.assert_array_equal(programs({"x": jnp.ones(2)}, factor)["product"], factor * np.ones(2))
+    assert traced == [2.0, 3.0]
+
+
+def test_programs_that_are_too_many_are_let_go_and_compiled_anew():
+    programs = Programs(times, most=3)
+    compile_together([(programs, asked(count)) for count in (1, 2)])
+    compiled = weakref.ref(programs.jitted)
+    programs(*asked(2))  # compiled already: no more than two are known
+    programs.make_room(1)
+    assert programs.jitted is compiled()
+    programs.make_room(2)
+    gc.collect()
+    assert compiled() is None
+    np.testing.assert_array_equal(programs(*asked(2))["product"], [0.0, 3.0])
+    assert len(programs.known) == 1
+
+
+def test_derivatives_go_through_what_is_compiled():
+    programs = Programs(times, most=3)
+    (slope,) = jax.jacfwd(lambda x: programs({"x": x[None]}, 3.0)["product"])(jnp.array(1.0))
+    assert slope == 3.0

@@ -175,7 +175,7 @@ def declared(motion: Motion, model: IdentificationModel, records: Sequence[Recor
 
 def terms_to_try(motion: Motion, model: IdentificationModel) -> tuple[CoefficientTerm, ...]:
     """The terms from which the regression chooses and that the declared model lacks."""
-    moved = {effect.coefficient: effect.moved for effect in model.effects()}
+    moved = {one.coefficient: one.moved for one in model.effects() if isinstance(one, CoefficientTerm)}
     return tuple(
         CoefficientTerm(coefficient=name, product=term, moved=moved[name])
         for name, terms in model.candidates

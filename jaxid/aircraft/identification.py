@@ -17,11 +17,11 @@ from .aerodynamics import COEFFICIENTS
 from .airframe import Airframe, aerodynamic_loads
 from .atmosphere import GRAVITY, SEA_LEVEL_DENSITY, AbstractAtmosphere, StandardAtmosphere
 from .effectiveness import effectiveness
-from .effects import lacking_terms
 from .engine import ConstantThrust, Engine, loads
 from .flow import flow
 from .frames import air_angles, downwards, euler_rates
 from .identification_channels import Channels, arranged
+from .identification_effects import effects_of
 from .identification_frames import FRAMES, Translation
 from .identification_records import initial_state, prepared, pseudo_measurements
 from .identification_units import units_of
@@ -284,19 +284,15 @@ class IdentificationModel(AbstractModel):
 
     def gusty(self):
         """The same model with the air's velocity along what is propagated among its inputs."""
-        equation = self.translation.equation.values()
-        gusts = (gust for gust, state in zip(GUSTS[:3], equation, strict=True) if state in self.states)
-        new = tuple(gust for gust in gusts if gust not in self.inputs)
-        measured = (*self.channels.measured, *new)
-        return self._again(states=self.states, measured=measured, outputs=self.outputs)
+        along = zip(GUSTS[:3], self.translation.equation.values(), strict=True)
+        gusts = tuple(gust for gust, state in along if state in self.states and gust not in self.inputs)
+        return self._again(states=self.states, measured=(*self.channels.measured, *gusts), outputs=self.outputs)
+
+    def actuated(self):
+        return self.channels.actuated
 
     def effects(self):
-        """Terms that the coefficients may lack, in those whose equations are propagated: `beta^2 in Cm` and so on."""
-        moved = {
-            name: tuple(state for state in (*self.translation.moves.get(name, ()), *RATES) if state in self.states)
-            for name in self.responses
-        }
-        return lacking_terms(self.airframe.aerodynamics.terms, moved)
+        return effects_of(self)
 
     def equations_with_terms(self):
         """No equation takes general terms: what an equation of motion may lack stands in its coefficient."""

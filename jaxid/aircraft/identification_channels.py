@@ -41,6 +41,11 @@ class Channels(NamedTuple):
         """By channel of the instruments, the state whose equation it tells of; surfaces and thrust tell of none."""
         return owners(self.frame)
 
+    @property
+    def actuated(self) -> tuple[str, ...]:
+        """Inputs that an actuator moves: surfaces and thrust; the others are measured in the place of a state, or the air."""
+        return tuple(name for name in self.inputs if name in (*SURFACES, "thrust"))
+
 
 def owners(frame: str) -> dict[str, str]:
     """By channel of the instruments, the state whose equation it tells of.

@@ -1,12 +1,13 @@
 """Two ways to write translation: body components of velocity (E.1 to E.3), or speed and air angles (Tables E.1, E.2)."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import NamedTuple
 
 import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
 from .frames import air_angles, velocity
+from .instrument_channels import RATES
 
 Three = Float[Array, "3"]
 
@@ -31,6 +32,10 @@ class Translation(NamedTuple):
     states: Callable[[Three], Three]
     rates: Callable[[Three, Three], Three]
     accelerations: Callable[[Three, Three], Three]
+
+    def moved(self, coefficient: str, states: Collection[str]) -> tuple[str, ...]:
+        """Those of some states whose rates a coefficient moves; a moment, the rates of all."""
+        return tuple(state for state in (*self.moves.get(coefficient, ()), *RATES) if state in states)
 
 
 def _air_axes(v: Three) -> tuple[Float[Array, "3 3"], Three]:

@@ -161,6 +161,9 @@ class Augmented(AbstractModel):
     def equations_with_terms(self):
         return self.model.equations_with_terms()
 
+    def actuated(self):
+        return self.model.actuated()
+
     def units(self):
         gains = {f"{effect.name}.gain": effect.unit for effect in self.effects_in if effect.unit}
         return self.model.units() | gains

@@ -48,7 +48,7 @@ class AbstractModel(eqx.Module):
     def initial_state(self, record: Record) -> Float[Array, " state"]:
         """The state at the first sample: the measured output where an output is a state, else zero."""
         first = dict(zip(self.outputs, jnp.where(record.mask[0], record.z[0], 0.0), strict=True))
-        return jnp.stack([jnp.asarray(first.get(name, 0.0), float) for name in self.states])
+        return jnp.array([first.get(name, 0.0) for name in self.states], float)
 
     def signals(
         self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
@@ -112,6 +112,11 @@ class AbstractModel(eqx.Module):
         None leaves it to `uncertain_equations`; a model whose own effects take the place of these terms says `()`.
         """
         return None
+
+    def actuated(self) -> tuple[str, ...]:
+        """Inputs that an actuator moves, so that they may lack its limits and dead zone; all by default. A measured state or
+        an altitude that is an input has none: it can be late, as any instrument."""
+        return self.inputs
 
     def prepared(self, record: Record) -> Record:
         """The record with the channels that this model has, from one that may hold more.

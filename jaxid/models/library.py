@@ -87,10 +87,10 @@ def _of_differences(model: AbstractModel, equations: tuple[str, ...]) -> list[Ef
 
 
 def _in_inputs(model: AbstractModel, uniform: bool) -> list[Effect]:
-    """Delay, lag, limits and a dead zone of every input."""
-    effects: list[Effect] = []
-    for channel in model.inputs:
-        effects += [InputDelay(channel), InputLag(channel)] + [InputBetweenSamples(channel)] * uniform
+    """Delay and lag of every input; limits, a dead zone and the run between samples of those that an actuator moves."""
+    effects: list[Effect] = [late(channel) for channel in model.inputs for late in (InputDelay, InputLag)]
+    for channel in model.actuated():
+        effects += [InputBetweenSamples(channel)] * uniform
         effects += [InputRateLimit(channel), InputDeadZone(channel)]
         effects += [InputPositionLimit(channel, end) for end in ("upper", "lower")]
     return effects

@@ -3,7 +3,7 @@
 import dataclasses
 import importlib
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -164,13 +164,18 @@ def _of_record(file: StudyFile, built_in: BuiltIn) -> AbstractModel:
         require_known("coefficient", terms, measured.responses)
         for products in terms.values():
             columns(products, measured.signals)  # refuses a term that cannot be read, and one that is there twice
-        blank = {name: Polynomial(dict.fromkeys(("1", *products), 0.0)) for name, products in terms.items()}
+        blank = {name: Polynomial(dict.fromkeys(with_constant(products), 0.0)) for name, products in terms.items()}
         return with_polynomials(model.without(tuple(set(measured.responses) - set(terms))), blank)
+
+
+def with_constant(products: Sequence[str]) -> tuple[str, ...]:
+    """The terms of a coefficient, the constant first, whether the file names it or not."""
+    return tuple(dict.fromkeys(("1", *products)))
 
 
 def _regressed(file: StudyFile, blank: AbstractModel, likelihood: OutputError) -> AbstractModel:
     """The model with the values of a regression and a first estimate."""
-    terms = {name: tuple(products) for name, products in file.model["terms"].items()}
+    terms = {name: with_constant(products)[1:] for name, products in file.model["terms"].items()}
     options = IdentifyOptions(terms=terms, keep=tuple(terms), share=0.0)
     with file.at("model", "terms"):
         return identify(blank, file.train, options=options, likelihood=likelihood, per_record=_per_record(file)).model
@@ -198,7 +203,8 @@ def _prepared(model: AbstractModel, records: tuple[Record, ...]) -> tuple[Record
 
 def _free(file: StudyFile, model: AbstractModel, bounded: bool) -> Free:
     """What the data shall determine: what the file names, or of a built-in model all that its terms brought."""
-    terms = (f"{name}.{term}" for name, products in file.model.get("terms", {}).items() for term in ("1", *products))
+    of_each = file.model.get("terms", {}).items()
+    terms = (f"{name}.{term}" for name, products in of_each for term in with_constant(products))
     names = tuple(file.free.get("parameters", terms))
     bounds = {name: (float(low), float(high)) for name, (low, high) in file.free.get("bounds", {}).items()}
     with file.at("free"):

@@ -197,7 +197,7 @@ def read_aircraft(aircraft_file, old="", new=""):
 
 
 def test_an_aircraft_starts_at_a_first_estimate_of_its_terms(aircraft_file):
-    case = read_aircraft(aircraft_file)
+    case = read_aircraft(aircraft_file, 'Cm = ["alpha"', 'Cm = ["1", "alpha"')  # every coefficient has its constant
     assert case.model.states == ("u", "w", "q", "pitch")
     assert case.window == 25
     assert [*case.test] == ["slow", "sweep"]

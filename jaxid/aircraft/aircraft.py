@@ -18,7 +18,7 @@ from .buffet import Buffet
 from .controls import SURFACES, AbstractControls, ControlSystem, standard_actuators
 from .effectiveness import MOVED, effectiveness
 from .effects import lacking_terms
-from .effects_library import usual_effects
+from .effects_library import signals_of, usual_effects
 from .engine import ConstantThrust, Engine, loads
 from .first_samples import first_samples
 from .flow import flow
@@ -193,7 +193,7 @@ class Aircraft(AbstractModel):
         aircraft lacks most often: unsteady and separated flow, mass, thrust, wind, places of instruments. `aircraft_effects`
         knows more."""
         terms = lacking_terms(self.airframe.aerodynamics.terms, MOVED)
-        return (*terms, *usual_effects(parameter_names(canonical(self)), MOVED))
+        return (*terms, *usual_effects(parameter_names(canonical(self)), MOVED, signals_of(canonical(self))))
 
     def equations_with_terms(self):
         """No equation takes general terms: what an equation of motion may lack stands in its coefficient."""

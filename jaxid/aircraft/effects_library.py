@@ -41,15 +41,16 @@ PLACES = ("alpha.x", "beta.x", "ax.z", "ay.x", "az.x")  # of each instrument the
 SKEW = ("p.theta", "r.theta", "ax.theta", "ay.phi")
 
 
-def usual_effects(names: Sequence[str], moved: Moved) -> tuple[Effect, ...]:
+def usual_effects(names: Sequence[str], moved: Moved, signals: Collection[str]) -> tuple[Effect, ...]:
     """What an aircraft lacks most often, beside terms of its coefficients: the few that are tried by default.
 
     Args:
         names: of its parameters; effects on those that it does not have are left out.
         moved: the states that each coefficient moves.
+        signals: that it computes; what needs another is left out.
     """
     return (
-        *rate_terms(moved),
+        *(term for term in rate_terms(moved) if term.product in signals),
         *gradients(WITH_MACH, "mach", moved),
         *separations(moved, static=(0.6, 0.8), lagging=(0.65,)),
         *shifts(names, {"mass": "mass"}, "kg"),
@@ -88,7 +89,7 @@ def aircraft_effects(
     """
     require_known("group of effects", groups, GROUPS)
     model = canonical(model)
-    names, signals = parameter_names(model), _signals(model)
+    names, signals = parameter_names(model), signals_of(model)
     terms = tuple(effect for effect in model.effects() if isinstance(effect, CoefficientTerm))
     moved = _moved(model, signals)
     makers: dict[str, Callable[[], Sequence[Effect]]] = {
@@ -105,7 +106,7 @@ def aircraft_effects(
     return tuple(effect for group in groups for effect in makers[group]())
 
 
-def _signals(model: AbstractModel) -> frozenset[str]:
+def signals_of(model: AbstractModel) -> frozenset[str]:
     """Names of the signals that a model computes."""
     empty = jnp.zeros(()), jnp.zeros(len(model.states)), jnp.zeros(len(model.inputs))
     return frozenset(jax.eval_shape(model.signals, *empty))
@@ -166,7 +167,7 @@ def _unsteady(terms, moved: Moved, signals: Collection[str]) -> tuple[Effect, ..
     return (*own, *late, *separations(moved, (0.5, 0.6, 0.7, 0.8, 0.9), (0.5, 0.65, 0.8, 0.95)))
 
 
-def rate_terms(moved: Moved) -> tuple[Effect, ...]:
+def rate_terms(moved: Moved) -> tuple[CoefficientTerm, ...]:
     """Terms with the rates of alpha and beta, `alphadot_hat in Cm` and so on.
 
     Args:

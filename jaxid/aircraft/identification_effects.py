@@ -7,7 +7,7 @@ from ..models.base import canonical
 from ..models.effects import Effect
 from ..models.names import parameter_names
 from .effects import lacking_terms
-from .effects_library import usual_effects
+from .effects_library import signals_of, usual_effects
 from .instrument_channels import RATES
 
 if TYPE_CHECKING:
@@ -28,7 +28,8 @@ def effects_of(model: "IdentificationModel") -> tuple[Effect, ...]:
     moved = {name: model.translation.moved(name, model.states) for name in model.responses}
     terms = lacking_terms(model.airframe.aerodynamics.terms, moved)
     names = tuple(name for name in parameter_names(canonical(model)) if _is_felt(model, name))
-    return (*(term for term in terms if not _is_constant(model, term.signals_used)), *usual_effects(names, moved))
+    usual = usual_effects(names, moved, signals_of(canonical(model)))
+    return (*(term for term in terms if not _is_constant(model, term.signals_used)), *usual)
 
 
 def _is_constant(model: "IdentificationModel", factors: tuple[str, ...]) -> bool:

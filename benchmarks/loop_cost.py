@@ -1,7 +1,7 @@
 """What a closed loop costs: `python -m benchmarks.loop_cost [--json] [--sizes 60,750,3 ...]`.
 
 The coupled flight of `python -m jaxid` (six degrees of freedom, 26 free parameters) with so many candidates, samples and
-records. Each size runs twice in a process of its own, with the command line's compile flags and without a compilation cache: the
+records. Each size runs twice in a process of its own, without a compilation cache, as in a user's notebook: the
 first study is a cold start but for the imports, the second is warm. Beside the seconds: where they go, how often the pass of
 sensitivities was compiled, which is once for all rounds, and what was found; in the JSON also the largest error on the test
 records over the noise that stands in them.
@@ -24,7 +24,6 @@ import jax
 import numpy as np
 
 from jaxid import OutputError, close_loop
-from jaxid.__main__ import COMPILE_FLAGS
 from jaxid.aircraft.coupled_flight import coupled_flight
 from jaxid.aircraft.simulated_flight import realised_noise
 from jaxid.estimation.estimate import as_stack
@@ -120,7 +119,7 @@ def timed():
 
 def apart(size: Size) -> dict[str, Any]:
     """One size in a process of its own, with nothing compiled before."""
-    environment = {"XLA_FLAGS": COMPILE_FLAGS} | os.environ | {"JAX_ENABLE_COMPILATION_CACHE": "0"}
+    environment = os.environ | {"JAX_ENABLE_COMPILATION_CACHE": "0"}
     command = [sys.executable, "-m", "benchmarks.loop_cost", "--here", ",".join(map(str, size))]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     if done.returncode:

@@ -15,10 +15,10 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-# Most of a first run is compilation: XLA's older way of fusing takes half as long and its first level of optimisation a
-# sixth less again, and the loop is no slower for either.
-COMPILE_FLAGS = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1"
-os.environ.setdefault("XLA_FLAGS", COMPILE_FLAGS)
+from ._foundation.quickly import FLAGS
+
+# Most of a first run is compilation, that of the small programs too.
+os.environ.setdefault("XLA_FLAGS", " ".join(f"--{name}={str(value).lower()}" for name, value in FLAGS.items()))
 jax.config.update("jax_enable_x64", True)
 # A second run finds the compilation done.
 CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "jaxid"

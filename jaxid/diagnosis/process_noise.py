@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 
+from .._foundation.quickly import quickly
 from .._foundation.types import Array, Bool, Float
 from ..estimation.problem import Problem
 from ..models.free import Parameters
@@ -163,7 +164,7 @@ class Turn(NamedTuple):
     without_one: Float[Array, " place"]
 
 
-@eqx.filter_jit
+@quickly
 def _turn(
     problem: Problem,
     parameters: Parameters,

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
+from .._foundation.quickly import quickly
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels
@@ -241,7 +242,7 @@ def located(
     return Where(tuple(sorted(rows, key=lambda one: -one.score + one.dof)), np.asarray(found.knots), named, hats, power)
 
 
-@eqx.filter_jit
+@quickly
 def search(
     problem: Problem,
     parameters: Parameters,

@@ -6,7 +6,7 @@ from .base import AbstractModel
 from .effects import Effect
 from .effects_actuator import InputDeadZone, InputPositionLimit, InputRateLimit
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
-from .effects_input import InputBetweenSamples, InputDelay, InputLag
+from .effects_input import InputBetweenSamples, InputBias, InputDelay, InputLag, InputScale
 from .effects_memory import Hysteresis, LaggedSignal
 from .effects_parameter import ParameterDrift, ParameterShift, ParameterStep, not_free, parameter_effects
 from .effects_sensor import SensorBias, SensorDelay, SensorLag, SensorSaturation, SensorScale
@@ -36,11 +36,13 @@ __all__ = [
     "Hinge",
     "Hysteresis",
     "InputBetweenSamples",
+    "InputBias",
     "InputDeadZone",
     "InputDelay",
     "InputLag",
     "InputPositionLimit",
     "InputRateLimit",
+    "InputScale",
     "LaggedSignal",
     "LinearModel",
     "ParameterDrift",

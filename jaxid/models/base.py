@@ -115,7 +115,7 @@ class AbstractModel(eqx.Module):
 
     def actuated(self) -> tuple[str, ...]:
         """Inputs that an actuator moves, so that they may lack its limits and dead zone; all by default. A measured state or
-        an altitude that is an input has none: it can be late, as any instrument."""
+        an altitude that is an input has none: it can be late, off and scaled, as any instrument."""
         return self.inputs
 
     def prepared(self, record: Record) -> Record:

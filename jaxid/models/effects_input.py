@@ -1,4 +1,4 @@
-"""General effects in the input: delay, its run between the samples, an actuator's lag."""
+"""General effects in the input: offset, scale and delay of its record, its run between the samples, an actuator's lag."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,7 +9,69 @@ from .effects import Effect, zero
 NO_LAG_YET = 1e6  # [s] long against any record: the lagging state stands still until `start` sets its time
 
 
-class InputDelay(Effect):
+class InputEffect(Effect):
+    """What happens to one input.
+
+    Attributes:
+        channel: name of the input.
+    """
+
+    channel: eqx.AbstractVar[str]
+
+    @property
+    def place(self):
+        return f"input {self.channel}"
+
+    @property
+    def signals_used(self):
+        return (self.channel,)
+
+
+class InputBias(InputEffect):
+    """The input is recorded with a constant offset, in its unit: `u -> u + gain`.
+
+    Args:
+        channel: name of the input.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"bias of input {self.channel}"
+
+    @property
+    def sentence(self):
+        return f"the input {self.channel} is recorded with an offset"
+
+    def input(self, u, extra, inputs):
+        return u.at[inputs.index(self.channel)].add(self.gain)
+
+
+class InputScale(InputEffect):
+    """The input is recorded with an error of scale: `u -> (1 + gain) u`.
+
+    Args:
+        channel: name of the input.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def name(self):
+        return f"scale of input {self.channel}"
+
+    @property
+    def sentence(self):
+        return f"the input {self.channel} is recorded with an error of scale"
+
+    def input(self, u, extra, inputs):
+        return u.at[inputs.index(self.channel)].multiply(1.0 + self.gain)
+
+
+class InputDelay(InputEffect):
     """The input acts later than it is recorded: `u(t) -> u(t - gain)`, with gain in seconds.
 
     Args:
@@ -24,14 +86,6 @@ class InputDelay(Effect):
         return f"delay of input {self.channel}"
 
     @property
-    def place(self):
-        return f"input {self.channel}"
-
-    @property
-    def signals_used(self):
-        return (self.channel,)
-
-    @property
     def sentence(self):
         return f"the input {self.channel} acts later than it is recorded"
 
@@ -39,7 +93,7 @@ class InputDelay(Effect):
         return path.delayed(inputs.index(self.channel), self.gain)
 
 
-class InputBetweenSamples(Effect):
+class InputBetweenSamples(InputEffect):
     """The input runs between its samples otherwise than assumed: band-limited at a gain of one.
 
         u(t) -> (1 - gain) u_assumed(t) + gain u_band-limited(t)
@@ -56,14 +110,6 @@ class InputBetweenSamples(Effect):
         return f"{self.channel} between samples"
 
     @property
-    def place(self):
-        return f"input {self.channel}"
-
-    @property
-    def signals_used(self):
-        return (self.channel,)
-
-    @property
     def sentence(self):
         return f"the input {self.channel} runs band-limited between its samples, not as assumed"
 
@@ -75,7 +121,7 @@ class InputBetweenSamples(Effect):
         return path.towards_band_limited(inputs.index(self.channel), self.gain)
 
 
-class InputLag(Effect):
+class InputLag(InputEffect):
     """A first-order actuator between the recorded input and the plant.
 
         d(lagged)/dt = (u - lagged) / time,    u -> u + gain (lagged - u)
@@ -93,14 +139,6 @@ class InputLag(Effect):
     @property
     def name(self):
         return f"lag of input {self.channel}"
-
-    @property
-    def place(self):
-        return f"input {self.channel}"
-
-    @property
-    def signals_used(self):
-        return (self.channel,)
 
     @property
     def sentence(self):

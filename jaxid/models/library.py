@@ -16,7 +16,7 @@ from .differences import absent_signals, differences, with_differences
 from .effects import Effect
 from .effects_actuator import InputDeadZone, InputPositionLimit, InputRateLimit
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
-from .effects_input import InputBetweenSamples, InputDelay, InputLag
+from .effects_input import InputBetweenSamples, InputBias, InputDelay, InputLag, InputScale
 from .effects_memory import Hysteresis, LaggedSignal
 from .effects_sensor import SensorBias, SensorDelay, SensorLag, SensorSaturation, SensorScale
 from .effects_sensor_more import SensorCrossTalk, SensorDrift, SensorQuantisation
@@ -87,8 +87,12 @@ def _of_differences(model: AbstractModel, equations: tuple[str, ...]) -> list[Ef
 
 
 def _in_inputs(model: AbstractModel, uniform: bool) -> list[Effect]:
-    """Delay and lag of every input; limits, a dead zone and the run between samples of those that an actuator moves."""
-    effects: list[Effect] = [late(channel) for channel in model.inputs for late in (InputDelay, InputLag)]
+    """Delay and lag of every input; limits, a dead zone and the run between samples of those that an actuator moves, offset and
+    scale of those that an instrument shows (in an actuator's they are a constant and a gain of the model)."""
+    effects: list[Effect] = []
+    for channel in model.inputs:
+        effects += [InputDelay(channel), InputLag(channel)]
+        effects += [InputBias(channel), InputScale(channel)] * (channel not in model.actuated())
     for channel in model.actuated():
         effects += [InputBetweenSamples(channel)] * uniform
         effects += [InputRateLimit(channel), InputDeadZone(channel)]

@@ -9,7 +9,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from .._foundation.quickly import OPTIONS, quickly
 from .._foundation.types import Array, Bool, Float, Int
+from ..diagnosis.scores import sensitivities
+from ..diagnosis.validation import predict_stack
 from ..estimation.estimate import fit_problem
 from ..estimation.problem import Problem
 from ..models.augmented import Augmented
@@ -59,7 +62,8 @@ class Programs:
             both = zip(arrays, rest, strict=True)
             return self.function(*jax.tree.unflatten(structure, [b if a is None else a for a, b in both]))
 
-        self.jitted, self.known = jax.jit(run, static_argnums=1), set()
+        run.__name__ = self.function.__name__  # by which JAX calls the program
+        self.jitted, self.known = jax.jit(run, static_argnums=1, compiler_options=OPTIONS), set()
 
     def _noted(self, arguments: tuple) -> tuple[list, tuple]:
         arrays, others = _apart(arguments)
@@ -76,14 +80,14 @@ def _apart(arguments: tuple) -> tuple[list, tuple]:
     return arrays, (rest, structure)
 
 
-def compile_together(programs: Sequence[tuple[Any, tuple]]) -> None:
+def compile_together(programs: Sequence[tuple[Programs, tuple]]) -> None:
     """Compile programs side by side, each for its arguments, so that calling them with such does not.
 
     XLA compiles one program on little more than one core, and outside of Python's lock. Programs that run beside each other could
     lock up on few cores; these only come into being.
 
     Args:
-        programs: functions under `eqx.filter_jit`, or `Programs`, with what they are going to be called with.
+        programs: with what they are going to be called with.
     """
     with ThreadPoolExecutor() as beside:
         for done in [beside.submit(program.lower(*arguments).compile) for program, arguments in programs]:
@@ -92,6 +96,8 @@ def compile_together(programs: Sequence[tuple[Any, tuple]]) -> None:
 
 # One for all workbenches: studies of the same shapes compile once.
 FITS = Programs(inspect.unwrap(fit_problem), KEPT_FITS)
+PASSES = Programs(inspect.unwrap(sensitivities), KEPT_FITS)
+PREDICTIONS = Programs(inspect.unwrap(predict_stack), KEPT_FITS)
 
 
 def pays_to_compile(model: Augmented, samples: int) -> bool:
@@ -131,7 +137,7 @@ def placed(model: Augmented, at: Int[Array, " column"], values: Float[Array, " c
     return unflatten(vector.at[at].set(values))
 
 
-@eqx.filter_jit
+@quickly
 def signals_of(problem: Problem, parameters: Parameters) -> tuple[dict[str, Array], Bool[Array, "case time"]]:
     """Every signal of the model at every sample, the time with them, and which samples are real time."""
     solutions = problem.solve(parameters)

@@ -12,8 +12,8 @@ from ..data.record import Record
 from ..diagnosis.free_form import Kind, Places, gusts_of
 from ..diagnosis.process_noise import ProcessNoise, process_noise
 from ..diagnosis.reading import Reading, read
-from ..diagnosis.scores import Scores, exchange_falls, scores_of, sensitivities, whitened
-from ..diagnosis.validation import Prediction, predict_stack
+from ..diagnosis.scores import Scores, exchange_falls, scores_of, whitened
+from ..diagnosis.validation import Prediction
 from ..diagnosis.where import Where, located, resolution
 from ..estimation.estimate import Fit
 from ..estimation.likelihoods import AbstractLikelihood
@@ -36,7 +36,7 @@ from ..models.library import started, uncertain_equations
 from ..models.names import flatten
 from ..models.noise import FixedNoise
 from .columns import Columns
-from .programs import FITS, compile_together, pays_to_compile, placed, signals_of
+from .programs import FITS, PASSES, PREDICTIONS, compile_together, pays_to_compile, placed, signals_of
 
 GO_ON = 10  # times at most that a fit goes on behind its iteration limit
 LITTLE = 0.5  # fall of the cost (one of chi-square) that makes it worth while
@@ -119,8 +119,8 @@ class Workbench:
         by_shape = {(records.z.shape, records.u.shape): records for records in tests}
         programs = [
             (FITS, declared),
-            (sensitivities, self._of_all(values, declared[1].rows)),
-            *((predict_stack, self._to_predict(values, noise, records, window)) for records in by_shape.values()),
+            (PASSES, self._of_all(values, declared[1].rows)),
+            *((PREDICTIONS, self._to_predict(values, noise, records, window)) for records in by_shape.values()),
         ]
         compile_together(programs)
 
@@ -197,7 +197,7 @@ class Workbench:
 
     def predict(self, fitted: Fitted, records: Record, window: int | None) -> Prediction:
         """Predict records that were not used."""
-        return predict_stack(*self._to_predict(fitted.values, fitted.fit.noise, records, window))
+        return PREDICTIONS(*self._to_predict(fitted.values, fitted.fit.noise, records, window))
 
     def where(self, fitted: Fitted, like: Where | None = None) -> Where:
         """Where the residual of a fit sits, among the declared equations, the inputs and the outputs.
@@ -253,7 +253,7 @@ class Workbench:
         several questions are asked of each fit."""
         if self.passed is None or self.passed[0] is not fitted:
             asked = self._of_all(fitted.values, fitted.fit.parameters.rows)
-            self.passed = (fitted, (*asked, sensitivities(*asked)))
+            self.passed = (fitted, (*asked, PASSES(*asked)))
         return self.passed[1]
 
     def _of_all(self, values, rows) -> tuple[Problem, Parameters]:

@@ -12,6 +12,8 @@ from jaxid.aircraft.record_air import altitude_of, density_of
 from jaxid.aircraft.record_plausible import require_plausible
 from jaxid.data.build import record as make_record
 from jaxid.data.stack import stack
+from jaxid.models import Polynomial, general_effects
+from jaxid.models.replace import with_polynomials
 
 MASS = {"mass": 5000.0, "Ix": 21000.0, "Iy": 32000.0, "Iz": 48000.0, "Ixz": 1500.0}
 SIZE = {"S": 39.0, "b": 19.8, "cbar": 1.98}
@@ -171,6 +173,27 @@ def test_a_longitudinal_record_alone_is_symmetric_flight():
     found = model.pseudo_measurements(record)
     assert set(found.responses) == {"CX", "CZ", "Cm"}
     assert bool(jnp.all(found.valid))
+
+
+def test_it_may_lack_what_its_motion_would_show():
+    """In symmetric flight nothing of the lateral motion, and of an instrument only what is an output."""
+    record = level(without=("aileron", "rudder", "beta", "p", "r", "phi", "psi", "ay", "pdot", "rdot"))
+    model = with_polynomials(
+        model_of(record, states="longitudinal"),
+        {name: Polynomial({"1": 0.0, "alpha": 0.0}) for name in ("CX", "CZ", "Cm")},
+    )
+    offered = [effect.name for effect in model.effects()]
+    assert {"alpha^2 in CZ", "static separation (from 60%)", "separation with hysteresis (from 65%)"} <= {*offered}
+    assert {"shift of moment of inertia Iy", "shift of place of the sensor of az along x"} <= {*offered}
+    lateral = ("beta", "phat", "rhat", "Ix", "Iz", "sideways", "sensor of ay", "sensor of p", "angular momentum")
+    assert [name for name in offered if any(part in name for part in lateral)] == []
+
+
+def test_a_measured_rate_is_off_and_late_and_has_no_actuator():
+    model = model_of(level(), states=("u", "w", "pitch"))
+    offered = {effect.name for effect in general_effects(model, ())}
+    assert {"bias of input q", "scale of input q", "delay of input q", "dead zone of input stabilator"} <= offered
+    assert offered.isdisjoint({"dead zone of input q", "q between samples", "bias of input stabilator"})
 
 
 def test_without_angular_acceleration_the_regression_says_how_to_get_it():

@@ -10,7 +10,9 @@ from jaxid.models import (
     AbstractModel,
     Augmented,
     DryFriction,
+    InputBias,
     InputLag,
+    InputScale,
     LinearModel,
     Polynomial,
     SensorDelay,
@@ -40,7 +42,9 @@ MODEL = Duffing(jnp.array(4.0), jnp.array(0.4))
 T = 0.1 * np.arange(50)
 U = np.sin(1.3 * T + 0.5)[:, None] + 0.5 * np.cos(4.0 * T)[:, None]
 START = np.array([0.7, 0.9])
-NAMES = [effect.name for effect in general_effects(MODEL, ("x", "v"))]
+MEASURED = (InputBias("u"), InputScale("u"))  # of inputs that an instrument shows
+LIBRARY = tuple(sorted((*general_effects(MODEL, ("x", "v")), *MEASURED), key=lambda effect: effect.name))
+NAMES = [effect.name for effect in LIBRARY]
 # At a level that is not passed, or on no grid.
 NOT_FELT = {"upper saturation of y", "lower saturation of y", "quantisation of y"}
 STEP = 1e-5
@@ -59,7 +63,7 @@ def plain():
 def effects(plain):
     """All general effects with their shapes set from the simulation itself."""
     signals = {"t": T, "x": np.array(plain.x[:, 0]), "v": np.array(plain.x[:, 1]), "u": U[:, 0]}
-    return started(general_effects(MODEL, ("x", "v")), signals, {"y": np.array(plain.y[:, 0])}, 0.1)
+    return started(LIBRARY, signals, {"y": np.array(plain.y[:, 0])}, 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -279,6 +283,8 @@ def test_only_the_equation_of_the_freed_polynomial_is_uncertain():
 
 
 def test_candidates_have_unique_names_and_a_band_limited_input_needs_even_sampling():
-    assert sorted(set(NAMES)) == NAMES
-    uneven = [effect.name for effect in general_effects(MODEL, ("x", "v"), uniform=False)]
-    assert set(NAMES) - set(uneven) == {"u between samples"}
+    even, uneven = (
+        [effect.name for effect in general_effects(MODEL, ("x", "v"), uniform=uniform)] for uniform in (True, False)
+    )
+    assert sorted(set(even)) == even
+    assert set(even) - set(uneven) == {"u between samples"}

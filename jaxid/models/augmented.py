@@ -12,7 +12,7 @@ import numpy as np
 from .._foundation.checks import require_known, require_unique
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from .base import AbstractModel
+from .base import AbstractModel, equations_of
 from .differences import with_differences
 from .effects import Effect
 from .effects_parameter import all_additions, shifted
@@ -60,16 +60,20 @@ class Augmented(AbstractModel):
         own, extra, arriving, acting = self._take_apart(x, u)
         rates, signals = self._declared(t).rhs_and_signals(t, own, acting)
         signals = self._with_differences(signals | extra)
-        rates = rates + self._terms(signals)
-        dx = dict(zip(self.model.states, rates, strict=True))
-        for effect in self.effects_in:
-            for state, addition in effect.equations(dx, signals).items():
-                dx[state] = dx[state] + addition
+        dx = self._added(rates, signals) if self.model.states else {}
         moving = dx | self._rates_of_signals(t, own, acting, dx)
         for effect, arrived in zip(self.effects_in, arriving, strict=True):
             if effect.extra_states:
                 dx |= effect.extra_rates(extra, dict(zip(self.inputs, arrived, strict=True)), signals, moving)
-        return jnp.stack([dx[state] for state in self.states])
+        return jnp.array([dx[state] for state in self.states], float)
+
+    def _added(self, values: Float[Array, " equation"], signals) -> dict[str, Float[Array, ""]]:
+        """The model's own equations with what all effects add to them."""
+        found = dict(zip(equations_of(self.model), values + self._terms(signals), strict=True))
+        for effect in self.effects_in:
+            for name, addition in effect.equations(found, signals).items():
+                found[name] = found[name] + addition
+        return found
 
     def _rates_of_signals(self, t, own, acting, dx):
         """Rates of the signals that effects ask for and that are no states, by the chain rule from those of the states."""
@@ -84,21 +88,26 @@ class Augmented(AbstractModel):
 
         return jax.jvp(signals, (t, own), (jnp.ones(()), jnp.stack([dx[state] for state in self.model.states])))[1]
 
-    def _terms(self, signals) -> Float[Array, " own_state"]:
+    def _terms(self, signals) -> Float[Array, " equation"]:
         """What all effects that are single terms add to the model's own equations."""
+        names = equations_of(self.model)
         single = [(effect.gain, *term) for effect in self.effects_in for term in effect.terms]
         if not single:
-            return jnp.zeros(len(self.model.states))
-        gains, states, products = zip(*single, strict=True)
-        belongs = np.array([[state == name for state in states] for name in self.model.states], float)
+            return jnp.zeros(len(names))
+        gains, equations, products = zip(*single, strict=True)
+        belongs = np.array([[equation == name for equation in equations] for name in names], float)
         return jnp.asarray(belongs) @ (jnp.stack(gains) * monomials(products, signals))
 
     def output(self, t, x, u):
         return self.output_given(t, x, u, self.rhs(t, x, u))
 
     def output_given(self, t, x, u, dx):
-        own, _, _, acting = self._take_apart(x, u)
-        return self._declared(t).output_given(t, own, acting, dx[: own.size])
+        own, extra, _, acting = self._take_apart(x, u)
+        y = self._declared(t).output_given(t, own, acting, dx[: own.size])
+        if self.model.states:
+            return y
+        signals = self._with_differences(self._declared(t).signals(t, own, acting) | extra)
+        return jnp.stack(list(self._added(y, signals).values()))
 
     def _declared(self, t) -> AbstractModel:
         """The declared model, with what effects add to its parameters."""

@@ -23,7 +23,8 @@ class AbstractModel(eqx.Module):
     A model says what moves and what is seen. Which of its parameters are free, how it is fitted, and to which data, are said
     elsewhere (`Free`, the likelihood, `Record`). Numbers given for array leaves are converted at the entry points.
 
-    A subclass names its channels and writes two functions; the hooks below have defaults that suit most models.
+    A subclass names its channels and writes two functions; the hooks below have defaults that suit most models. One without
+    states (a calibration, or coefficients that accelerations say) returns `x` as its rate; its outputs are its equations.
 
     Attributes:
         states, inputs, outputs: the names of the channels, in order.
@@ -186,6 +187,18 @@ class AbstractModel(eqx.Module):
     def units(self) -> dict[str, str]:
         """Units by name, of states, inputs, outputs and parameters; a name that is absent has no stated unit."""
         return {}
+
+
+def equations_of(model: AbstractModel) -> tuple[str, ...]:
+    """What has an equation in which something may be missing: the states; of a model that has none, the outputs."""
+    return model.states or model.outputs
+
+
+def right_hand_sides(
+    model: AbstractModel, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
+) -> Float[Array, " equation"]:
+    """What these equations say: the rates of the states, or the outputs."""
+    return model.rhs(t, x, u) if model.states else model.output(t, x, u)
 
 
 def selected(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Record:

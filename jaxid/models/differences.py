@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.types import Array, Bool
-from .base import AbstractModel
+from .base import AbstractModel, equations_of, right_hand_sides
 from .names import flatten
 
 ARBITRARY = 3  # points at which a model is asked: an accident at one of them is none at the others
@@ -45,7 +45,7 @@ def differences(model: AbstractModel, equations: tuple[str, ...]) -> dict[str, t
     """
     if not equations:
         return {}
-    channels, rows = model.states + model.inputs, [model.states.index(state) for state in equations]
+    channels, rows = model.states + model.inputs, [equations_of(model).index(name) for name in equations]
     opposite, depends = (np.asarray(one)[rows] for one in _slopes(model))
     pairs = [(a, b) for a in range(len(channels)) for b in range(a + 1, len(channels)) if opposite[:, a, b].any()]
     return {
@@ -70,7 +70,7 @@ def absent_signals(model: AbstractModel, equations: tuple[str, ...]) -> dict[str
         return {}
     channels, depends = model.states + model.inputs, np.asarray(_slopes(model)[1])
     return {
-        state: tuple(name for name, one in zip(channels, depends[model.states.index(state)], strict=True) if not one)
+        state: tuple(name for name, one in zip(channels, depends[equations_of(model).index(state)], strict=True) if not one)
         for state in equations
     }
 
@@ -85,7 +85,7 @@ def _slopes(model: AbstractModel) -> tuple[Bool[Array, "state channel channel"],
         of_values, of_point = jax.random.split(key)
         other = unflatten(vector * jax.random.uniform(of_values, vector.shape, minval=0.8, maxval=1.2))
         point = jax.random.uniform(of_point, (count,), minval=0.5, maxval=1.5)
-        return jax.jacfwd(lambda xu: other.rhs(jnp.zeros(()), xu[: len(model.states)], xu[len(model.states) :]))(point)
+        return jax.jacfwd(lambda xu: right_hand_sides(other, jnp.zeros(()), *jnp.split(xu, [len(model.states)])))(point)
 
     slopes = jax.vmap(at)(jax.random.split(jax.random.key(0), ARBITRARY))
     depends = slopes != 0

@@ -17,10 +17,10 @@ FASTEST = 2.0  # of a rate times the step between samples: the classical Runge-K
 
 
 class Term(Effect):
-    """A monomial in one state equation: `d(state)/dt += gain * product`.
+    """A monomial in one state equation: `d(state)/dt += gain * product`; in a model without states, in an output.
 
     Args:
-        state: the equation.
+        state: the equation; of a model without states the output.
         product: a product of powers of signals, such as `"x^2 v"`, or `"1"` for a constant.
     """
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._foundation.types import Array, Bool
 from .acting import Acting
-from .base import AbstractModel, canonical
+from .base import AbstractModel, canonical, equations_of, right_hand_sides
 from .differences import absent_signals, differences, with_differences
 from .effects import Effect
 from .effects_actuator import InputDeadZone, InputPositionLimit, InputRateLimit
@@ -56,18 +56,20 @@ def general_effects(
 
 def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effect]:
     """Terms (linear ones of what the equation does not know), friction and limits; shapes that no polynomial has, and memory,
-    where there are few equations and states."""
+    where there are few equations and states. In a model without states, terms and bends of its inputs."""
     effects: list[Effect] = []
-    pairs = len(equations) * len(model.states)
+    moving = model.states or model.inputs
+    pairs = len(equations) * len(moving)
     unknown = absent_signals(canonical(model), equations)
-    for state in equations:
-        acting = Acting.equation(state)
-        effects += [Term(state, term) for term in (*unknown[state], *products(model.states + model.inputs))]
-        effects += [DryFriction(state, state), QuadraticDrag(state, state)]  # of the equation's own speed
-        effects += [StateLimit(state, into, start) for into in equations if into != state for start in LEVELS]
-        for signal in model.states if pairs <= MOST_PAIRS_FOR_SHAPES else ():
+    for name in equations:
+        acting = Acting.equation(name)
+        effects += [Term(name, term) for term in (*unknown[name], *products(model.states + model.inputs))]
+        if name in model.states:
+            effects += [DryFriction(name, name), QuadraticDrag(name, name)]  # of the equation's own speed
+            effects += [StateLimit(name, into, start) for into in equations if into != name for start in LEVELS]
+        for signal in moving if pairs <= MOST_PAIRS_FOR_SHAPES else ():
             effects += [DeadBand(acting, signal), *(Hinge(acting, signal, fraction) for fraction in KNOTS)]
-        if pairs <= MOST_PAIRS_FOR_MEMORY:
+        if name in model.states and pairs <= MOST_PAIRS_FOR_MEMORY:
             # A place that acts late is its speed that acts late, in other words: their lags are one, where damping is free.
             effects += [LaggedSignal(acting, signal) for signal in equations]
             effects += [Hysteresis(acting, signal) for signal in model.states]
@@ -141,7 +143,7 @@ def uncertain_equations(model: AbstractModel, free_positions: np.ndarray) -> tup
     flat = jnp.concatenate([flatten(model)[0], jnp.zeros(len(model.states))])
     positions = Positions(jnp.asarray(free_positions, int), jnp.zeros(0, int), leaves_at(model, free_positions))
     uncertain = np.asarray(_depends(model, flat, positions))
-    return tuple(state for state, one in zip(model.states, uncertain, strict=True) if one)
+    return tuple(name for name, one in zip(equations_of(model), uncertain, strict=True) if one)
 
 
 @eqx.filter_jit
@@ -152,7 +154,7 @@ def _depends(model: AbstractModel, flat: Array, positions: Positions) -> Bool[Ar
         x, u = jnp.split(jax.random.uniform(key, (len(model.states) + len(model.inputs),)), [len(model.states)])
 
         def rate(values):
-            return insert(model, flat, positions, values, jnp.zeros(0))[0].rhs(jnp.zeros(()), x, u)
+            return right_hand_sides(insert(model, flat, positions, values, jnp.zeros(0))[0], jnp.zeros(()), x, u)
 
         return jax.jacfwd(rate)(flat[positions.shared])
 

@@ -1,0 +1,71 @@
+"""A model without states: a calibration, or coefficients from accelerations; its outputs are its equations."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxid
+from jaxid.models import Acting, Hinge, SensorScale, Term, general_effects
+from jaxid.models.library import uncertain_equations
+
+
+class Lift(jaxid.AbstractModel):
+    slope: object
+    elevator: object
+    states, inputs, outputs = (), ("alpha", "elevator"), ("CL",)
+
+    def rhs(self, t, x, u):
+        return x
+
+    def output(self, t, x, u):
+        return jnp.stack([self.slope * u[0] + self.elevator * u[1]])
+
+
+TRUE, NOISE = -12.0, 0.01
+
+
+def measured(rng):
+    t = 0.04 * np.arange(400)
+    alpha = 0.15 * np.sin(rng.uniform(0.8, 1.2) * t + rng.uniform(0.0, 6.0))
+    u = np.column_stack([alpha, 0.05 * np.sin(3.0 * t)])
+    lift = 5.0 * u[:, 0] + 0.4 * u[:, 1] + TRUE * u[:, 0] ** 3 + NOISE * rng.normal(size=t.size)
+    return jaxid.record(t, u, lift[:, None], inputs=Lift.inputs, outputs=Lift.outputs)
+
+
+@pytest.fixture
+def records(seed):
+    rng = np.random.default_rng(seed)
+    return [measured(rng) for _ in range(3)]
+
+
+def test_what_an_effect_adds_to_its_equation_is_seen():
+    effects = (Term("CL", "alpha^2", gain=jnp.array(3.0)), Hinge(Acting.equation("CL"), "alpha", 0.5))
+    model = jaxid.Augmented(Lift(jnp.array(5.0), jnp.array(0.4)), effects)
+    t, u = np.arange(3.0), np.array([[0.1, 0.2], [0.2, 0.0], [-0.1, 0.1]])
+    found = jaxid.simulate(model, t, u, np.zeros(0)).y[:, 0]
+    np.testing.assert_allclose(found, 5.0 * u[:, 0] + 0.4 * u[:, 1] + 3.0 * u[:, 0] ** 2, rtol=1e-14)
+
+
+def test_the_general_library_has_terms_and_bends_of_its_inputs():
+    model = Lift(jnp.array(5.0), jnp.array(0.4))
+    assert uncertain_equations(model, np.arange(2)) == ("CL",)
+    offered = {effect.name for effect in general_effects(model)}
+    assert {"alpha^3 in CL", "alpha elevator in CL", "1 in CL", "delay of input alpha", "bias of CL"} <= offered
+    assert any(name.startswith("dead band") and name.endswith("in CL") for name in offered)
+    assert not any(
+        "sign" in name or "hysteresis" in name for name in offered
+    )  # it has no speed, and nothing that moves
+
+
+def test_its_curve_is_found(records):
+    model = Lift(jnp.array(4.0), jnp.array(0.0))
+    free = jaxid.free(model, "slope", "elevator")
+    train, check, test = records
+    effects = (Term("CL", "alpha^2"), Term("CL", "alpha^3"), SensorScale("CL"))
+    study = jaxid.close_loop(model, free, jaxid.OutputError(), train=train, check=check, test=test, effects=effects)
+    assert study.effects == ("alpha^3 in CL",)
+    value, error = study.after.estimate.value("alpha^3 in CL.gain"), study.after.estimate.standard_error("alpha^3 in CL.gain")
+    assert abs(value - TRUE) < 4.0 * error
+    # 400 samples: the RMS of noise scatters by 3.5 %.
+    assert study.after.rms["test"]["CL"] == pytest.approx(NOISE, rel=0.14)
+    assert {place.kind for place in study.where["before"].places} == {"input", "output"}

@@ -18,6 +18,7 @@ from .io_table import read_table as read_table
 from .labelled import from_xarray as from_xarray
 from .labelled import to_xarray as to_xarray
 from .layouts import ATTAS as ATTAS
+from .layouts import ATTAS_STALL as ATTAS_STALL
 from .layouts import HFB320 as HFB320
 from .layouts import SIDPAC as SIDPAC
 from .multisine import multisine as multisine

@@ -55,7 +55,8 @@ def read_columns(
     Args:
         path: the file.
         columns: by name of channel `(column, unit)`, columns counted from 1; in place of a column a mapping of columns to
-            factors, which are multiplied and summed. Layouts at hand are `HFB320`, `ATTAS` and `SIDPAC`. Units may be "".
+            factors, which are multiplied and summed. Units may be "". Layouts at hand are `HFB320`, `ATTAS`, `ATTAS_STALL`
+            and `SIDPAC`.
         inputs: channels that are inputs.
         outputs: channels that are measured outputs.
         time: channel of time.

@@ -109,3 +109,6 @@ ATTAS: Columns = {
     "density": (34, "kg/m^3"),
     "thrust": ({37: 1.0, 38: 1.0}, "N"),
 }
+# The quasi-steady stalls `fAttas_qst*`: the header of `fAttas_qst01_withHeader.asc` has the pressure altitude in metres, where
+# the list says feet, and their static pressure agrees: 520 hPa on average at 5,322; in `fAttasElv1` it is 549 hPa at 16,008.
+ATTAS_STALL: Columns = ATTAS | {"altitude": (16, "m")}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxid._foundation.checks import InputError
-from jaxid.data import ATTAS, HFB320, read_columns
+from jaxid.data import ATTAS, ATTAS_STALL, HFB320, read_columns
 
 ROWS = 12
 
@@ -48,6 +48,13 @@ def test_the_layout_of_attas(tmp_path):
     np.testing.assert_allclose(r.z[:, :2], np.deg2rad(numbers[:, [7, 12]]), rtol=1e-12)
     np.testing.assert_allclose(r.z[:, 2:], numbers[:, [15, 3, 33]] * [0.3048, 1.0, 1.0], rtol=1e-12)
     assert r.output_units == ("rad/s", "rad", "m", "m/s^2", "kg/m^3")
+
+
+def test_the_stalls_of_attas_have_their_altitude_in_metres(tmp_path):
+    numbers = grid(45, 0.04)
+    path = write(tmp_path, text(numbers), "fAttas_qst01.asc")
+    r = read_columns(path, ATTAS_STALL, inputs=("thrust",), outputs=("altitude", "V"))
+    np.testing.assert_allclose(r.z, numbers[:, [15, 14]], rtol=1e-12)
 
 
 MAP = {"t": (1, "ms"), "q": (3, "deg/s"), "de": ({2: -1.0}, "deg")}

@@ -70,7 +70,9 @@ def absent_signals(model: AbstractModel, equations: tuple[str, ...]) -> dict[str
         return {}
     channels, depends = model.states + model.inputs, np.asarray(_slopes(model)[1])
     return {
-        state: tuple(name for name, one in zip(channels, depends[equations_of(model).index(state)], strict=True) if not one)
+        state: tuple(
+            name for name, one in zip(channels, depends[equations_of(model).index(state)], strict=True) if not one
+        )
         for state in equations
     }
 

@@ -99,7 +99,9 @@ class Workbench:
         self.rows = jnp.array([position[name] for name in free.per_record], int)
         self.starts = starting_states(free, model, self.model)
         uncertain = uncertain_equations(canonical(model), np.asarray(self.free.positions(canonical(model)).shared))
-        self.equations = uncertain if model.states else ()  # without states they are the outputs, which are places anyway
+        self.equations = (
+            uncertain if model.states else ()
+        )  # without states they are the outputs, which are places anyway
         self.leaves = leaves_at(self.model, np.r_[self.at, np.asarray(self.rows)])
         self.by_itself = pays_to_compile(self.model, self.records.t.shape[1])
         self.begin = self._values()[: self.columns.declared]  # where the declared model's own fit starts

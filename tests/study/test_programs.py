@@ -1,11 +1,14 @@
 """Programs that are compiled for every structure of their arguments, and let go of when there are too many."""
 
 import gc
+import subprocess
+import sys
 import weakref
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jaxid.study.programs import Programs, compile_together
 
@@ -49,3 +52,23 @@ def test_derivatives_go_through_what_is_compiled():
     programs = Programs(times, most=3)
     (slope,) = jax.jacfwd(lambda x: programs({"x": x[None]}, 3.0)["product"])(jnp.array(1.0))
     assert slope == 3.0
+
+
+AS_A_USER = """
+import jax.numpy as jnp
+from jaxid._foundation.quickly import FLAGS, OPTIONS, quickly
+from jaxid.study.programs import Programs
+
+assert OPTIONS == {expected}, OPTIONS
+assert float(quickly(jnp.sum)(jnp.ones(3))) == 3.0  # XLA knows all of them
+assert float(Programs(lambda x: x + 1.0, 1)(jnp.ones(()))) == 2.0
+"""
+
+
+@pytest.mark.parametrize(("flags", "expected"), [(None, "FLAGS"), ("--xla_cpu_use_fusion_emitters=true", "None")])
+def test_large_programs_are_compiled_quickly_where_nobody_says_how(flags, expected, user_environment):
+    environment = {name: value for name, value in user_environment.items() if name != "XLA_FLAGS"}
+    environment |= {"XLA_FLAGS": flags} if flags else {}
+    code = AS_A_USER.format(expected=expected)
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -64,7 +64,10 @@ def test_its_curve_is_found(records):
     effects = (Term("CL", "alpha^2"), Term("CL", "alpha^3"), SensorScale("CL"))
     study = jaxid.close_loop(model, free, jaxid.OutputError(), train=train, check=check, test=test, effects=effects)
     assert study.effects == ("alpha^3 in CL",)
-    value, error = study.after.estimate.value("alpha^3 in CL.gain"), study.after.estimate.standard_error("alpha^3 in CL.gain")
+    value, error = (
+        study.after.estimate.value("alpha^3 in CL.gain"),
+        study.after.estimate.standard_error("alpha^3 in CL.gain"),
+    )
     assert abs(value - TRUE) < 4.0 * error
     # 400 samples: the RMS of noise scatters by 3.5 %.
     assert study.after.rms["test"]["CL"] == pytest.approx(NOISE, rel=0.14)

@@ -9,6 +9,7 @@ import numpy as np
 from jax.scipy.special import gammaincc
 
 from .._foundation.checks import require
+from .._foundation.quickly import quickly
 from .._foundation.types import Array, Bool, Float
 from ..estimation.coloured import score_covariance
 
@@ -83,7 +84,7 @@ def residual_maps(
     return ResidualMaps(tuple(outputs), tuple(variables), edges, mean, deviation, p_value)
 
 
-@eqx.filter_jit
+@quickly
 def _numbers(residuals, mask, s, edges):
     """Means, their deviations and p-values, channel by channel and variable by variable, to keep memory small."""
     bins = edges.shape[1] - 1

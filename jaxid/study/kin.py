@@ -1,9 +1,9 @@
 """The next shapes of what was found: where one of them does nearly as well, the records do not settle the form."""
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.quickly import quickly
 from .._foundation.types import Array, Bool, Float
 from ..diagnosis.scores import exchange_falls, sensitivities, whitened
 from ..estimation.problem import Problem
@@ -55,7 +55,7 @@ def misfits_of_kin(bench: Workbench, found: Fitted) -> dict[str, float]:
     return {one.name: float(worse) for (_, one), worse in zip(kin, misfits, strict=True)}
 
 
-@eqx.filter_jit
+@quickly
 def _falls(
     problem: Problem, parameters: Parameters, is_free: Bool[Array, " column"], out: Bool[Array, "set column"]
 ) -> Float[Array, "set column"]:

@@ -36,6 +36,7 @@ def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None)
         facts=_facts(study),
         drawn=drawn,
         errors={test: error_rows(study, test) for test in study.tests},
+        runaways=study.runaways,
         decided=decided(study),
         effects=effect_rows(study),
         parameters=parameter_rows(study),

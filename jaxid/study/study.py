@@ -14,6 +14,11 @@ from ..estimation.result import Estimate
 from ..models.base import AbstractModel
 from .rivals import Rival
 
+REMEDY = (
+    "Where a motion is unstable, drifts far, or is held by a pilot or a controller, cut the records into pieces (`jaxid.cut`, "
+    "`cut` in a study file)."
+)
+
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
@@ -235,6 +240,21 @@ class Study:
     output_units: tuple[str, ...]
     tests: dict[str, Record]
 
+    @property
+    def runaways(self) -> tuple[str, ...]:
+        """Test records on which a simulation diverges, so that there is no error, in a sentence for each model."""
+        sides = {"declared model": self.before, "model with what was added": self.after}
+        found = []
+        for words in sides if self.effects else ("declared model",):
+            lost = [
+                self.tests[test].names[case]
+                for test, one in sides[words].tests.items()
+                for case in np.flatnonzero(~np.all(np.isfinite(one.residuals), axis=(1, 2)))
+            ]
+            if lost:
+                found.append(f"The {words} runs away on {', '.join(lost)}. {REMEDY}")
+        return tuple(found)
+
     def to_dict(self) -> dict[str, Any]:
         """All figures as plain numbers and words, for JSON."""
         single = len(self.tests) == 1
@@ -285,6 +305,7 @@ class Study:
             for name, unit in zip(self.outputs, self.output_units, strict=True):
                 before, after = self.before.rms[test][name], self.after.rms[test][name]
                 lines.append(f"{name:<{width}} {before:>12.4g} {after:>12.4g} {self.noise[name]:>12.4g}  {unit}")
+        lines += [*self.runaways]
         return "\n".join([*lines, "", str(self.after.estimate)])
 
 

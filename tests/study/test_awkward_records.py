@@ -62,6 +62,22 @@ def test_no_candidates_and_no_check_records():
     found = close_loop(model, own, OutputError(), train=flights(2), effects=(), window=20)
     assert (found.effects, found.outcome) == ((), "unexplained")
     assert "Something is missing" in str(found)
+    assert found.runaways == ()
+
+
+def test_a_simulation_that_runs_away_on_a_test_record_is_told_with_a_remedy():
+    model, own = spring()
+    train, *test = flights(3)
+    found = close_loop(model, own, OutputError(), train=train, test=test, effects=(), window=20)
+    whole = found.before.tests["test"]
+    lost = dataclasses.replace(
+        found.before, tests={"test": eqx.tree_at(lambda one: one.y, whole, whole.y.at[1, 100:].set(jnp.inf))}
+    )
+    told = dataclasses.replace(found, before=lost)
+    (sentence,) = told.runaways
+    assert sentence.startswith(f"The declared model runs away on {test[1].names[0]}. ")
+    assert "jaxid.cut" in sentence
+    assert sentence in str(told)
 
 
 def test_what_the_last_estimate_has_seen_is_predicted_by_the_one_before_it():

@@ -66,10 +66,11 @@ def test_a_fit_in_a_model_of_its_own_is_the_same_fit(monkeypatch, named):
         np.testing.assert_allclose(fitted.fit.parameters.rows, rows, rtol=1e-6, atol=1e-9)
 
 
-def test_at_a_corner_both_fits_end_where_the_solver_ends(monkeypatch):
-    """Which steps are refused at a corner hangs on rounding; that the last falls are small does not."""
+def test_at_a_corner_both_fits_end_alike(monkeypatch):
+    """Which steps are refused at a corner hangs on rounding: from its two starts one and the same program ends 0.01 of the cost
+    apart. A search goes on for `LITTLE`, of which a tenth is asked."""
     for (_, carried), (_, fitted) in _both(monkeypatch, (LIBRARY[3].name,)):
-        assert abs(fitted.cost - carried.cost) < SOLVER.least_fall
+        assert abs(fitted.cost - carried.cost) < 0.1 * workbench.LITTLE
 
 
 def test_a_fit_that_its_iteration_limit_ends_is_gone_on_with(monkeypatch):

@@ -101,7 +101,9 @@ def test_the_text_has_every_row_and_goal(of):
     assert "made up, not in the library, seed 1: explained: a" in words
 
 
-@pytest.mark.parametrize("name", ["dry friction", "actuator's dead zone", "hysteresis of the spring"])
+@pytest.mark.parametrize(
+    "name", ["dry friction", "actuator's dead zone", "hysteresis of the spring", "load that swings"]
+)
 def test_the_truth_is_the_library_s_effect_by_another_integrator(of, name):
     spring, truth = of("spring"), of("truth")
     (one,) = (one for one in spring.system().scenarios if one.name == name)

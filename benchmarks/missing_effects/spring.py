@@ -18,6 +18,7 @@ from jaxid.models import (
     InputRateLimit,
     LaggedSignal,
     QuadraticDrag,
+    Resonance,
     SensorBias,
     SensorDelay,
     SensorDrift,
@@ -127,6 +128,9 @@ def _singles() -> tuple[Scenario, ...]:
         scenario("play in the spring", planted(DeadBand, in_v, "x", gain=-1.0, width=0.5, places=FORCE)),
         scenario("lagged damping", planted(LaggedSignal, in_v, "v", gain=-0.5, time=1.0, places=FORCE)),
         scenario("hysteresis of the spring", planted(Hysteresis, in_v, "x", gain=-0.3, width=0.3, places=FORCE)),
+        scenario(
+            "load that swings", planted(Resonance, in_v, "force", gain=0.3, frequency=3.0, damping=0.05, places=FORCE)
+        ),
         scenario("input delay, faint", planted(InputDelay, "force", gain=0.003, places=FORCE)),
         scenario("input delay", planted(InputDelay, "force", gain=0.15, places=FORCE)),
         scenario("actuator lag", planted(InputLag, "force", gain=1.0, time=0.3, places=FORCE)),

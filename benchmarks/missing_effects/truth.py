@@ -51,18 +51,19 @@ def fly(
     """
     inputs, hidden, carried = Inputs(t, u, effects), Inputs(t, dict(disturbance or {})), memories(effects, x0, u)
     at = {id(one.effect): index for index, one in enumerate(carried)}
-    start = np.stack([*(x0[name] for name in plant.states), *(one.start for one in carried)])
+    start = np.concatenate([np.stack([x0[name] for name in plant.states]), *(one.start for one in carried)])
+    ends = len(plant.states) + np.cumsum([0, *(len(one.start) for one in carried)])
 
     def parts(time, x):
         """Signals, the effects' own states, the inputs on their way to the plant, and the plant's rates."""
-        own, on_the_way = x[len(plant.states) :], inputs.acting(time)
+        own, on_the_way = [x[begin:end] for begin, end in itertools.pairwise(ends)], inputs.acting(time)
         signals = dict(zip(plant.states, x, strict=False)) | on_the_way
         for one, value in zip(carried, own, strict=True):
             if kind(one.effect) == "InputLag":
                 name = one.effect.channel
-                signals[name] = signals[name] + float(one.effect.gain) * (value - signals[name])
+                signals[name] = signals[name] + float(one.effect.gain) * (value[0] - signals[name])
         rates = dict(plant.rates(signals))
-        added = [force(one, signals, own[at[id(one)]] if id(one) in at else None) for one in effects]
+        added = [force(one, signals, own[at[id(one)]][0] if id(one) in at else None) for one in effects]
         added += [(state, hidden.recorded(state, time)) for state in hidden.u]
         for state, addition in filter(None, added):
             rates[state] = rates[state] + addition
@@ -71,7 +72,7 @@ def fly(
     def right_hand_side(time, flat):
         signals, own, on_the_way, rates = parts(time, flat.reshape(start.shape))
         memory = [one.rate(value, on_the_way, signals, rates) for one, value in zip(carried, own, strict=True)]
-        return np.concatenate([*(rates[name] for name in plant.states), *memory])
+        return np.concatenate([*(rates[name] for name in plant.states), *(row for one in memory for row in one)])
 
     shown = []
     for time, flat in zip(t, integrated(right_hand_side, t, start.reshape(-1)), strict=True):

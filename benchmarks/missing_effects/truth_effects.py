@@ -60,7 +60,8 @@ def _rate_limited(t: np.ndarray, u: np.ndarray, limit: float) -> tuple[float, np
 
 
 class Memory(NamedTuple):
-    """A state that an effect carries: an actuator's, a lagged signal, or Bouc's and Wen's z."""
+    """States that an effect carries, shape (state, record): an actuator's, a lagged signal, a mode's place and speed, or
+    Bouc's and Wen's z. The first of them is what acts."""
 
     effect: object
     start: np.ndarray
@@ -72,20 +73,26 @@ class Memory(NamedTuple):
             return (recorded[one.channel] - own) / float(one.time)
         if kind(one) == "LaggedSignal":
             return (signals[one.signal] - own) / float(one.time)
+        if kind(one) == "Resonance":
+            at, speed = own
+            w, damping = float(one.frequency), float(one.damping)
+            return np.stack([speed, w**2 * (signals[one.signal] - at) - 2 * damping * w * speed])
         ds = rates[one.signal]
         return (ds - 0.5 * (np.abs(ds) * np.abs(own) * own + ds * own**2)) / float(one.width)
 
 
 def memories(effects: Sequence, x0: Signals, u: Signals) -> list[Memory]:
-    """The states that effects bring, and where they start."""
+    """What effects carry, and where it starts."""
     found = []
     for one in effects:
         if kind(one) == "InputLag":
-            found.append(Memory(one, u[one.channel][:, 0]))
+            found.append(Memory(one, u[one.channel][None, :, 0]))
         elif kind(one) == "LaggedSignal":
-            found.append(Memory(one, x0[one.signal]))
+            found.append(Memory(one, x0[one.signal][None]))
         elif kind(one) == "Hysteresis":
-            found.append(Memory(one, 0.0 * x0[one.signal]))
+            found.append(Memory(one, 0.0 * x0[one.signal][None]))
+        elif kind(one) == "Resonance":
+            found.append(Memory(one, np.zeros((2, next(iter(x0.values())).size))))
     return found
 
 
@@ -105,7 +112,7 @@ def force(effect, signals: Signals, memory: np.ndarray | None) -> tuple[str, np.
         return effect.acting.name, gain * np.maximum(signals[effect.signal] - float(effect.level), 0.0)
     if name == "LaggedSignal":
         return effect.acting.name, gain * (memory - signals[effect.signal])
-    if name == "Hysteresis":
+    if name in ("Hysteresis", "Resonance"):
         return effect.acting.name, gain * memory
     return None
 

@@ -7,7 +7,7 @@ from .effects import Effect
 from .effects_actuator import InputDeadZone, InputPositionLimit, InputRateLimit
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
 from .effects_input import InputBetweenSamples, InputBias, InputDelay, InputLag, InputScale
-from .effects_memory import Hysteresis, LaggedSignal
+from .effects_memory import Hysteresis, LaggedSignal, Resonance
 from .effects_parameter import ParameterDrift, ParameterShift, ParameterStep, not_free, parameter_effects
 from .effects_sensor import SensorBias, SensorDelay, SensorLag, SensorSaturation, SensorScale
 from .effects_sensor_more import SensorCrossTalk, SensorDrift, SensorQuantisation
@@ -51,6 +51,7 @@ __all__ = [
     "Parameters",
     "Polynomial",
     "QuadraticDrag",
+    "Resonance",
     "Saturating",
     "SensorBias",
     "SensorCrossTalk",

@@ -119,7 +119,8 @@ class Effect(eqx.Module):
         """The same effect with its shape set from the signals of the training records.
 
         Args:
-            signals: time `t`, states, inputs and what the model adds, as simulated, every valid sample.
+            signals: time `t`, states, inputs and what the model adds, as simulated, every valid sample; and of each output
+                `shown NAME`, what the declared model shows, and `residual NAME`, what it leaves: zero where that is not measured.
             measured: measured outputs, every valid sample.
             step: typical time between two samples [s].
         """

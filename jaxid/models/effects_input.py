@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from .._foundation.types import Array, Float
 from .effects import Effect, zero
 
+BETWEEN = (-1.0, 3.0)  # two from the band-limited run: what asks for more of it is another thing, the input's curvature
 NO_LAG_YET = 1e6  # [s] long against any record: the lagging state stands still until `start` sets its time
 
 
@@ -116,6 +117,14 @@ class InputBetweenSamples(InputEffect):
     @property
     def whole(self):
         return True
+
+    @property
+    def bounds(self):
+        return {"gain": BETWEEN}
+
+    @property
+    def void_on_bounds(self):
+        return ("gain",)
 
     def input_path(self, path, inputs):
         return path.towards_band_limited(inputs.index(self.channel), self.gain)

@@ -1,4 +1,4 @@
-"""General effects with a memory of their own: a signal that acts with a lag, and hysteresis."""
+"""General effects with a memory of their own: a signal that acts with a lag, a resonance, and hysteresis."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,10 +8,12 @@ from .._foundation.types import Array, Float
 from .acting import Acting, ActingEffect
 from .effects import zero
 from .effects_input import NO_LAG_YET
-from .starts import reach_of, time_scale_of
+from .starts import misfit_peak, reach_of, time_scale_of
 
 NO_WIDTH_YET = 1e6  # wide against any signal in SI units: z stands still until `start` sets the width
 SHORTEST = 2.0  # steps between samples: a lag starts no shorter, which a fixed step could not follow
+FASTEST = 1.0  # radians from sample to sample: of what swings faster a Runge-Kutta step of that length damps 1 % away
+NO_PEAK = 0.7  # damping ratio from 1/sqrt(2) on, beyond which nothing resonates
 
 
 class LaggedSignal(ActingEffect):
@@ -84,6 +86,74 @@ class LaggedSignal(ActingEffect):
     def extra_rates(self, extra, u, signals, rates):
         error = self.extra_states[0]
         return {error: -extra[error] / self.time - rates[self.signal]}
+
+
+class Resonance(ActingEffect):
+    """A further mode that a signal excites and that acts back: a part that bends, a load that swings, a liquid that sloshes.
+
+        dz/dt = frequency w,    dw/dt = frequency (signal - z) - 2 damping frequency w,    scalar += gain z
+
+    At low frequencies `z` is the signal itself, of which what the declared model makes of it takes its share. It starts at rest.
+
+    Args:
+        acting: where it acts.
+        signal: what excites it, an input as a rule.
+        peak: where the declared model errs most, beside what it shows, that is where it starts: 1 is the highest peak.
+        gain: what acts [unit of the scalar over that of the signal].
+        frequency: natural frequency [rad/s].
+        damping: ratio to the critical one.
+        highest: that the frequency can be, which the step between samples can follow [rad/s].
+    """
+
+    acting: Acting = eqx.field(static=True)
+    signal: str = eqx.field(static=True)
+    peak: int = eqx.field(static=True, default=1)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    frequency: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(1.0))
+    damping: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.1))
+    highest: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(jnp.inf))
+
+    @property
+    def name(self):
+        return f"{self.family} (from peak {self.peak})"
+
+    @property
+    def family(self):
+        return f"resonance to {self.signal} in {self.acting.name}"
+
+    @property
+    def sentence(self):
+        return f"{self.signal} excites a resonance that acts {self.acting.words}"
+
+    @property
+    def bounds(self):
+        return {"frequency": (1e-6, float(self.highest)), "damping": (1e-6, NO_PEAK)}
+
+    @property
+    def fixed(self):
+        return ("highest",)
+
+    @property
+    def void_on_bounds(self):
+        return ("frequency", "damping")
+
+    def start(self, signals, measured, step):
+        highest = FASTEST / step
+        frequency, width = misfit_peak(signals, step, self.peak, highest)
+        values = (jnp.asarray(value) for value in (frequency, min(width / frequency, 0.5 * NO_PEAK), highest))
+        return eqx.tree_at(lambda one: (one.frequency, one.damping, one.highest), self, tuple(values))
+
+    @property
+    def extra_states(self):
+        return (f"z of {self.name}", f"w of {self.name}")
+
+    def scalar(self, signals):
+        return signals[self.extra_states[0]]
+
+    def extra_rates(self, extra, u, signals, rates):
+        at, moving = self.extra_states
+        z, w = extra[at], extra[moving]
+        return {at: self.frequency * w, moving: self.frequency * (signals[self.signal] - z - 2.0 * self.damping * w)}
 
 
 class Hysteresis(ActingEffect):

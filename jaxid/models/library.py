@@ -17,7 +17,7 @@ from .effects import Effect
 from .effects_actuator import InputDeadZone, InputPositionLimit, InputRateLimit
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
 from .effects_input import InputBetweenSamples, InputBias, InputDelay, InputLag, InputScale
-from .effects_memory import Hysteresis, LaggedSignal
+from .effects_memory import Hysteresis, LaggedSignal, Resonance
 from .effects_sensor import SensorBias, SensorDelay, SensorLag, SensorSaturation, SensorScale
 from .effects_sensor_more import SensorCrossTalk, SensorDrift, SensorQuantisation
 from .effects_shape import DeadBand, Hinge
@@ -27,10 +27,12 @@ from .names import flatten
 MOST_SIGNALS_FOR_CUBIC_PRODUCTS = 3
 MOST_PAIRS_FOR_SHAPES = 12  # of an equation and a state, from which on bends in each would be too many candidates
 MOST_PAIRS_FOR_MEMORY = 6  # and states of effects too many to simulate
+MOST_PAIRS_FOR_RESONANCE = 3  # of an equation and an input: each has two peaks to start at, of two states
 MOST_DIFFERENCES_FOR_SHAPES = 8  # of an equation and a difference
 MOST_OF_ONE_KIND = 3
 LEVELS = (0.6, 0.75, 0.9)  # starts of a limit within the range of its signal
 KNOTS = (0.3, 0.7)  # starts of a knot within the range of its signal
+PEAKS = (1, 2)  # of the misfit's spectrum, at which a resonance starts
 
 
 def general_effects(
@@ -73,6 +75,8 @@ def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effe
             # A place that acts late is its speed that acts late, in other words: their lags are one, where damping is free.
             effects += [LaggedSignal(acting, signal) for signal in equations]
             effects += [Hysteresis(acting, signal) for signal in model.states]
+        if name in model.states and len(equations) * len(model.inputs) <= MOST_PAIRS_FOR_RESONANCE:
+            effects += [Resonance(acting, signal, peak) for signal in model.inputs for peak in PEAKS]
     return effects
 
 

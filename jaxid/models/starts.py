@@ -8,6 +8,13 @@ import numpy as np
 from .._foundation.types import Array, Float
 
 Samples = Float[np.ndarray, " sample"]
+RESIDUAL, SHOWN = (
+    "residual ",
+    "shown ",
+)  # before an output's name: what the declared model leaves of it, and what it shows
+NOISE = 10.0  # medians of the residual's spectrum
+FEWEST_CYCLES = 3  # in a record: what is slower is no resonance but a drift
+APART = 0.15  # of its frequency, within which a peak is one with a higher one
 
 
 def level_in(signal: Samples, fraction: float) -> Float[Array, ""]:
@@ -49,3 +56,43 @@ def time_scale_of(signal: Samples, signals: Mapping[str, Samples], step: float) 
     """
     rate = np.sqrt(np.mean(rates_in(signal, signals) ** 2))
     return float(np.std(signal) / rate) if rate > 0 else step
+
+
+def misfit_peak(signals: Mapping[str, Samples], step: float, rank: int, highest: float) -> tuple[float, float]:
+    """Frequency at which the declared model errs most, beside what it shows there, and how well it is known.
+
+        sum over outputs of max(|residual|^2 - noise, 0) / (|shown|^2 + noise),   noise = ten medians of |residual|^2
+
+    The ratio is that of the declared frequency response to its own error, in which a resonance of the declared model cancels: its
+    residual is large at its own resonance, whatever it lacks. What is no larger than noise may be does not count.
+
+    Args:
+        signals: `t` [s], and `residual NAME` and `shown NAME` of each output, every valid sample, one record after the other.
+        step: typical time between two samples [s].
+        rank: which peak, 1 being the highest; a lower one lies outside of those above it.
+        highest: frequency up to which it is sought [rad/s].
+
+    Returns:
+        Frequency, and the resolution of the spectrum [rad/s]; a tenth of the highest, and as much, where no residual is given.
+    """
+    names = [name.removeprefix(RESIDUAL) for name in signals if name.startswith(RESIDUAL)]
+    begins = np.flatnonzero(np.diff(signals["t"]) <= 0) + 1
+    length = max(one.size for one in np.split(signals["t"], begins))
+
+    def power(signal):
+        parts = [(one - np.mean(one)) * np.hanning(one.size) for one in np.split(signal, begins)]
+        return np.sum([np.abs(np.fft.rfft(one, length)) ** 2 for one in parts], axis=0)
+
+    number = np.arange(length // 2 + 1)
+    ratio, unit = np.zeros(number.size), 2.0 * np.pi / (step * length)
+    for name in names:
+        residual, shown = power(signals[RESIDUAL + name]), power(signals[SHOWN + name])
+        noise = NOISE * np.median(residual)  # white noise passes it in one bin of a thousand
+        ratio += np.maximum(residual - noise, 0.0) / (shown + noise) if noise > 0 else 0.0
+    ratio[(number < FEWEST_CYCLES) | (unit * number > highest)] = 0.0
+    for _ in range(rank - 1):
+        found = np.argmax(ratio)
+        ratio[np.abs(number - found) <= max(APART * found, FEWEST_CYCLES)] = 0.0
+    if not np.any(ratio):
+        return 0.1 * highest, 0.1 * highest
+    return unit * float(np.argmax(ratio)), unit

@@ -35,6 +35,7 @@ from ..models.free import (
 from ..models.library import started, uncertain_equations
 from ..models.names import flatten
 from ..models.noise import FixedNoise
+from ..models.starts import RESIDUAL, SHOWN
 from .columns import Columns
 from .programs import FITS, PASSES, PREDICTIONS, compile_together, pays_to_compile, placed, signals_of
 
@@ -364,6 +365,12 @@ class Workbench:
         real = np.asarray(real)
         mask, z = np.asarray(self.records.mask), np.asarray(self.records.z)
         measured = {name: z[..., i][mask[..., i]] for i, name in enumerate(self.records.outputs)}
+        left = np.where(mask, np.asarray(fitted.fit.residuals), 0.0)
+        for i, name in enumerate(self.records.outputs):
+            signals |= {
+                RESIDUAL + name: left[..., i],
+                SHOWN + name: np.where(mask[..., i], z[..., i] - left[..., i], 0.0),
+            }
         return {name: np.asarray(signal)[real] for name, signal in signals.items()}, measured
 
 

@@ -1,4 +1,4 @@
-"""A signal that acts with a lag, and hysteresis: closed forms, and rates of signals that are no states."""
+"""A signal that acts with a lag, a resonance, and hysteresis: closed forms, and rates of signals that are no states."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 
 from jaxid._foundation.checks import InputError
 from jaxid.data import record
-from jaxid.models import Acting, Augmented, Hysteresis, LaggedSignal, LinearModel
+from jaxid.models import Acting, Augmented, Hysteresis, LaggedSignal, LinearModel, Resonance
 from jaxid.simulation import RK4, simulate
 
 T = 0.05 * np.arange(161)
@@ -67,6 +67,46 @@ def test_the_rate_of_a_signal_that_is_no_state_comes_by_the_chain_rule():
 def test_a_signal_without_a_rate_is_refused(signal):
     with pytest.raises(InputError, match=f"no signal with a rate '{signal}'"):
         Augmented(Integrator(), (lagged(signal),)).rhs(jnp.zeros(()), jnp.zeros(3), jnp.zeros(1))
+
+
+def test_a_resonance_answers_a_step_as_a_second_order_system():
+    w, damping = 2.0, 0.1
+    effect = Resonance(BESIDE, "u", gain=jnp.array(0.0), frequency=jnp.array(w), damping=jnp.array(damping))
+    found = run((effect,), np.ones(T.size))
+    quick = w * np.sqrt(1 - damping**2)
+    decay = np.exp(-damping * w * T)
+    want = 1 - decay * (np.cos(quick * T) + damping * w / quick * np.sin(quick * T))
+    # RK4 of two steps to a sample, w h = 0.05: (w h)^5/120 a step, 3e-9 in each of 320 of them.
+    np.testing.assert_allclose(found[effect.extra_states[0]], want, rtol=0, atol=1e-6)
+    with_it = run(
+        (Resonance(BESIDE, "u", gain=jnp.array(3.0), frequency=jnp.array(w), damping=jnp.array(damping)),),
+        np.ones(T.size),
+    )
+    speed = decay * np.sin(quick * T) / np.sqrt(1 - damping**2)  # dz/dt = w times this
+    np.testing.assert_allclose(with_it["y"], 3.0 * (T - (2 * damping * want + speed) / w), rtol=0, atol=1e-5)
+
+
+def test_a_resonance_starts_where_the_declared_model_errs_most_beside_what_it_shows():
+    """Not where the residual is largest: that is at the declared model's own resonance, here 1.5 rad/s, whatever it lacks."""
+    t, unit = 0.1 * np.arange(400), 2 * np.pi / 40.0  # unit: the resolution of 40 s
+    noise = 0.01 * np.random.default_rng(0).normal(size=(2, 400))
+    shown = 10.0 * np.sin(1.5 * t) + 0.5 * np.sin(3.2 * t) + 0.5 * np.sin(5.03 * t)
+    residual = np.sin(1.5 * t) + 0.1 * np.sin(3.2 * t) + 0.3 * np.sin(5.03 * t)
+    both = {
+        "t": np.r_[t, t],
+        "shown y": np.r_[shown, shown],
+        "residual y": np.r_[residual, residual] + noise.reshape(-1),
+    }
+    both |= {"shown still": np.zeros(800), "residual still": np.zeros(800)}
+    high, low = (Resonance(BESIDE, "u", peak).start(both, {}, 0.1) for peak in (1, 2))
+    assert (float(high.frequency), float(low.frequency)) == (
+        pytest.approx(5.03, abs=unit),
+        pytest.approx(3.2, abs=unit),
+    )
+    assert float(high.damping) * float(high.frequency) == pytest.approx(unit, rel=1e-9)
+    assert high.bounds["frequency"][1] == 10.0  # one radian in a step
+    still = Resonance(BESIDE, "u").start({"t": t}, {}, 0.1)
+    assert (float(still.frequency), float(still.damping)) == (1.0, 0.35)
 
 
 def test_hysteresis_follows_wen_and_encloses_an_area():

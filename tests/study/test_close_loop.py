@@ -24,6 +24,7 @@ from jaxid.models import (
     LaggedSignal,
     ParameterShift,
     QuadraticDrag,
+    Resonance,
     SensorBias,
     SensorDelay,
     SensorLag,
@@ -122,6 +123,25 @@ def test_damping_that_nobody_declared_is_named():
     assert found.outcome == "explained"
     error = found.after.estimate.standard_error("v in v.gain")
     assert abs(found.after.estimate.value("v in v.gain") + 0.2) < 4 * error
+
+
+def test_a_further_mode_is_found_from_the_spectrum_that_the_declared_model_leaves():
+    """Among the shapes with a memory, from starts that know nothing of where it is."""
+    mode = Resonance(
+        Acting.equation("v"), "force", gain=jnp.array(0.3), frequency=jnp.array(4.0), damping=jnp.array(0.04)
+    )
+    library = (
+        *(Resonance(Acting.equation("v"), "force", peak) for peak in (1, 2)),
+        LaggedSignal(Acting.equation("v"), "v"),
+        *LIBRARY,
+    )
+    found = study(mode, 2, library)
+    assert [one.split(" (")[0] for one in found.effects] == ["resonance to force in v"]
+    assert found.outcome == "explained"
+    for field in ("gain", "frequency", "damping"):
+        (own,) = (f"{name}.{field}" for name in found.effects)
+        error = found.after.estimate.standard_error(own)
+        assert abs(found.after.estimate.value(own) - float(getattr(mode, field))) < 4 * error, field
 
 
 def test_a_stop_that_the_records_show_comes_in_before_what_explains_more():

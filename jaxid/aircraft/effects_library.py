@@ -11,7 +11,7 @@ from .._foundation.checks import require_known
 from ..models.acting import Acting
 from ..models.base import AbstractModel, canonical
 from ..models.effects import Effect
-from ..models.effects_memory import LaggedSignal
+from ..models.effects_memory import LaggedSignal, Resonance
 from ..models.effects_parameter import MOMENTS, ParameterDrift, ParameterShift, ParameterStep
 from ..models.names import parameter_names, read
 from .aerodynamics import COEFFICIENTS
@@ -19,7 +19,7 @@ from .effects import CoefficientTerm
 from .effects_flow import CoefficientGradient, GroundEffect, in_coefficient
 from .effects_separation import Separation, StaticSeparation
 
-GROUPS = ("coefficients", "unsteady", "mass", "thrust", "air", "instruments")
+GROUPS = ("coefficients", "unsteady", "structure", "mass", "thrust", "air", "instruments")
 Moved = Mapping[str, tuple[str, ...]]
 
 RATE_TERMS = {  # beside each other damping in pitch and yaw acts on the rate of the angle, not on that of the body
@@ -31,6 +31,11 @@ MORE_WITH_MACH = (("CX", "alpha^2"), ("CY", "beta"), ("Cl", "beta"))
 WITH_QBAR = (("Cm", "stabilator"), ("Cl", "aileron"), ("Cn", "rudder"))  # surfaces that bend the airframe
 LAGGED = {"alpha": ("CX", "CZ", "Cm"), "beta": ("CY", "Cl", "Cn")}
 SEPARATED = ("CX", "CZ", "Cm")
+SHAKEN = {
+    "stabilator": ("CZ", "Cm"),
+    "aileron": ("Cl",),
+    "rudder": ("CY", "Cn"),
+}  # by the surface that they act through
 
 INERTIA = {
     **{name: f"moment of inertia {name}" for name in ("Ix", "Iy", "Iz")},
@@ -75,6 +80,7 @@ def aircraft_effects(
 
             - "coefficients": terms, and terms that vary with Mach, dynamic pressure and altitude;
             - "unsteady": terms with the rates of alpha and beta, lagged angles, separated flow;
+            - "structure": a mode of the airframe that a surface excites, in the coefficients of that surface;
             - "mass": mass, its drift (fuel) and step (a store is dropped), centre of gravity, inertia;
             - "thrust": of all engines, asymmetry, line of action, angular momentum;
             - "air": steady wind, its shear, temperature;
@@ -95,6 +101,7 @@ def aircraft_effects(
     makers: dict[str, Callable[[], Sequence[Effect]]] = {
         "coefficients": lambda: (*_coefficients(terms, moved, signals), *_ground_effects(model, moved, ground)),
         "unsteady": lambda: _unsteady(terms, moved, signals),
+        "structure": lambda: _modes(moved, signals),
         "mass": lambda: _mass(names),
         "thrust": lambda: (*thrust(names), *_all_engines(names, "up", "tilt of the thrust line", "rad")),
         "air": lambda: _air(names),
@@ -194,6 +201,15 @@ def separations(moved: Moved, static: Sequence[float], lagging: Sequence[float])
     return (
         *(StaticSeparation(acting, fraction) for fraction in static),
         *(Separation(acting, fraction) for fraction in lagging),
+    )
+
+
+def _modes(moved: Moved, signals: Collection[str]) -> tuple[Effect, ...]:
+    return tuple(
+        Resonance(in_coefficient(name, moved[name]), surface)
+        for surface, names in SHAKEN.items()
+        for name in names
+        if name in moved and surface in signals
     )
 
 

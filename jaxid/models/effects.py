@@ -40,6 +40,11 @@ class Effect(eqx.Module):
         return self.name
 
     @property
+    def several(self) -> bool:
+        """Whether more than one of its family can act at once: a structure has many modes, a sensor one delay."""
+        return False
+
+    @property
     def sentence(self) -> str:
         """What the effect is, in words that an engineer uses."""
         return self.name

@@ -122,6 +122,10 @@ class Resonance(ActingEffect):
         return f"resonance to {self.signal} in {self.acting.name}"
 
     @property
+    def several(self):
+        return True
+
+    @property
     def sentence(self):
         return f"{self.signal} excites a resonance that acts {self.acting.words}"
 

@@ -27,12 +27,12 @@ from .names import flatten
 MOST_SIGNALS_FOR_CUBIC_PRODUCTS = 3
 MOST_PAIRS_FOR_SHAPES = 12  # of an equation and a state, from which on bends in each would be too many candidates
 MOST_PAIRS_FOR_MEMORY = 6  # and states of effects too many to simulate
-MOST_PAIRS_FOR_RESONANCE = 3  # of an equation and an input: each has two peaks to start at, of two states
+MOST_PAIRS_FOR_RESONANCE = 2  # of an equation and an input: each has three peaks to start at, of two states
 MOST_DIFFERENCES_FOR_SHAPES = 8  # of an equation and a difference
 MOST_OF_ONE_KIND = 3
 LEVELS = (0.6, 0.75, 0.9)  # starts of a limit within the range of its signal
 KNOTS = (0.3, 0.7)  # starts of a knot within the range of its signal
-PEAKS = (1, 2)  # of the misfit's spectrum, at which a resonance starts
+PEAKS = (1, 2, 3)  # of the misfit's spectrum, at which a resonance starts
 
 
 def general_effects(

@@ -106,13 +106,14 @@ class Search:
             tried = self.tried(fitted, number + 1)
 
     def candidates(self, fitted: Fitted, scores: Scores) -> tuple[Candidate, ...]:
-        """All effects that are not in, best score first: none of their family is in, nor what refines them, and what they refine
-        themselves, if anything, is."""
+        """All effects that are not in, best score first: none of their family is in, unless several may be, nor what refines them,
+        and what they refine themselves, if anything, is."""
         arrays = [np.asarray(one) for one in (scores.score, scores.significance, scores.expected, scores.left)]
         found, inside = [], [self.bench.effects[name] for name in fitted.effects]
         families_in, refined = {one.family for one in inside}, {one.refines for one in inside}
         for name, effect in self.bench.effects.items():
-            absent = effect.family not in families_in | refined
+            taken = refined if effect.several else families_in | refined
+            absent = name not in fitted.effects and effect.family not in taken
             if absent and (not effect.refines or effect.refines in families_in):
                 score, significance, expected, left = (float(array[self.bench.columns.gains[name]]) for array in arrays)
                 words = (name, effect.family, effect.place, effect.sentence)

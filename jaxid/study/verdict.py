@@ -1,5 +1,6 @@
 """What a loop may claim: the gate between an effect that explains and one that only helps, and the words for it."""
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -110,7 +111,8 @@ def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Ri
         rivals: what the records cannot tell from them.
         left: where what is left sits.
     """
-    what = "; ".join(sentences)
+    count = Counter(sentences)
+    what = "; ".join(one if times == 1 else f"{one} ({times} of them)" for one, times in count.items())
     names = ", ".join(dict.fromkeys(rival.name for rival in rivals))  # one may stand in the place of several
     also = f" (these records cannot tell it from: {names})" if rivals and not conclusion.doubts.unsettled else ""
     stays = str(conclusion.doubts) or "What stays after them is more than noise."

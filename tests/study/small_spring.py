@@ -23,12 +23,13 @@ class Spring(AbstractModel):
         return x[:1]
 
 
-def fly(seed, effect, samples=300):
-    """One record of the spring with an effect, its noise free output beside it."""
+def fly(seed, *effects, samples=300):
+    """One record of the spring with some effects, and its noise beside it."""
     rng = np.random.default_rng(seed)
     t = 0.1 * np.arange(samples)
     u = np.convolve(rng.normal(size=samples), np.ones(8) / 2.5, "same")[:, None]
-    truth = Spring(1.5, 0.2) if effect is None else Augmented(Spring(1.5, 0.2), (effect,))
+    present = tuple(effect for effect in effects if effect is not None)
+    truth = Augmented(Spring(1.5, 0.2), present) if present else Spring(1.5, 0.2)
     y = np.asarray(simulate(truth, t, u, jnp.zeros(len(truth.states))).y)
     noise = SIGMA * rng.normal(size=y.shape)
     return record(t, u, y + noise, inputs=("force",), outputs=("x",), name=f"record {seed}"), noise

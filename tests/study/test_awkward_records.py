@@ -27,7 +27,7 @@ def spring():
 
 
 def flights(count, effect=CUBE, samples=150):
-    return [fly(100 + index, effect, samples)[0] for index in range(count)]
+    return [fly(100 + index, effect, samples=samples)[0] for index in range(count)]
 
 
 def prediction(v, mask):

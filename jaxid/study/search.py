@@ -106,8 +106,8 @@ class Search:
             tried = self.tried(fitted, number + 1)
 
     def candidates(self, fitted: Fitted, scores: Scores) -> tuple[Candidate, ...]:
-        """All effects that are not in, best score first: none of their family is in, unless several may be, nor what refines them,
-        and what they refine themselves, if anything, is."""
+        """All effects that are not in, best score first: none of their family is in, unless several may be, nor what refines
+        them, and what they refine themselves, if anything, is."""
         arrays = [np.asarray(one) for one in (scores.score, scores.significance, scores.expected, scores.left)]
         found, inside = [], [self.bench.effects[name] for name in fitted.effects]
         families_in, refined = {one.family for one in inside}, {one.refines for one in inside}

@@ -118,7 +118,7 @@ def ranking(one: Round) -> Figure:
         colour of the residual accounted for, the line what it must exceed to be no accident.
     """
     best = one.candidates[:MOST_CANDIDATES]
-    figure, ((ax,),) = canvas(1.0 + 0.24 * max(len(best), 2))
+    figure, ((ax,),) = canvas(1.15 + 0.24 * max(len(best), 2))
     scores = np.array([_positive(candidate.score) for candidate in best])
     dots = np.array([_positive(candidate.significance) for candidate in best])
     known = np.concatenate([scores, dots, [one.threshold, 1.0]])
@@ -131,7 +131,7 @@ def ranking(one: Round) -> Figure:
     ax.set_yticks(range(len(best)), [raised(candidate.name) for candidate in best], parse_math=False)
     plain(
         ax,
-        "score: chi-square that the candidate would explain (bar); the same, colour of the residual allowed for (dot)",
+        "score: chi-square that the candidate would explain (bar);\nthe same, colour of the residual allowed for (dot)",
     )
     ax.grid(False, axis="y")
     ax.axvline(one.threshold, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))

@@ -109,7 +109,7 @@ class Resonance(ActingEffect):
     signal: str = eqx.field(static=True)
     peak: int = eqx.field(static=True, default=1)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
-    frequency: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(1.0))
+    frequency: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(1.0 / NO_LAG_YET))
     damping: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.1))
     highest: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(jnp.inf))
 

@@ -109,6 +109,18 @@ def test_each_kind_of_effect_alone_is_absent_at_gain_zero(effects, plain):
         np.testing.assert_allclose(found.y, plain.y, rtol=0, atol=1e-12, err_msg=effect.name)
 
 
+def test_before_their_shapes_are_set_they_stand_still_whatever_the_step():
+    """The declared model is fitted with all of them in it, here at steps of 4 s, in which a state of their own could diverge."""
+    slow = LinearModel([[-0.01]], [[0.01]], [[1.0]], [[0.0]], states=("x",), inputs=("u",), outputs=("y",))
+    t, u = 4.0 * np.arange(1000), np.sign(np.sin(0.05 * np.arange(1000)))[:, None]
+    library = general_effects(slow, ("x",))
+    assert {"Hysteresis", "InputLag", "LaggedSignal", "Resonance"} <= {type(effect).__name__ for effect in library}
+    model = Augmented(slow, library)
+    found = simulate(model, t, u, np.zeros(len(model.states)))
+    assert np.all(np.isfinite(found.x))
+    np.testing.assert_allclose(found.y, simulate(slow, t, u, np.zeros(1)).y, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_the_sensitivity_at_gain_zero_is_a_finite_difference(effects, sensitivities, differences, name):
     column = NAMES.index(name)

@@ -31,11 +31,7 @@ MORE_WITH_MACH = (("CX", "alpha^2"), ("CY", "beta"), ("Cl", "beta"))
 WITH_QBAR = (("Cm", "stabilator"), ("Cl", "aileron"), ("Cn", "rudder"))  # surfaces that bend the airframe
 LAGGED = {"alpha": ("CX", "CZ", "Cm"), "beta": ("CY", "Cl", "Cn")}
 SEPARATED = ("CX", "CZ", "Cm")
-SHAKEN = {
-    "stabilator": ("CZ", "Cm"),
-    "aileron": ("Cl",),
-    "rudder": ("CY", "Cn"),
-}  # by the surface that they act through
+SHAKEN = {"stabilator": ("CZ", "Cm"), "aileron": ("Cl",), "rudder": ("CY", "Cn")}  # by each surface
 
 INERTIA = {
     **{name: f"moment of inertia {name}" for name in ("Ix", "Iy", "Iz")},

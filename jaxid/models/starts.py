@@ -8,10 +8,8 @@ import numpy as np
 from .._foundation.types import Array, Float
 
 Samples = Float[np.ndarray, " sample"]
-RESIDUAL, SHOWN = (
-    "residual ",
-    "shown ",
-)  # before an output's name: what the declared model leaves of it, and what it shows
+SHOWN = "shown "  # before an output's name: what the declared model shows
+RESIDUAL = "residual "  # and what it leaves of the measured one
 NOISE = 10.0  # medians of the residual's spectrum
 FEWEST_CYCLES = 3  # in a record: what is slower is no resonance but a drift
 APART = 0.15  # of its frequency, within which a peak is one with a higher one

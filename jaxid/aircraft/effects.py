@@ -26,7 +26,7 @@ SYMMETRIC = (
 )
 LATERAL = (
     *("1", "beta", "phat", "rhat", "aileron", "rudder", "alpha beta", "alpha phat", "alpha rhat", "alpha aileron"),
-    *("alpha rudder", "alpha^2 beta", "beta^3", "beta qhat"),
+    *("alpha rudder", "alpha^2 beta", "beta^3", "beta qhat", "aileron^3", "rudder^3"),
 )
 LACKING = {  # terms in the spirit of Table 6.1: even in the lateral signals for symmetric coefficients, odd for the others
     **dict.fromkeys(("CX", "CZ", "Cm"), SYMMETRIC),

@@ -168,7 +168,8 @@ def check_channels(model: AbstractModel, records: Record) -> None:
         if wanted != found:
             raise InputError(
                 f"The model's {kind} are ({', '.join(wanted)}), the records' are ({', '.join(found)}). "
-                "Name and order the record's channels as the model's."
+                "Name and order the record's channels as the model's; `model.prepared(record)` takes them from one that holds "
+                "more, and a measured state that is an input here from the outputs."
             )
 
 

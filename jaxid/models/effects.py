@@ -13,6 +13,9 @@ from ..data.record import Record
 
 Signals = dict[str, Float[Array, ""]]
 
+# Bounds where less than nothing of an effect is another one: what leads does not lag, what overshoots does not stop.
+PRESENT = {"gain": (0.0, float("inf"))}
+
 
 class Effect(eqx.Module):
     """One physical effect, with a gain that is zero where the effect is absent.

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
-from .effects import Effect, zero
+from .effects import PRESENT, Effect, zero
 
 BETWEEN = (-1.0, 3.0)  # two from the band-limited run: what asks for more of it is another thing, the input's curvature
 NO_LAG_YET = 1e6  # [s] long against any record: the lagging state stands still until `start` sets its time
@@ -73,7 +73,7 @@ class InputScale(InputEffect):
 
 
 class InputDelay(InputEffect):
-    """The input acts later than it is recorded: `u(t) -> u(t - gain)`, with gain in seconds.
+    """The input acts later than it is recorded, or earlier: `u(t) -> u(t - gain)`, with gain in seconds.
 
     Args:
         channel: name of the input.
@@ -88,7 +88,7 @@ class InputDelay(InputEffect):
 
     @property
     def sentence(self):
-        return f"the input {self.channel} acts later than it is recorded"
+        return f"the input {self.channel} acts {'earlier' if self.gain < 0 else 'later'} than it is recorded"
 
     def input_path(self, path, inputs):
         return path.delayed(inputs.index(self.channel), self.gain)
@@ -163,7 +163,11 @@ class InputLag(InputEffect):
 
     @property
     def bounds(self):
-        return {"time": (1e-6, float("inf"))}
+        return PRESENT | {"time": (1e-6, float("inf"))}
+
+    @property
+    def void_on_bounds(self):
+        return ("gain",)
 
     def start(self, signals, measured, step):
         return eqx.tree_at(lambda effect: effect.time, self, 2.0 * jnp.asarray(step))

@@ -12,7 +12,7 @@ import numpy as np
 
 from .._foundation.grid import strictly_increasing
 from .._foundation.types import Array, Float
-from .effects import Effect, zero
+from .effects import PRESENT, Effect, zero
 
 PILE = 3  # samples at exactly one extreme value: noise alone does not repeat itself
 CROWD = 5  # times as many there as at any other value: neither a coarse scale nor rest makes such a pile at an end
@@ -110,7 +110,7 @@ class SensorScale(SensorEffect):
 
 
 class SensorDelay(SensorEffect):
-    """An output is recorded late: `y(t) -> y(t - gain)`, with gain in seconds, by cubics through the samples.
+    """An output is recorded late, or early: `y(t) -> y(t - gain)`, with gain in seconds, by cubics through the samples.
 
     Args:
         channel: name of the output.
@@ -129,7 +129,7 @@ class SensorDelay(SensorEffect):
 
     @property
     def sentence(self):
-        return f"the sensor of {self.channel} is late"
+        return f"the sensor of {self.channel} is {'early' if self.gain < 0 else 'late'}"
 
     def reading(self, t, signal):
         return late(t, signal, self.gain)
@@ -163,7 +163,7 @@ class SensorLag(SensorEffect):
 
     @property
     def bounds(self):
-        return {"gain": (0.0, float("inf"))}
+        return PRESENT
 
     def reading(self, t, signal):
         return lagging(t, signal, self.gain)
@@ -202,6 +202,14 @@ class SensorSaturation(SensorEffect):
     @property
     def whole(self):
         return True
+
+    @property
+    def bounds(self):
+        return PRESENT
+
+    @property
+    def void_on_bounds(self):
+        return ("gain",)
 
     @property
     def begin(self):

@@ -12,6 +12,7 @@ import numpy as np
 from .._foundation.checks import require, require_float64
 from .._foundation.grid import is_uniform
 from .._foundation.linalg import triangle
+from .._foundation.memory import make_room
 from ..data.record import Record
 from ..data.stack import split_at, stack, unstack
 from ..diagnosis.validation import check_window
@@ -27,6 +28,7 @@ from ..models.library import general_effects, uncertain_equations
 from ..models.names import read
 from ..models.noise import FixedNoise
 from ..sensitivity.spectrum import spectrum
+from .check import difference_error, mean_log
 from .judge import Judge
 from .options import LoopOptions
 from .rivals import Rival
@@ -106,6 +108,7 @@ def close_loop(
         "No output of the check records has a valid sample behind the window. Give others, or leave `check` out.",
     )
 
+    make_room()
     bench = Workbench(model, free, library, likelihood, train, solver)
     progress("compilation of the model with its candidates")
     bench.compile((check, *tests.values()), window)
@@ -215,13 +218,13 @@ def _study(
 ) -> Study:
     where, reading = diagnoses
     found = sides[1][1]
-    effects = tuple(bench.effects[name] for name in found.effects)
     before, after = (_side(bench, search, *side, tests, used) for side in sides)
+    placed = {one.name: one for one in after.model.effects_in} if found.effects else {}  # with their values
     known = isinstance(bench.likelihood.noise, FixedNoise)
     deviation = np.sqrt(np.diagonal(np.asarray(found.fit.noise)))
-    sentences = tuple(effect.sentence for effect in effects)
+    sentences = tuple(placed[name].sentence for name in found.effects)
     return Study(
-        verdict=verdict(conclusion, sentences, rivals, where["after"]),
+        verdict=" ".join((verdict(conclusion, sentences, rivals, where["after"]), *_not_carried_over(before, after))),
         outcome=conclusion.outcome,
         effects=found.effects,
         sentences=sentences,
@@ -240,6 +243,20 @@ def _study(
         output_units=used.output_units,
         tests=tests,
     )
+
+
+def _not_carried_over(before: Side, after: Side) -> tuple[str, ...]:
+    """Of each set of test records that what was added predicts worse, by more than the scatter: that it does."""
+    told = []
+    for name, old in before.tests.items():
+        new, scatter = after.tests[name], difference_error(old, after.tests[name])
+        if mean_log(new) - mean_log(old) > (scatter if np.isfinite(scatter) else 0.0):  # it is not where one fails
+            channels = [one for one, rms in after.rms[name].items() if rms > before.rms[name][one]]
+            told.append(
+                f"But the error on {name} grows with it ({', '.join(channels)}): what was added does not carry over to these "
+                "records. Take more manoeuvres to fit and to check."
+            )
+    return tuple(told)
 
 
 def _side(

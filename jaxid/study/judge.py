@@ -69,7 +69,7 @@ class Judge:
         elif not self.determined(refit, candidate):
             verdict = "its size is not determined"
         elif self.bench.is_void(refit, candidate.parts):
-            verdict = "its shape runs out of the records"
+            verdict = "it ends where it is none"
         elif not (borne_out and (shown or material or (known and self.looks_like_noise(self.predictable(refit))))):
             verdict = "not significant"
         else:

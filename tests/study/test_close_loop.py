@@ -21,6 +21,8 @@ from jaxid.models import (
     FixedNoise,
     InputBetweenSamples,
     InputDelay,
+    InputLag,
+    InputRateLimit,
     LaggedSignal,
     ParameterShift,
     QuadraticDrag,
@@ -95,6 +97,27 @@ def test_the_planted_effect_is_named_and_nothing_else(name):
     value = found.after.estimate.value(f"{name}.gain")
     error = found.after.estimate.standard_error(f"{name}.gain")
     assert abs(value - float(PLANTED[name].gain)) < 4 * error
+
+
+def test_an_input_that_acts_earlier_is_told_so_and_neither_lags_nor_is_limited():
+    rivals = (InputLag("force"), InputRateLimit("force"))  # less than none of either leads as well
+    found = study(InputDelay("force", jnp.array(-0.15)), seed=4, effects=(*LIBRARY, *rivals))
+    assert found.effects == ("delay of input force",)
+    assert "acts earlier than it is recorded" in found.verdict
+    refitted = {one.name: one.verdict for one in found.rounds[0].candidates if one.cost_fall is not None}
+    assert {"lag of input force", "rate limit of input force (from 20%)"} <= {*refitted}
+    assert refitted["lag of input force"] != "kept"
+
+
+def test_test_records_that_the_effect_does_not_suit_are_told():
+    cubic = PLANTED["x^3 in v"]
+    found = closed(
+        [*(fly(2000 + index, cubic)[0] for index in range(5)), *(fly(2005 + index)[0] for index in range(2))]
+    )
+    assert found.effects == ("x^3 in v",)
+    assert found.after.rms["test"]["x"] > found.before.rms["test"]["x"]
+    assert "the error on test grows with it (x)" in found.verdict
+    assert "grows" not in study(cubic, seed=2).verdict
 
 
 class Undamped(AbstractModel):

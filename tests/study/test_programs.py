@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxid._foundation.memory import make_room, memory_maps
 from jaxid.study.programs import Programs, compile_together
 
 
@@ -46,6 +47,26 @@ def test_programs_that_are_too_many_are_let_go_and_compiled_anew():
     assert compiled() is None
     np.testing.assert_array_equal(programs(*asked(2))["product"], [0.0, 3.0])
     assert len(programs.known) == 1
+
+
+def test_what_jax_compiled_is_let_go_where_half_of_the_memory_maps_are_taken(monkeypatch):
+    traced = []
+
+    @jax.jit
+    def doubled(x):
+        traced.append(x)
+        return 2.0 * x
+
+    def times_compiled(taken):
+        monkeypatch.setattr("jaxid._foundation.memory.memory_maps", lambda: (taken, 100))
+        make_room()
+        assert doubled(jnp.ones(())) == 2.0
+        return len(traced)
+
+    assert [times_compiled(taken) for taken in (50, 50, 51, 50)] == [1, 1, 2, 2]
+    monkeypatch.undo()
+    taken, granted = memory_maps()
+    assert 0 <= taken < granted
 
 
 def test_derivatives_go_through_what_is_compiled():

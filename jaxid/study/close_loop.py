@@ -28,13 +28,12 @@ from ..models.library import general_effects, uncertain_equations
 from ..models.names import read
 from ..models.noise import FixedNoise
 from ..sensitivity.spectrum import spectrum
-from .check import difference_error, mean_log
 from .judge import Judge
 from .options import LoopOptions
 from .rivals import Rival
 from .search import INSEPARABLE, Search
 from .study import Side, Study
-from .verdict import Conclusion, conclude, verdict
+from .verdict import Conclusion, conclude, not_carried_over, verdict
 from .way import Way
 from .workbench import Fitted, Workbench, starting_states
 
@@ -223,8 +222,9 @@ def _study(
     known = isinstance(bench.likelihood.noise, FixedNoise)
     deviation = np.sqrt(np.diagonal(np.asarray(found.fit.noise)))
     sentences = tuple(placed[name].sentence for name in found.effects)
+    words = verdict(conclusion, sentences, rivals, where["after"]), *not_carried_over(before, after, tests, used)
     return Study(
-        verdict=" ".join((verdict(conclusion, sentences, rivals, where["after"]), *_not_carried_over(before, after))),
+        verdict=" ".join(words),
         outcome=conclusion.outcome,
         effects=found.effects,
         sentences=sentences,
@@ -243,20 +243,6 @@ def _study(
         output_units=used.output_units,
         tests=tests,
     )
-
-
-def _not_carried_over(before: Side, after: Side) -> tuple[str, ...]:
-    """Of each set of test records that what was added predicts worse, by more than the scatter: that it does."""
-    told = []
-    for name, old in before.tests.items():
-        new, scatter = after.tests[name], difference_error(old, after.tests[name])
-        if mean_log(new) - mean_log(old) > (scatter if np.isfinite(scatter) else 0.0):  # it is not where one fails
-            channels = [one for one, rms in after.rms[name].items() if rms > before.rms[name][one]]
-            told.append(
-                f"But the error on {name} grows with it ({', '.join(channels)}): what was added does not carry over to these "
-                "records. Take more manoeuvres to fit and to check."
-            )
-    return tuple(told)
 
 
 def _side(

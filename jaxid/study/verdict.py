@@ -4,15 +4,18 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jax.scipy.stats import chi2
 
+from ..data.record import Record
 from ..diagnosis.where import Where
 from ..models.noise import FixedNoise
+from .check import difference_error, mean_log
 from .doubts import SETTLED, Doubts, doubts_about
 from .rivals import Rival
 from .search import INSEPARABLE, Search
-from .study import ColouredNoise, RandomForces, Round
+from .study import ColouredNoise, RandomForces, Round, Side
 from .unpredictable import act_on_the_motion, coloured_noise, random_forces
 from .workbench import Fitted, Workbench
 
@@ -127,3 +130,32 @@ def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Ri
         "coloured noise": "No term is missing that these records could show: the residual is consistent with "
         f"{conclusion.coloured_noise}.",
     }[conclusion.outcome]
+
+
+def not_carried_over(before: Side, after: Side, tests: Mapping[str, Record], used: Record) -> tuple[str, ...]:
+    """Of each set of test records that what was added predicts worse, by more than the scatter: that it does.
+
+    Args:
+        before, after: the model without what was added and with it.
+        tests: records by name of set.
+        used: those that were fitted.
+    """
+    told = []
+    for name, old in before.tests.items():
+        new, scatter = after.tests[name], difference_error(old, after.tests[name])
+        if mean_log(new) - mean_log(old) > (scatter if np.isfinite(scatter) else 0.0):  # it is not where one fails
+            channels = [one for one, rms in after.rms[name].items() if rms > before.rms[name][one]]
+            outside = ", ".join(beyond(used, tests[name]))
+            told.append(
+                f"But the error on {name} grows with it ({', '.join(channels)}): what was added does not carry over to these "
+                f"records{f', in which {outside} runs further than in those that were fitted' if outside else ''}. Take more "
+                "manoeuvres to fit and to check."
+            )
+    return tuple(told)
+
+
+def beyond(used: Record, test: Record) -> tuple[str, ...]:
+    """Inputs that leave the range they had in the training records by more than a tenth of it."""
+    low, high = jnp.min(used.u, axis=(0, 1)), jnp.max(used.u, axis=(0, 1))
+    more = jnp.maximum(low - jnp.min(test.u, axis=(0, 1)), jnp.max(test.u, axis=(0, 1)) - high)
+    return tuple(name for name, far in zip(used.inputs, more > 0.1 * (high - low), strict=True) if far)

@@ -1,5 +1,6 @@
 """The closed loop on a spring: it names what is missing, says when nothing is, and makes no claim when it cannot."""
 
+import dataclasses
 import json
 
 import equinox as eqx
@@ -43,7 +44,7 @@ from jaxid.study.rivals import Rival, told_apart
 from jaxid.study.search import Search
 from jaxid.study.study import Candidate, Round
 from jaxid.study.unpredictable import act_on_the_motion
-from jaxid.study.verdict import stands_out
+from jaxid.study.verdict import beyond, stands_out
 from jaxid.study.workbench import Workbench
 
 WINDOW = 60
@@ -111,13 +112,15 @@ def test_an_input_that_acts_earlier_is_told_so_and_neither_lags_nor_is_limited()
 
 def test_test_records_that_the_effect_does_not_suit_are_told():
     cubic = PLANTED["x^3 in v"]
-    found = closed(
-        [*(fly(2000 + index, cubic)[0] for index in range(5)), *(fly(2005 + index)[0] for index in range(2))]
-    )
+    others = [fly(2005 + index)[0] for index in range(2)]
+    found = closed([*(fly(2000 + index, cubic)[0] for index in range(5)), *others])
     assert found.effects == ("x^3 in v",)
     assert found.after.rms["test"]["x"] > found.before.rms["test"]["x"]
     assert "the error on test grows with it (x)" in found.verdict
     assert "grows" not in study(cubic, seed=2).verdict
+    used, pushed = as_stack(others), dataclasses.replace(others[0], u=1.5 * others[0].u)
+    assert beyond(used, as_stack(others[1])) == ()
+    assert beyond(used, as_stack(pushed)) == ("force",)
 
 
 class Undamped(AbstractModel):

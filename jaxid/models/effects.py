@@ -88,13 +88,13 @@ class Effect(eqx.Module):
 
     @property
     def bounds(self) -> dict[str, tuple[float, float]]:
-        """Lowest and highest value of own parameters, where physics sets them."""
-        return {}
+        """Lowest and highest value of own parameters, where physics sets them: of what is `whole` no less than none."""
+        return PRESENT if self.whole else {}
 
     @property
     def void_on_bounds(self) -> tuple[str, ...]:
         """Parameters on whose bounds the effect is none, or another: a bend where there are no samples beyond it."""
-        return ()
+        return ("gain",) if self.whole else ()
 
     @property
     def whole(self) -> bool:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.types import Array, Float
-from .effects import PRESENT, Effect, zero
+from .effects import Effect, zero
 from .starts import centre_of, level_in, rates_in, reach_of
 
 NO_LIMIT_YET = 1e6  # high against any input in SI units: nothing is limited until `start` sets the limit
@@ -34,14 +34,6 @@ class ActuatorShape(Effect):
     @property
     def whole(self):
         return True
-
-    @property
-    def bounds(self):
-        return PRESENT
-
-    @property
-    def void_on_bounds(self):
-        return ("gain",)
 
     @abc.abstractmethod
     def changed(self, u: Float[Array, ""]) -> Float[Array, ""]:
@@ -96,11 +88,7 @@ class InputRateLimit(Effect):
 
     @property
     def bounds(self):
-        return PRESENT | {"limit": (0.0, float("inf"))}
-
-    @property
-    def void_on_bounds(self):
-        return ("gain",)
+        return super().bounds | {"limit": (0.0, float("inf"))}
 
     def start(self, signals, measured, step):
         largest = np.max(np.abs(rates_in(signals[self.channel], signals)))
@@ -176,7 +164,7 @@ class InputDeadZone(ActuatorShape):
 
     @property
     def bounds(self):
-        return PRESENT | {"width": (0.0, float("inf"))}
+        return super().bounds | {"width": (0.0, float("inf"))}
 
     def start(self, signals, measured, step):
         signal = signals[self.channel]

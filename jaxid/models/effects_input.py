@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
-from .effects import PRESENT, Effect, zero
+from .effects import Effect, zero
 
 BETWEEN = (-1.0, 3.0)  # two from the band-limited run: what asks for more of it is another thing, the input's curvature
 NO_LAG_YET = 1e6  # [s] long against any record: the lagging state stands still until `start` sets its time
@@ -122,10 +122,6 @@ class InputBetweenSamples(InputEffect):
     def bounds(self):
         return {"gain": BETWEEN}
 
-    @property
-    def void_on_bounds(self):
-        return ("gain",)
-
     def input_path(self, path, inputs):
         return path.towards_band_limited(inputs.index(self.channel), self.gain)
 
@@ -163,11 +159,7 @@ class InputLag(InputEffect):
 
     @property
     def bounds(self):
-        return PRESENT | {"time": (1e-6, float("inf"))}
-
-    @property
-    def void_on_bounds(self):
-        return ("gain",)
+        return super().bounds | {"time": (1e-6, float("inf"))}
 
     def start(self, signals, measured, step):
         return eqx.tree_at(lambda effect: effect.time, self, 2.0 * jnp.asarray(step))

@@ -204,14 +204,6 @@ class SensorSaturation(SensorEffect):
         return True
 
     @property
-    def bounds(self):
-        return PRESENT
-
-    @property
-    def void_on_bounds(self):
-        return ("gain",)
-
-    @property
     def begin(self):
         return 1.0
 

@@ -14,7 +14,8 @@ def mean_log(prediction: Prediction) -> float:
 
 
 def difference_error(before: Prediction, after: Prediction) -> float:
-    """Standard error of the difference of two `mean_log`, whose residuals are of the same samples and coloured.
+    """Standard error of the difference of two `mean_log`, whose residuals are of the same samples and coloured; zero where a
+    simulation failed.
 
     d(log rms) = 1/(2 N) sum_i (v_i^2 / mean v^2 - 1), the sum's variance from its autocovariance
     """
@@ -26,7 +27,8 @@ def difference_error(before: Prediction, after: Prediction) -> float:
 
     apart = jnp.sum(influence(before) - influence(after), axis=-1, keepdims=True)
     rows = jnp.sum(jnp.any(before.scored, axis=-1))
-    return float(jnp.sqrt(jnp.maximum(rows * jnp.sum(tapered_covariance(apart)), 0.0)))
+    error = float(jnp.sqrt(jnp.maximum(rows * jnp.sum(tapered_covariance(apart)), 0.0)))
+    return error if np.isfinite(error) else 0.0
 
 
 def uncertainty(prediction: Prediction) -> float:

@@ -58,7 +58,6 @@ class Judge:
         fall = 2.0 * (fitted.cost - refit.cost)
         after = self.check_prediction(refit)
         check_fall, scatter = mean_log(before) - mean_log(after), difference_error(before, after)
-        scatter = scatter if np.isfinite(scatter) else 0.0  # of a simulation that failed before
         shown = any(self.bench.effects[part].shown(self.bench.measured) for part in candidate.parts)
         known = np.isfinite(candidate.colour)
         borne_out = fall > threshold * (candidate.colour if known else 1.0)

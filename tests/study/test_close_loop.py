@@ -106,8 +106,9 @@ def test_an_input_that_acts_earlier_is_told_so_and_neither_lags_nor_is_limited()
     assert found.effects == ("delay of input force",)
     assert "acts earlier than it is recorded" in found.verdict
     refitted = {one.name: one.verdict for one in found.rounds[0].candidates if one.cost_fall is not None}
-    assert {"lag of input force", "rate limit of input force (from 20%)"} <= {*refitted}
-    assert refitted["lag of input force"] != "kept"
+    assert (
+        refitted["lag of input force"] == refitted["rate limit of input force (from 20%)"] == "it ends where it is none"
+    )
 
 
 def test_test_records_that_the_effect_does_not_suit_are_told():

@@ -23,6 +23,7 @@ from ..estimation.likelihoods import OutputError
 from ..estimation.problem import Problem
 from ..models.base import AbstractModel
 from ..models.free import insert
+from ..simulation.simulate import arriving
 from ..simulation.steppers import rate
 
 Kind = Literal["equation", "input", "output", "parameter", "air"]
@@ -103,7 +104,7 @@ def linear_model(problem: Problem, own, shared, case, places: Places) -> Linear:
         model = model.gusty()
     t, stepper = record.t, likelihood.stepper
     u = jnp.pad(record.u, ((0, 0), (0, len(model.inputs) - own_inputs)))
-    path = model.input_path(likelihood.hold.path(t, u))
+    path, u = arriving(model, likelihood.hold, t, u)
     x, _ = stepper.states(model, t, path, x0)
     spans = jnp.stack([t, jnp.append(t[1:], t[-1])], axis=1)  # one more step, of no length: the last sample's outputs
 
@@ -129,7 +130,7 @@ def linear_model(problem: Problem, own, shared, case, places: Places) -> Linear:
             D = jnp.eye(len(model.outputs))[:, [model.outputs.index(name) for name in names]]
             return nothing, nothing, jnp.broadcast_to(D, (t.size, *D.shape))
         if kind == "parameter":
-            B, D = jax.vmap(lambda t, x, u: _by_parameter(made, t, x, u, shared))(t, x, record.u)
+            B, D = jax.vmap(lambda t, x, u: _by_parameter(made, t, x, u, shared))(t, x, u[:, :own_inputs])
             half = jnp.diff(t)[:, None, None] / 2
             return half * Phi @ B[:-1], half * B[1:], D
         pushes = [(kind == "equation", name) for name in names]

@@ -4,7 +4,7 @@ from .acting import Acting
 from .augmented import Augmented
 from .base import AbstractModel
 from .effects import Effect
-from .effects_actuator import InputDeadZone, InputPositionLimit, InputRateLimit
+from .effects_actuator import InputDeadZone, InputHysteresis, InputPositionLimit, InputRateLimit
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
 from .effects_input import InputBetweenSamples, InputBias, InputDelay, InputLag, InputScale
 from .effects_memory import Hysteresis, LaggedSignal, Resonance
@@ -39,6 +39,7 @@ __all__ = [
     "InputBias",
     "InputDeadZone",
     "InputDelay",
+    "InputHysteresis",
     "InputLag",
     "InputPositionLimit",
     "InputRateLimit",

@@ -1,4 +1,4 @@
-"""General effects of an actuator between the recorded input and the plant: limits of rate and position, a dead zone."""
+"""General effects of an actuator between the recorded input and the plant: limits, a dead zone, hysteresis."""
 
 import abc
 from typing import Literal
@@ -9,9 +9,12 @@ import numpy as np
 
 from .._foundation.types import Array, Float
 from .effects import Effect, zero
+from .effects_input import InputEffect
+from .followers import Hysteretic, Slow
 from .starts import centre_of, level_in, rates_in, reach_of
 
 NO_LIMIT_YET = 1e6  # high against any input in SI units: nothing is limited until `start` sets the limit
+NO_WIDTH_YET = 1e6  # wide against any: nothing turns until `start` sets the width
 
 
 class ActuatorShape(Effect):
@@ -96,7 +99,53 @@ class InputRateLimit(Effect):
         return eqx.tree_at(lambda effect: effect.limit, self, jnp.asarray(limit))
 
     def input_path(self, path, inputs):
-        return path.rate_limited(inputs.index(self.channel), self.limit, self.gain)
+        return path.followed(inputs.index(self.channel), Slow(self.limit), self.gain)
+
+
+class InputHysteresis(InputEffect):
+    """Hysteresis between the recorded input and what acts, as of cables, gears and piezoelectric drives: `u -> u - gain z`.
+
+        width dz/dt = du/dt - (|du/dt| |z| z + du/dt z^2) / 2
+
+    A gain of the width is play: behind a turn nothing moves at first. It acts on the samples, before all that acts on values: z
+    is exact there for an input of straight lines, and runs as the input does in between. It brings no state. z begins at zero.
+
+    Args:
+        channel: name of the input.
+        fraction: where the width starts, as a fraction of how far the input goes from its centre.
+        gain: half the width of the loop, measured along the input; above zero where what acts is behind [unit of the input].
+        width: over which it turns [unit of the input].
+
+    Source: as of `Hysteresis`.
+    """
+
+    channel: str = eqx.field(static=True)
+    fraction: float = eqx.field(static=True, default=0.2)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    width: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(NO_WIDTH_YET))
+
+    @property
+    def name(self):
+        return f"hysteresis of input {self.channel}"
+
+    @property
+    def sentence(self):
+        return f"the actuator of {self.channel} has hysteresis"
+
+    @property
+    def complexity(self):
+        return 2
+
+    @property
+    def bounds(self):
+        return {"width": (1e-9, float("inf"))}
+
+    def start(self, signals, measured, step):
+        width = self.fraction * reach_of(signals[self.channel])
+        return eqx.tree_at(lambda effect: effect.width, self, jnp.asarray(width))
+
+    def input_path(self, path, inputs):
+        return path.followed(inputs.index(self.channel), Hysteretic(self.width), self.gain)
 
 
 class InputPositionLimit(ActuatorShape):

@@ -7,7 +7,7 @@ from .inputs import AbstractHold, AbstractPath, Linear, corners_of
 
 
 class Beside(AbstractPath):
-    """Two paths as one: the channels of the first, and behind them those of the second, which nothing delays or limits."""
+    """Two paths as one: the channels of the first, and behind them those of the second, which nothing delays or follows."""
 
     first: AbstractPath
     second: AbstractPath
@@ -24,8 +24,8 @@ class Beside(AbstractPath):
     def towards_band_limited(self, channel, weight):
         return Beside(self.first.towards_band_limited(channel, weight), self.second)
 
-    def rate_limited(self, channel, limit, weight):
-        return Beside(self.first.rate_limited(channel, limit, weight), self.second)
+    def followed(self, channel, follower, weight):
+        return Beside(self.first.followed(channel, follower, weight), self.second)
 
     def corners(self):
         return corners_of(self.first, self.second)

@@ -11,6 +11,7 @@ import numpy as np
 from .._foundation.checks import require
 from .._foundation.grid import is_uniform, strictly_increasing
 from .._foundation.types import Array, Float, Int
+from ..models.followers import AbstractFollower
 
 
 class AbstractPath(eqx.Module):
@@ -40,8 +41,8 @@ class AbstractPath(eqx.Module):
         """The path with one channel moved by `weight` towards the band-limited run through the same samples."""
 
     @abc.abstractmethod
-    def rate_limited(self, channel: int, limit: Float[Array, ""], weight: Float[Array, ""]) -> "AbstractPath":
-        """The path with one channel moved by `weight` towards what follows it no faster than `limit` [its unit/s], from rest."""
+    def followed(self, channel: int, follower: AbstractFollower, weight: Float[Array, ""]) -> "AbstractPath":
+        """The path with one channel moved by `weight` towards what follows it."""
 
 
 class Smooth(AbstractPath):
@@ -53,6 +54,7 @@ class Smooth(AbstractPath):
         delay: by how much each channel is late [s].
         end: the last real sample, behind which stands padding [s].
         slopes: the rate of the input at the knots.
+        parts: lines from one sample to the next.
     """
 
     knots: Float[Array, " knot"]
@@ -60,6 +62,7 @@ class Smooth(AbstractPath):
     delay: Float[Array, " input"]
     end: Float[Array, ""]
     slopes: Float[Array, "knot input"] | None = None
+    parts: int = eqx.field(static=True, default=1)
 
     def _at(self, t):
         """Values at any number of times; before the first sample and after the last the signal stands still."""
@@ -89,16 +92,26 @@ class Smooth(AbstractPath):
     def towards_band_limited(self, channel, weight):
         return _towards_band_limited(self, channel, weight)
 
-    def rate_limited(self, channel, limit, weight):
-        own = self.values[:, channel]
-        after = _following(self.knots, own[:-1], own[1:], limit)
-        path = _moved(self, channel, jnp.append(own[:1], after) - own, weight)
+    def followed(self, channel, follower, weight):
         if self.slopes is None:
-            return path
-        # Where it is behind it runs at the limit, elsewhere as the input does.
-        behind, slopes = jnp.append(0.0, own[1:] - after), self.slopes[:, channel]
-        running = jnp.where(behind == 0, jnp.clip(slopes, -limit, limit), jnp.sign(behind) * limit)
-        return eqx.tree_at(lambda one: one.slopes, path, self.slopes.at[:, channel].add(weight * (running - slopes)))
+            path = self if self.parts >= follower.parts else self._cut(follower.parts)
+            values, _ = follower.of_lines(path.knots, path.values[:, channel], None)
+            return _moved(path, channel, values, weight)
+        slopes = self.slopes[:, channel]
+        values, running = follower.of_lines(self.knots, self.values[:, channel], slopes)
+        assert running is not None
+        slopes = self.slopes.at[:, channel].add(weight * (running - slopes))
+        return eqx.tree_at(lambda one: one.slopes, _moved(self, channel, values, weight), slopes)
+
+    def _cut(self, parts: int) -> "Smooth":
+        """The same straight lines between the samples, each cut into so many."""
+
+        def finer(leaf):
+            share = (jnp.arange(parts) / parts).reshape(1, parts, *(1,) * (leaf.ndim - 1))
+            inner = (1.0 - share) * leaf[:-1, None] + share * leaf[1:, None]
+            return jnp.concatenate([inner.reshape(-1, *leaf.shape[1:]), leaf[-1:]])
+
+        return Smooth(finer(self.knots), finer(self.values), self.delay, self.end, parts=parts)
 
     def corners(self):
         return _times(self) if self.slopes is None else None
@@ -148,17 +161,8 @@ class Steps(AbstractPath):
     def towards_band_limited(self, channel, weight):
         return _towards_band_limited(self, channel, weight)
 
-    def rate_limited(self, channel, limit, weight):
-        """Each sample holds the mean of the ramp, which keeps the impulse."""
-        own = self.values[:, channel]
-        after = _following(self.knots, own[:-1], own[:-1], limit)
-        before = jnp.append(own[:1], after[:-1])
-        away, reach = own[:-1] - before, limit * jnp.diff(self.knots)
-        share = jnp.clip(
-            jnp.abs(away) / jnp.where(reach > 0, reach, 1.0), 0.0, 1.0
-        )  # of the interval, until it arrives
-        mean = after - 0.5 * share * (after - before)
-        return _moved(self, channel, jnp.append(mean, mean[-1:]) - own, weight)
+    def followed(self, channel, follower, weight):
+        return _moved(self, channel, follower.of_steps(self.knots, self.values[:, channel]), weight)
 
     def corners(self):
         return _times(self)
@@ -192,8 +196,8 @@ class Blend(AbstractPath):
         before = self.weight[channel]
         return Blend(self.one, self.other, self.weight.at[channel].set(before + weight - before * weight))
 
-    def rate_limited(self, channel, limit, weight):
-        one, other = (path.rate_limited(channel, limit, weight) for path in (self.one, self.other))
+    def followed(self, channel, follower, weight):
+        one, other = (path.followed(channel, follower, weight) for path in (self.one, self.other))
         return Blend(one, other, self.weight)
 
     def corners(self):
@@ -219,38 +223,17 @@ def _straight(t: Float[Array, " time"], knots: Float[Array, " knot"], values: Fl
 
 
 def _towards_band_limited(path: Smooth | Steps, channel: int, weight: Float[Array, ""]) -> Blend:
-    """The blend of a path with the band-limited run through its knots."""
-    other = BandLimited().path(jnp.minimum(path.knots, path.end), path.values)
+    """The blend of a path with the band-limited run through its samples."""
+    parts = path.parts if isinstance(path, Smooth) else 1
+    other = BandLimited().path(jnp.minimum(path.knots, path.end)[::parts], path.values[::parts])
     other = eqx.tree_at(lambda path: path.delay, other, path.delay)
     return Blend(path, other, jnp.zeros(path.delay.size).at[channel].set(weight))
 
 
-def _following(
-    knots: Float[Array, " knot"],
-    begin: Float[Array, " interval"],
-    end: Float[Array, " interval"],
-    limit: Float[Array, ""],
-) -> Float[Array, " interval"]:
-    """Where what follows a signal no faster than a limit stands at the end of each interval, from rest; exact for a signal that
-    is a straight line in each."""
-
-    def follow(value, now):
-        first, last, length = now
-        slope, way = (last - first) / length, jnp.sign(first - value)
-        closing = limit - way * slope
-        # It meets the signal at a part of the interval, or not within it, and then stays with it or falls behind again.
-        meets = jnp.where(closing > 0, jnp.abs(first - value) / jnp.where(closing > 0, closing, 1.0), length)
-        behind = first + slope * meets + jnp.sign(slope) * limit * (length - meets)
-        after = jnp.where(jnp.abs(slope) <= limit, last, behind)
-        value = jnp.where(meets < length, after, value + way * limit * length)
-        return value, value
-
-    return jax.lax.scan(follow, begin[0], (begin, end, jnp.diff(knots)))[1]
-
-
-def _moved(path, channel: int, away: Float[Array, " knot"], weight: Float[Array, ""]):
-    """A path with `weight` of something added to the values of one channel."""
-    return eqx.tree_at(lambda one: one.values, path, path.values.at[:, channel].add(weight * away))
+def _moved(path, channel: int, values: Float[Array, " knot"], weight: Float[Array, ""]):
+    """A path with the values of one channel moved by `weight` towards others."""
+    own = path.values[:, channel]
+    return eqx.tree_at(lambda one: one.values, path, path.values.at[:, channel].add(weight * (values - own)))
 
 
 def _times(path: Smooth | Steps) -> Float[Array, " corner"]:

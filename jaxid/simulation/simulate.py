@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.types import Array, Float, Numbers
 from ..models.base import AbstractModel, canonical
-from .inputs import AbstractHold, Linear
+from .inputs import AbstractHold, AbstractPath, Linear
 from .solution import Solution
 from .steppers import RK4, AbstractStepper
 
@@ -65,10 +65,19 @@ def run(
     stepper: AbstractStepper,
 ) -> Solution:
     """One case without the border's checks: what the estimation differentiates."""
-    path = model.input_path(hold.path(t, u))
+    path, u = arriving(model, hold, t, u)
     x, dx = stepper.states(model, t, path, initial_state)
     y = _observed(model, t, x, u, dx)
     return Solution(t, x, y, jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y)))
+
+
+def arriving(
+    model: AbstractModel, hold: AbstractHold, t: Float[Array, " time"], u: Float[Array, "time input"]
+) -> tuple[AbstractPath, Float[Array, "time input"]]:
+    """The input as it arrives at the equations: its path, and its values at the samples, at which the outputs feel it."""
+    recorded = hold.path(t, u)
+    path = model.input_path(recorded)
+    return path, u if path is recorded else jax.vmap(path)(t)
 
 
 @eqx.filter_jit

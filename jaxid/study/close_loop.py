@@ -15,6 +15,7 @@ from .._foundation.linalg import triangle
 from .._foundation.memory import make_room
 from ..data.record import Record
 from ..data.stack import split_at, stack, unstack
+from ..diagnosis.predictable import white_part
 from ..diagnosis.validation import check_window
 from ..estimation.estimate import Fit, as_stack, check_channels, check_samples, divergence
 from ..estimation.likelihoods import AbstractLikelihood
@@ -39,6 +40,11 @@ from .workbench import Fitted, Workbench, starting_states
 
 # Tolerance in standard errors: a decision needs no more. Effects bring corners, at which steps are refused.
 SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
+MORE_THAN_NOISE = (
+    "proxies",
+    "unexplained",
+    "process noise",
+)  # what the last fit leaves; it is no estimate of the noise
 Records = Record | Sequence[Record]
 
 
@@ -220,7 +226,9 @@ def _study(
     before, after = (_side(bench, search, *side, tests, used) for side in sides)
     placed = {one.name: one for one in after.model.effects_in} if found.effects else {}  # with their values
     known = isinstance(bench.likelihood.noise, FixedNoise)
-    deviation = np.sqrt(np.diagonal(np.asarray(found.fit.noise)))
+    noise = np.diagonal(np.asarray(found.fit.noise))
+    if not known and conclusion.outcome in MORE_THAN_NOISE:
+        noise = np.minimum(np.asarray(white_part(found.fit.residuals, used.mask)), noise)
     sentences = tuple(placed[name].sentence for name in found.effects)
     words = verdict(conclusion, sentences, rivals, where["after"]), *not_carried_over(before, after, tests, used)
     return Study(
@@ -235,7 +243,7 @@ def _study(
         reading=reading,
         before=before,
         after=after,
-        noise=dict(zip(used.outputs, map(float, deviation), strict=True)),
+        noise=dict(zip(used.outputs, map(float, np.sqrt(noise)), strict=True)),
         noise_known=known,
         process_noise=conclusion.process_noise,
         coloured_noise=conclusion.coloured_noise,

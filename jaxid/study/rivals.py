@@ -61,7 +61,7 @@ def told_apart(study: "Study", plan: Record) -> dict[str, float]:
     require(len(study.rivals) > 0, "The study has no rivals: there is nothing to tell apart.")
     plan = as_stack(plan)
     check_channels(study.after.model, plan)
-    likelihood = OutputError(FixedNoise(jnp.array([study.noise[name] ** 2 for name in study.outputs])))
+    likelihood = OutputError(FixedNoise(jnp.diagonal(study.after.estimate.noise)))
 
     def problem_of(model, free, records):
         problem = Problem.of(model, free, records, likelihood)

@@ -213,7 +213,8 @@ class Study:
         where: where the training residual sits, of the declared model (`before`) and of the one with the effects (`after`).
         reading: what tests say of the training residual, of the same two.
         before, after: the declared model and the one with the effects, on the test records.
-        noise: standard deviation of the noise by channel, known or estimated from the last fit.
+        noise: standard deviation of the noise by channel, known or estimated: from all that the last fit leaves where that is
+            noise, from what is white in it where something is still missing.
         process_noise: the random forces where these explain the residual, else None.
         coloured_noise: that of the sensors where it is what stays, with effects or without, else None.
         noise_known: whether the noise was given, so that the residual was held against it, or estimated.

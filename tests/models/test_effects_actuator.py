@@ -4,11 +4,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from jaxid.data import record
 from jaxid.models import (
     Augmented,
     InputDeadZone,
+    InputDelay,
+    InputHysteresis,
     InputLag,
     InputPositionLimit,
     InputRateLimit,
@@ -21,11 +24,11 @@ T = H * np.arange(121)
 DIRECT = LinearModel([[0.0]], [[1.0]], [[0.0]], [[1.0]], states=("x",), inputs=("u",), outputs=("y",))
 
 
-def acting(effects, u):
+def acting(effects, u, hold=None):
     """The input that acts on the plant, at the samples."""
     model = Augmented(DIRECT, effects)
     made = record(T, u[:, None], u[:, None], inputs=("u",), outputs=("y",))
-    found = simulate(model, T, u[:, None], model.initial_state(made), stepper=RK4(2))
+    found = simulate(model, T, u[:, None], model.initial_state(made), hold=hold, stepper=RK4(2))
     return np.asarray(found.y[:, 0])
 
 
@@ -89,6 +92,67 @@ def test_half_a_gain_is_half_way():
     u = SIGNALS["a doublet"]
     half, whole = (limited(u, 0.7, gain) for gain in (0.5, 1.0))
     np.testing.assert_allclose(half, 0.5 * (u + whole), rtol=1e-13)
+
+
+def hysteretic(u, gain, width, hold=None, at=T):
+    """What is behind an input with hysteresis, at some times."""
+    effect = InputHysteresis("u", gain=jnp.array(gain), width=jnp.array(width))
+    path = effect.input_path((hold or Linear()).path(jnp.asarray(T), jnp.asarray(u)[:, None]), ("u",))
+    return np.asarray(jax.vmap(path)(jnp.asarray(at)))[:, 0]
+
+
+def bouc_wen(u, width):
+    """z by its differential equation, interval by interval, as the straight line in each has one slope."""
+    found = [0.0]
+    for far in np.diff(u) / width:
+        rate = lambda _, z, far=far: far - 0.5 * (np.abs(far) * np.abs(z) * z + far * z**2)  # noqa: E731
+        found.append(solve_ivp(rate, (0.0, 1.0), [found[-1]], rtol=1e-10, atol=1e-12).y[0, -1])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("name", SIGNALS)
+@pytest.mark.parametrize("width", [0.05, 0.4])
+def test_hysteresis_of_an_input_is_that_of_bouc_and_wen_at_the_samples(name, width):
+    u = SIGNALS[name]
+    # Where z passes zero its rate has a corner, at which the reference's steps are no better than 1e-7.
+    np.testing.assert_allclose(hysteretic(u, 0.3, width), u - 0.3 * bouc_wen(u, width), rtol=0, atol=1e-6)
+
+
+def test_between_the_samples_of_a_smooth_input_it_runs_as_its_equation_says():
+    u, fine = SIGNALS["a sine"], np.linspace(T[0], T[-1], 10 * (T.size - 1) + 1)
+    smooth = 0.3 + np.sin(1.5 * fine)
+    want = smooth - 0.3 * bouc_wen(smooth, 0.4)
+    # A spline's interval in which the input turns, or z leaves zero, holds a corner of z, which a cubic rounds off.
+    error = np.abs(hysteretic(u, 0.3, 0.4, Cubic(), fine) - want)
+    assert np.max(error) < 1e-3 * 0.3
+    assert np.median(error) < 1e-5 * 0.3  # (slope h)^4 / 384 of a cubic through slopes, h = 0.19 widths
+
+
+def test_a_gain_of_the_width_is_play():
+    u = np.interp(T, [0.0, 3.0, 6.0], [0.0, 3.0, 0.0])
+    found = hysteretic(u, 0.2, 0.2)
+    back = (T >= 3.0) & (T <= 3.2)  # the way of one width, at one unit a second
+    np.testing.assert_allclose(found[back], 2.8, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found[(T > 2.0) & (T < 3.0)], u[(T > 2.0) & (T < 3.0)] - 0.2, rtol=0, atol=1e-7)
+
+
+def test_a_held_input_has_the_hysteresis_of_its_jumps():
+    u = np.where(T >= 1.0, np.where(T >= 2.0, 0.5, 1.0), 0.0)
+    z = np.where(T >= 1.0, np.where(T >= 2.0, np.tanh(1.0 / 0.4) - 0.5 / 0.4, np.tanh(1.0 / 0.4)), 0.0)
+    z = np.where(z < 0, np.tanh(z), z)  # beyond zero it saturates on the other side
+    np.testing.assert_allclose(hysteretic(u, 0.3, 0.4, ZeroOrder()), u - 0.3 * z, rtol=1e-12)
+
+
+@pytest.mark.parametrize("hold", [Linear(), ZeroOrder()], ids=["linear", "zero order"])
+def test_outputs_feel_the_input_as_it_arrives(hold):
+    u = SIGNALS["a doublet"] + 0.1 * T
+    late = (InputDelay("u", gain=jnp.array(2.5 * H)), InputHysteresis("u", gain=jnp.array(0.3), width=jnp.array(0.2)))
+    found = acting(late, u, hold)
+    held = (u - 0.3 * bouc_wen(u, 0.2))[np.maximum(np.arange(T.size) - 3, 0)]
+    fine = 0.5 * H * np.arange(2 * T.size - 1)
+    between = np.interp(fine, T, u)
+    straight = np.interp(T - 2.5 * H, fine, between - 0.3 * bouc_wen(between, 0.2))
+    np.testing.assert_allclose(found, held if isinstance(hold, ZeroOrder) else straight, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize(("end", "level"), [("upper", 0.4), ("lower", -0.3)])

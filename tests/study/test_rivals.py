@@ -32,9 +32,7 @@ def study():
     chosen = free(rival, "k", "c", "x^2 v in v.gain")
     return SimpleNamespace(
         rivals=(Rival("x^2 v in v", "x^2 v", ("x^3 in v",), 1.0, rival, chosen),),
-        after=SimpleNamespace(model=named, estimate=SimpleNamespace(free=chosen)),
-        noise={"x": SIGMA},
-        outputs=("x",),
+        after=SimpleNamespace(model=named, estimate=SimpleNamespace(free=chosen, noise=jnp.array([[SIGMA**2]]))),
     )
 
 

@@ -1,11 +1,12 @@
 """A model without states: a calibration, or coefficients from accelerations; its outputs are its equations."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxid
-from jaxid.models import Acting, Hinge, SensorScale, Term, general_effects
+from jaxid.models import Acting, Hinge, InputDelay, InputHysteresis, SensorScale, Term, general_effects
 from jaxid.models.library import uncertain_equations
 
 
@@ -52,9 +53,20 @@ def test_the_general_library_has_terms_and_bends_of_its_inputs():
     offered = {effect.name for effect in general_effects(model)}
     assert {"alpha^3 in CL", "alpha elevator in CL", "1 in CL", "delay of input alpha", "bias of CL"} <= offered
     assert any(name.startswith("dead band") and name.endswith("in CL") for name in offered)
+    assert "hysteresis of input elevator" in offered
     assert not any(
-        "sign" in name or "hysteresis" in name for name in offered
-    )  # it has no speed, and nothing that moves
+        "sign" in name or name.startswith("lagged") for name in offered
+    )  # it has no speed, and no state that lags
+
+
+@pytest.mark.parametrize("effect", [InputDelay("elevator"), InputHysteresis("elevator", width=jnp.array(0.1))])
+def test_it_feels_its_input_as_it_arrives(effect):
+    t = 0.1 * np.arange(50)
+    u = np.column_stack([0.1 * np.sin(t), 0.2 * np.cos(3.0 * t)])
+    model = Lift(jnp.array(5.0), jnp.array(0.4))
+    there = eqx.tree_at(lambda one: one.gain, effect, jnp.array(0.1))
+    before, after = (jaxid.simulate(one, t, u, np.zeros(0)).y for one in (model, jaxid.Augmented(model, (there,))))
+    assert np.max(np.abs(after - before)) > 0.2 * 0.4 * 0.2
 
 
 def test_its_curve_is_found(records):

@@ -34,7 +34,15 @@ from .aircraft.simulated_flight import SimulatedFlight, realised_noise  # noqa: 
 from .data.io_study import read_study  # noqa: E402
 from .estimation import OutputError  # noqa: E402
 from .measured import emps, silverbox, tanks  # noqa: E402
-from .report import require_new, write_json, write_study  # noqa: E402
+
+try:
+    from .report import require_new, write_json, write_study
+except ModuleNotFoundError as missing:
+    package = str(missing.name).partition(".")[0]
+    if package not in ("matplotlib", "jinja2"):
+        raise
+    print(f"jaxid: the report needs {package}. Install what draws it: pip install 'jaxid[report]'", file=sys.stderr)
+    raise SystemExit(2) from None
 from .study import Study, close_loop  # noqa: E402
 from .study.from_file import BuiltIn, case_of  # noqa: E402
 
@@ -96,6 +104,13 @@ def flight(
     """
     if context.invoked_subcommand is None:
         _fly(coupled_flight, seed, json, out)
+        return
+    sources = {name: context.get_parameter_source(name) for name in context.params}
+    early = [f"--{name}" for name, source in sources.items() if source and source.name != "DEFAULT"]
+    if early:
+        raise InputError(
+            f"{early[0]} stands before {context.invoked_subcommand!r}, which would not see it. Write it behind."
+        )
 
 
 @app.command()

@@ -62,6 +62,7 @@ def test_a_study_file_runs_as_the_guide_prints_it(tmp_path):
         (["dataset", "tanks"], "JAXID_DATA"),
         (["dataset", "silverbox", "nowhere"], "SNLS80mV.mat"),
         (["--json", "taken.json"], "taken.json"),
+        (["--seed", "3", "longitudinal"], "--seed stands before 'longitudinal'"),
     ],
 )
 def test_bad_input_is_a_sentence_and_not_a_traceback(arguments, words, tmp_path):
@@ -71,6 +72,14 @@ def test_bad_input_is_a_sentence_and_not_a_traceback(arguments, words, tmp_path)
     assert words in done.stderr.replace("\n", "")
     assert "Traceback" not in done.stderr
     assert (tmp_path / "taken.json").read_text() == "{}"
+
+
+def test_without_what_draws_the_report_it_says_what_to_install(tmp_path):
+    without = "import runpy, sys; sys.modules['matplotlib'] = None; runpy.run_module('jaxid', run_name='__main__')"
+    done = run([], tmp_path, program=("-c", without))
+    assert done.returncode == 2
+    assert "pip install 'jaxid[report]'" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_help_tells_of_the_jobs(tmp_path):

@@ -107,8 +107,8 @@ class InputHysteresis(InputEffect):
 
         width dz/dt = du/dt - (|du/dt| |z| z + du/dt z^2) / 2
 
-    A gain of the width is play: behind a turn nothing moves at first. It acts on the samples, before all that acts on values: z
-    is exact there for an input of straight lines, and runs as the input does in between. It brings no state. z begins at zero.
+    A gain of the width is play: behind a turn nothing moves at first. It acts on the samples, before all that acts on values;
+    of an input of straight lines z is exact at the quarters of each, and straight between. It brings no state. z begins at zero.
 
     Args:
         channel: name of the input.

@@ -230,7 +230,8 @@ def _study(
     if not known and conclusion.outcome in MORE_THAN_NOISE:
         noise = np.minimum(np.asarray(white_part(found.fit.residuals, used.mask)), noise)
     sentences = tuple(placed[name].sentence for name in found.effects)
-    words = verdict(conclusion, sentences, rivals, where["after"]), *not_carried_over(before, after, tests, used)
+    told = not_carried_over(before, after, found.effects, rounds, tests, used) if found.effects else ()
+    words = verdict(conclusion, sentences, rivals, where["after"]), *told
     return Study(
         verdict=" ".join(words),
         outcome=conclusion.outcome,

@@ -9,9 +9,10 @@ import numpy as np
 from jax.scipy.stats import chi2
 
 from ..data.record import Record
+from ..diagnosis.validation import Prediction
 from ..diagnosis.where import Where
 from ..models.noise import FixedNoise
-from .check import difference_error, mean_log
+from .check import difference_error, mean_log, uncertainty
 from .doubts import SETTLED, Doubts, doubts_about
 from .rivals import Rival
 from .search import INSEPARABLE, Search
@@ -19,6 +20,7 @@ from .study import ColouredNoise, RandomForces, Round, Side
 from .unpredictable import act_on_the_motion, coloured_noise, random_forces
 from .workbench import Fitted, Workbench
 
+MORE = "Take more manoeuvres to fit and to check."
 FURTHER = 0.1  # of its range in the records that were fitted, from which on an input runs further in others
 
 
@@ -134,11 +136,19 @@ def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Ri
     }[conclusion.outcome]
 
 
-def not_carried_over(before: Side, after: Side, tests: Mapping[str, Record], used: Record) -> tuple[str, ...]:
-    """Of each set of test records that what was added predicts worse, by more than the scatter: that it does.
+def not_carried_over(
+    before: Side,
+    after: Side,
+    effects: tuple[str, ...],
+    rounds: tuple[Round, ...],
+    tests: Mapping[str, Record],
+    used: Record,
+) -> tuple[str, ...]:
+    """Of each set of test records what was added predicts worse, by more than the scatter: all of it, or what came in late.
 
     Args:
         before, after: the model without what was added and with it.
+        effects, rounds: names of what was added, and how it came in.
         tests: records by name of set.
         used: those that were fitted.
     """
@@ -150,10 +160,37 @@ def not_carried_over(before: Side, after: Side, tests: Mapping[str, Record], use
             outside = ", ".join(beyond(used, tests[name]))
             told.append(
                 f"But the error on {name} grows with it ({', '.join(channels)}): what was added does not carry over to these "
-                f"records{f', in which {outside} runs further than in those that were fitted' if outside else ''}. Take more "
-                "manoeuvres to fit and to check."
+                f"records{f', in which {outside} runs further than in those that were fitted' if outside else ''}. {MORE}"
             )
+        else:
+            told += late(name, new, effects, rounds)
     return tuple(told)
+
+
+def late(name: str, test: Prediction, effects: tuple[str, ...], rounds: tuple[Round, ...]) -> tuple[str, ...]:
+    """The words for a set of test records that an earlier round predicted better than the last, by more than the scatter of the
+    last; none where there is none.
+
+    Args:
+        name: of the set.
+        test: the last prediction of it.
+        effects: that are in at last.
+        rounds: by which they came in; of the errors at the beginning of each only those behind the first are asked.
+    """
+    errors = [_mean_log(one.errors[f"test {name}"]) for one in rounds[1:]]
+    if not errors or not mean_log(test) - min(errors) > uncertainty(test):
+        return ()
+    best = int(np.argmin(errors))
+    new = [one for one in effects if one not in rounds[1 + best].effects]
+    less = 1.0 - np.exp(min(errors) - mean_log(test))
+    words = f"But after round {1 + best}, without {', '.join(new)}, the error on {name} was {less:.0%} smaller"
+    return (f"{words}: what came in later does not carry over to these records. {MORE}",) if new else ()
+
+
+def _mean_log(errors: Mapping[str, float]) -> float:
+    """Of the channels that were seen; infinite where the simulation fails."""
+    seen = [value for value in errors.values() if np.isfinite(value)]
+    return float(np.mean(np.log(np.maximum(seen, np.finfo(float).tiny)))) if seen else np.inf
 
 
 def beyond(used: Record, test: Record) -> tuple[str, ...]:

@@ -44,7 +44,7 @@ from jaxid.study.rivals import Rival, told_apart
 from jaxid.study.search import Search
 from jaxid.study.study import Candidate, Round
 from jaxid.study.unpredictable import act_on_the_motion
-from jaxid.study.verdict import beyond, stands_out
+from jaxid.study.verdict import beyond, late, stands_out
 from jaxid.study.workbench import Workbench
 
 WINDOW = 60
@@ -118,10 +118,24 @@ def test_test_records_that_the_effect_does_not_suit_are_told():
     assert found.effects == ("x^3 in v",)
     assert found.after.rms["test"]["x"] > found.before.rms["test"]["x"]
     assert "the error on test grows with it (x)" in found.verdict
-    assert "grows" not in study(cubic, seed=2).verdict
+    well = study(cubic, seed=2)
+    assert "does not carry over" not in well.verdict
     used, pushed = as_stack(others), dataclasses.replace(others[0], u=1.5 * others[0].u)
     assert beyond(used, as_stack(others[1])) == ()
     assert beyond(used, as_stack(pushed)) == ("force",)
+
+
+def test_what_came_in_late_and_does_not_suit_the_test_records_is_told():
+    found = study(PLANTED["x^3 in v"], seed=2)
+    first, last = found.rounds
+    test, error = found.after.tests["test"], found.after.rms["test"]["x"]
+    assert last.errors["test test"]["x"] == pytest.approx(error, rel=1e-6)  # of the same fit, gone on with to its end
+    assert late("test", test, found.effects, found.rounds) == ()
+    without = dataclasses.replace(last, effects=(), errors={"test test": {"x": 0.6 * error}})
+    (words,) = late("test", test, found.effects, (first, without, last))
+    assert "after round 1, without x^3 in v, the error on test was 40% smaller" in words
+    failed = dataclasses.replace(without, errors={"test test": {"x": np.nan}})
+    assert late("test", test, found.effects, (first, failed, last)) == ()
 
 
 class Undamped(AbstractModel):

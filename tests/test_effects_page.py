@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import jaxid
 from jaxid import AbstractModel
 from jaxid.aircraft import Aircraft, aircraft_effects, f4
-from jaxid.models import Acting, Effect, InputBias, InputScale, Saturating, parameter_effects
+from jaxid.models import Acting, Effect, InputBias, InputHysteresis, InputScale, Saturating, parameter_effects
 from jaxid.study.columns import own_parameters
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "effects.md"
@@ -48,7 +48,8 @@ class Tank(AbstractModel):
 
 def known() -> tuple[Effect, ...]:
     rig, tank = Rig(jnp.array(1.0)), Tank(jnp.array(1.0))
-    by_hand = (InputBias("u"), InputScale("u"), Saturating(Acting.equation("h"), "h"), *parameter_effects(tank, ("a",)))
+    of_inputs = (InputBias("u"), InputScale("u"), InputHysteresis("u"))
+    by_hand = (*of_inputs, Saturating(Acting.equation("h"), "h"), *parameter_effects(tank, ("a",)))
     everything = aircraft_effects(Aircraft(f4()), ground=0.0)
     return (*jaxid.general_effects(rig), *jaxid.general_effects(tank), *by_hand, *everything)
 

@@ -27,8 +27,6 @@ class Inputs:
         for one in effects:
             if kind(one) == "InputRateLimit":
                 self.u[one.channel] = _rate_limited(t, u[one.channel], float(one.limit))
-            elif kind(one) == "InputHysteresis":
-                self.u[one.channel] = _hysteretic(t, u[one.channel], float(one.gain), float(one.width))
 
     def recorded(self, name: str, time: float) -> np.ndarray:
         """A signal at one time, late where it acts late."""
@@ -51,31 +49,10 @@ class Inputs:
         return found
 
 
-def _finer(t: np.ndarray, u: np.ndarray) -> tuple[float, np.ndarray]:
-    """An input in straight lines, on a finer grid of so long a step."""
-    step = (t[1] - t[0]) / FINE
-    return step, np.array([np.interp(t[0] + step * np.arange(FINE * (t.size - 1) + 1), t, one) for one in u])
-
-
-def _hysteretic(t: np.ndarray, u: np.ndarray, gain: float, width: float) -> tuple[float, np.ndarray]:
-    """An input less Bouc's and Wen's z of it, by Heun's steps."""
-    step, fine = _finer(t, u)
-    z = np.zeros(len(u))
-    found = [z]
-
-    def rate(z, du):
-        return (du - 0.5 * (np.abs(du) * np.abs(z) * z + du * z**2)) / width
-
-    for du in np.diff(fine, axis=1).T:
-        first = rate(z, du)
-        z = z + 0.5 * (first + rate(z + first, du))
-        found.append(z)
-    return step, fine - gain * np.array(found).T
-
-
 def _rate_limited(t: np.ndarray, u: np.ndarray, limit: float) -> tuple[float, np.ndarray]:
     """What follows an input no faster than a limit, on a finer grid."""
-    step, fine = _finer(t, u)
+    step = (t[1] - t[0]) / FINE
+    fine = np.array([np.interp(t[0] + step * np.arange(FINE * (t.size - 1) + 1), t, one) for one in u])
     found = [fine[:, 0]]
     for wanted in fine.T[1:]:
         found.append(found[-1] + np.clip(wanted - found[-1], -limit * step, limit * step))

@@ -52,7 +52,7 @@ def general_effects(
     if equations is None:
         equations = uncertain_equations(canonical(model), np.arange(flatten(canonical(model))[0].size))
     effects = [*_in_equations(model, equations), *_of_differences(model, equations)]
-    effects += [*_in_inputs(model, equations, uniform), *_in_outputs(model)]
+    effects += [*_in_inputs(model, uniform), *_in_outputs(model)]
     return tuple(sorted(effects, key=lambda effect: effect.name))
 
 
@@ -60,7 +60,8 @@ def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effe
     """Terms (linear ones of what the equation does not know), friction and limits; shapes that no polynomial has, and memory,
     where there are few equations and states. In a model without states, terms and bends of its inputs."""
     effects: list[Effect] = []
-    moving, pairs = model.states or model.inputs, _pairs(model, equations)
+    moving = model.states or model.inputs
+    pairs = len(equations) * len(moving)
     unknown = absent_signals(canonical(model), equations)
     for name in equations:
         acting = Acting.equation(name)
@@ -91,15 +92,10 @@ def _of_differences(model: AbstractModel, equations: tuple[str, ...]) -> list[Ef
     return effects
 
 
-def _pairs(model: AbstractModel, equations: tuple[str, ...]) -> int:
-    """Of an equation and what moves in it."""
-    return len(equations) * len(model.states or model.inputs)
-
-
-def _in_inputs(model: AbstractModel, equations: tuple[str, ...], uniform: bool) -> list[Effect]:
-    """Delay and lag of every input; limits, a dead zone, in small models hysteresis, and the run between samples of those that an
-    actuator moves, offset and scale of those that an instrument shows (in an actuator's they are a constant and a gain of the
-    model)."""
+def _in_inputs(model: AbstractModel, uniform: bool) -> list[Effect]:
+    """Delay and lag of every input; limits, a dead zone and the run between samples of those that an actuator moves, offset and
+    scale of those that an instrument shows (in an actuator's they are a constant and a gain of the model). Hysteresis of an input
+    where no state can have it."""
     effects: list[Effect] = []
     for channel in model.inputs:
         effects += [InputDelay(channel), InputLag(channel)]
@@ -107,7 +103,7 @@ def _in_inputs(model: AbstractModel, equations: tuple[str, ...], uniform: bool) 
     for channel in model.actuated():
         effects += [InputBetweenSamples(channel)] * uniform
         effects += [InputRateLimit(channel), InputDeadZone(channel)]
-        effects += [InputHysteresis(channel)] * (_pairs(model, equations) <= MOST_PAIRS_FOR_MEMORY)
+        effects += [InputHysteresis(channel)] * (not model.states)
         effects += [InputPositionLimit(channel, end) for end in ("upper", "lower")]
     return effects
 

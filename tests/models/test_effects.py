@@ -11,6 +11,7 @@ from jaxid.models import (
     Augmented,
     DryFriction,
     InputBias,
+    InputHysteresis,
     InputLag,
     InputScale,
     LinearModel,
@@ -43,7 +44,8 @@ T = 0.1 * np.arange(50)
 U = np.sin(1.3 * T + 0.5)[:, None] + 0.5 * np.cos(4.0 * T)[:, None]
 START = np.array([0.7, 0.9])
 MEASURED = (InputBias("u"), InputScale("u"))  # of inputs that an instrument shows
-LIBRARY = tuple(sorted((*general_effects(MODEL, ("x", "v")), *MEASURED), key=lambda effect: effect.name))
+BY_HAND = (*MEASURED, InputHysteresis("u"))
+LIBRARY = tuple(sorted((*general_effects(MODEL, ("x", "v")), *BY_HAND), key=lambda effect: effect.name))
 NAMES = [effect.name for effect in LIBRARY]
 # At a level that is not passed, or on no grid.
 NOT_FELT = {"upper saturation of y", "lower saturation of y", "quantisation of y"}

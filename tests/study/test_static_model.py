@@ -69,6 +69,41 @@ def test_it_feels_its_input_as_it_arrives(effect):
     assert np.max(np.abs(after - before)) > 0.2 * 0.4 * 0.2
 
 
+def behind(u, gain, width):
+    """An input less Bouc's and Wen's z of it, by Heun's steps on a finer grid."""
+    fine = np.interp(np.arange(20 * (u.size - 1) + 1) / 20, np.arange(u.size), u)
+    z = [0.0]
+    for du in np.diff(fine):
+
+        def rate(z, du=du):
+            return (du - 0.5 * (abs(du) * abs(z) * z + du * z**2)) / width
+
+        first = rate(z[-1])
+        z.append(z[-1] + 0.5 * (first + rate(z[-1] + first)))
+    return u - gain * np.array(z[::20])
+
+
+def test_hysteresis_of_its_input_is_found():
+    def flown(seed):
+        rng = np.random.default_rng(seed)
+        t = 0.04 * np.arange(400)
+        elevator = np.convolve(rng.normal(size=400), np.hanning(40) / 8.0, "same")
+        u = np.column_stack([0.15 * np.sin(rng.uniform(0.8, 1.2) * t), elevator])
+        z = 5.0 * u[:, 0] + 2.0 * behind(elevator, 0.1, 0.15) + NOISE * rng.normal(size=400)
+        return jaxid.record(t, u, z, inputs=Lift.inputs, outputs=Lift.outputs)
+
+    model = Lift(jnp.array(4.0), jnp.array(1.0))
+    free = jaxid.free(model, "slope", "elevator")
+    train, check, test = ([flown(3 * part + k) for k in range(3)] for part in range(3))
+    study = jaxid.close_loop(model, free, jaxid.OutputError(), train=train, check=check, test=test)
+    assert study.effects == ("hysteresis of input elevator",)
+    for field, planted in (("gain", 0.1), ("width", 0.15)):
+        name = f"hysteresis of input elevator.{field}"
+        error = study.after.estimate.standard_error(name)
+        assert abs(study.after.estimate.value(name) - planted) < 4.0 * error < 0.1 * planted
+    assert study.after.rms["test"]["CL"] == pytest.approx(NOISE, rel=0.08)  # 1,200 samples, four times 2 %
+
+
 def test_its_curve_is_found(records):
     model = Lift(jnp.array(4.0), jnp.array(0.0))
     free = jaxid.free(model, "slope", "elevator")

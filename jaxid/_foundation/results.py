@@ -9,8 +9,8 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]  (equin
     successful = ""
     no_descent = (
         "No step along the search direction lowers the cost any more, though the gradient is not zero. Where the model has a "
-        "bend or a limit, its cost has corners, and this may be one; else check the units and scales of the free parameters, or "
-        "start nearer."
+        "bend or a limit, its cost has corners, and this may be one. Check the units and scales of the free parameters, or start "
+        "nearer."
     )
     start_diverges = (
         "The simulation diverges at the starting values, so there is nothing to improve on. Start from values for which "

@@ -8,31 +8,29 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.types import Array, Float
-from .effects import Effect, zero
+from .effects import zero
 from .effects_input import InputEffect
+from .effects_memory import NO_WIDTH_YET
 from .followers import Hysteretic, Slow
 from .starts import centre_of, level_in, rates_in, reach_of
 
 NO_LIMIT_YET = 1e6  # high against any input in SI units: nothing is limited until `start` sets the limit
-NO_WIDTH_YET = 1e6  # wide against any: nothing turns until `start` sets the width
 
 
-class ActuatorShape(Effect):
-    """An actuator that changes the value of one input: `u -> u + gain (changed - u)`; a gain of one is the whole effect.
-
-    Attributes:
-        channel: name of the input.
-    """
-
-    channel: eqx.AbstractVar[str]
+class ActuatorEffect(InputEffect):
+    """What an actuator does to its input, beside a gain with one shape parameter; two of them are no parts of one function."""
 
     @property
-    def place(self):
-        return f"input {self.channel}"
+    def signals_used(self):
+        return ()
 
     @property
     def complexity(self):
         return 2
+
+
+class ActuatorShape(ActuatorEffect):
+    """An actuator that changes the value of one input: `u -> u + gain (changed - u)`; a gain of one is the whole effect."""
 
     @property
     def whole(self):
@@ -47,7 +45,7 @@ class ActuatorShape(Effect):
         return u.at[index].add(self.gain * (self.changed(u[index]) - u[index]))
 
 
-class InputRateLimit(Effect):
+class InputRateLimit(ActuatorEffect):
     """An actuator that follows its input no faster than a limit: `u -> u + gain (r - u)`; a gain of one is the whole effect.
 
         |dr/dt| <= limit,    r as near to u as that allows
@@ -74,16 +72,8 @@ class InputRateLimit(Effect):
         return f"rate limit of input {self.channel}"
 
     @property
-    def place(self):
-        return f"input {self.channel}"
-
-    @property
     def sentence(self):
         return f"the actuator of {self.channel} has a limit of rate"
-
-    @property
-    def complexity(self):
-        return 2
 
     @property
     def whole(self):
@@ -102,7 +92,7 @@ class InputRateLimit(Effect):
         return path.followed(inputs.index(self.channel), Slow(self.limit), self.gain)
 
 
-class InputHysteresis(InputEffect):
+class InputHysteresis(ActuatorEffect):
     """Hysteresis between the recorded input and what acts, as of cables, gears and piezoelectric drives: `u -> u - gain z`.
 
         width dz/dt = du/dt - (|du/dt| |z| z + du/dt z^2) / 2
@@ -116,7 +106,7 @@ class InputHysteresis(InputEffect):
         gain: half the width of the loop, measured along the input; above zero where what acts is behind [unit of the input].
         width: over which it turns [unit of the input].
 
-    Source: as of `Hysteresis`.
+    Source: Wen, J. Eng. Mech. Div. ASCE 102 (1976), pp. 249-263, in the form of `Hysteresis`.
     """
 
     channel: str = eqx.field(static=True)
@@ -131,10 +121,6 @@ class InputHysteresis(InputEffect):
     @property
     def sentence(self):
         return f"the actuator of {self.channel} has hysteresis"
-
-    @property
-    def complexity(self):
-        return 2
 
     @property
     def bounds(self):

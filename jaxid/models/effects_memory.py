@@ -8,6 +8,7 @@ from .._foundation.types import Array, Float
 from .acting import Acting, ActingEffect
 from .effects import zero
 from .effects_input import NO_LAG_YET
+from .followers import bouc_wen
 from .starts import misfit_peak, reach_of, time_scale_of
 
 NO_WIDTH_YET = 1e6  # wide against any signal in SI units: z stands still until `start` sets the width
@@ -214,5 +215,5 @@ class Hysteresis(ActingEffect):
 
     def extra_rates(self, extra, u, signals, rates):
         # |z| <= 1 by its equation; where a step is too long for that, the clip keeps it finite.
-        z, rate = jnp.clip(extra[self.extra_states[0]], -1.0, 1.0), rates[self.signal]
-        return {self.extra_states[0]: (rate - 0.5 * (jnp.abs(rate) * jnp.abs(z) * z + rate * z**2)) / self.width}
+        z = jnp.clip(extra[self.extra_states[0]], -1.0, 1.0)
+        return {self.extra_states[0]: bouc_wen(z, rates[self.signal], self.width)}

@@ -81,10 +81,9 @@ class Slow(AbstractFollower):
 class Hysteretic(AbstractFollower):
     """It is behind by one where the signal has risen, ahead by one where it has fallen, and turns over a width: `signal - z`.
 
-        width dz/dt = ds/dt - (|ds/dt| |z| z + ds/dt z^2) / 2        (Bouc and Wen; `Hysteresis` in the models)
-
-    z depends on the way of the signal and not on its speed. It is exact at the knots of a signal that turns at knots only: where
-    the signal moves on, `z = tanh(atanh z + d)` over a way of d widths; where it has turned, `z` first falls by d, to zero.
+    z is that of `bouc_wen`, depends on the way of the signal and not on its speed, and is exact at the knots of a signal that
+    turns at knots only: where the signal moves on, `z = tanh(atanh z + d)` over a way of d widths; where it has turned, `z` first
+    falls by d, to zero.
 
     Args:
         width: over which it turns [unit of the signal].
@@ -97,8 +96,7 @@ class Hysteretic(AbstractFollower):
         z = self._z(values)
         if slopes is None:
             return values - z, None
-        rate = (slopes - 0.5 * (jnp.abs(slopes) * jnp.abs(z) * z + slopes * z**2)) / self.width
-        return values - z, slopes - rate
+        return values - z, slopes - bouc_wen(z, slopes, self.width)
 
     def of_steps(self, knots, values):
         return values - self._z(values)
@@ -112,3 +110,18 @@ class Hysteretic(AbstractFollower):
             return way * z, way * z
 
         return jnp.append(0.0, jax.lax.scan(turn, jnp.zeros(()), jnp.diff(values) / self.width)[1])
+
+
+def bouc_wen(z: Float[Array, "*n"], rate: Float[Array, "*n"], width: Float[Array, ""]) -> Float[Array, "*n"]:
+    """How fast the state of hysteresis turns with a signal, after Bouc and Wen with exponent two, in normalised form.
+
+        width dz/dt = ds/dt - (|ds/dt| |z| z + ds/dt z^2) / 2
+
+    Args:
+        z: between minus one and one.
+        rate: of the signal [its unit/s].
+        width: over which it turns [unit of the signal].
+
+    Source: Wen, J. Eng. Mech. Div. ASCE 102 (1976), pp. 249-263, with A = 1, beta = gamma = 1/2, n = 2.
+    """
+    return (rate - 0.5 * (jnp.abs(rate) * jnp.abs(z) * z + rate * z**2)) / width

@@ -3,14 +3,24 @@
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.types import Bool, Float
 from ..diagnosis.validation import Prediction
 from ..estimation.coloured import tapered_covariance
 
 
 def mean_log(prediction: Prediction) -> float:
     """Mean over the channels that were seen of the logarithm of the error; infinite where the simulation fails."""
-    rms = np.asarray(prediction.rms)[np.any(np.asarray(prediction.scored), axis=(0, 1))]
+    return mean_log_of(np.asarray(prediction.rms)[seen(prediction)])
+
+
+def mean_log_of(rms: Float[np.ndarray, " output"]) -> float:
+    """The same of errors by channel."""
     return float(np.mean(np.log(np.maximum(rms, np.finfo(float).tiny)))) if np.all(np.isfinite(rms)) else np.inf
+
+
+def seen(prediction: Prediction) -> Bool[np.ndarray, " output"]:
+    """Channels of which a sample counts."""
+    return np.any(np.asarray(prediction.scored), axis=(0, 1))
 
 
 def difference_error(before: Prediction, after: Prediction) -> float:

@@ -40,11 +40,8 @@ from .workbench import Fitted, Workbench, starting_states
 
 # Tolerance in standard errors: a decision needs no more. Effects bring corners, at which steps are refused.
 SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
-MORE_THAN_NOISE = (
-    "proxies",
-    "unexplained",
-    "process noise",
-)  # what the last fit leaves; it is no estimate of the noise
+# Outcomes in which what the last fit leaves is no estimate of the noise.
+MORE_THAN_NOISE = ("proxies", "unexplained", "process noise")
 Records = Record | Sequence[Record]
 
 

@@ -12,7 +12,7 @@ from ..data.record import Record
 from ..diagnosis.validation import Prediction
 from ..diagnosis.where import Where
 from ..models.noise import FixedNoise
-from .check import difference_error, mean_log, uncertainty
+from .check import difference_error, mean_log, mean_log_of, seen, uncertainty
 from .doubts import SETTLED, Doubts, doubts_about
 from .rivals import Rival
 from .search import INSEPARABLE, Search
@@ -177,7 +177,8 @@ def late(name: str, test: Prediction, effects: tuple[str, ...], rounds: tuple[Ro
         effects: that are in at last.
         rounds: by which they came in; of the errors at the beginning of each only those behind the first are asked.
     """
-    errors = [_mean_log(one.errors[f"test {name}"]) for one in rounds[1:]]
+    known = seen(test)
+    errors = [mean_log_of(np.array([*one.errors[f"test {name}"].values()])[known]) for one in rounds[1:]]
     if not errors or not mean_log(test) - min(errors) > uncertainty(test):
         return ()
     best = int(np.argmin(errors))
@@ -185,12 +186,6 @@ def late(name: str, test: Prediction, effects: tuple[str, ...], rounds: tuple[Ro
     less = 1.0 - np.exp(min(errors) - mean_log(test))
     words = f"But after round {1 + best}, without {', '.join(new)}, the error on {name} was {less:.0%} smaller"
     return (f"{words}: what came in later does not carry over to these records. {MORE}",) if new else ()
-
-
-def _mean_log(errors: Mapping[str, float]) -> float:
-    """Of the channels that were seen; infinite where the simulation fails."""
-    seen = [value for value in errors.values() if np.isfinite(value)]
-    return float(np.mean(np.log(np.maximum(seen, np.finfo(float).tiny)))) if seen else np.inf
 
 
 def beyond(used: Record, test: Record) -> tuple[str, ...]:

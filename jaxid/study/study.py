@@ -145,6 +145,7 @@ class RandomForces:
         air: which of all places are the air's.
         force: standard deviation of the random force in each uncertain equation [rate of the state], and in the air [m/s].
         time: their correlation time [s].
+        parameters: the free parameters that fit best beside them, by name; what is known of them is not told yet.
         gain: twice the rise of the log-likelihood over noise of the instruments alone.
     """
 
@@ -152,6 +153,7 @@ class RandomForces:
     air: tuple[str, ...]
     force: dict[str, float]
     time: float
+    parameters: dict[str, float]
     gain: float
 
     def __str__(self) -> str:
@@ -161,7 +163,8 @@ class RandomForces:
         )
         return (
             f"random forces (process noise, as of turbulence) of standard deviation {sizes} and correlation time "
-            f"{self.time:.2g} s explain the residual. Estimates by output error suffer from them; fit by filter error next."
+            f"{self.time:.2g} s explain the residual. Estimates by output error suffer from them: "
+            "`process_noise.parameters` are those that fit best beside them, by a filter."
         )
 
 

@@ -34,6 +34,10 @@ def random_forces(search: Search, declared: Fitted, where: Where) -> RandomForce
     search.progress("whether random forces explain the residual")
     known = isinstance(bench.likelihood.noise, FixedNoise)
     noise, scores = _with_forces(search, declared, places, known)
+    if float(noise.time[0]) > _longest(
+        search
+    ):  # led astray, it may be, by parameters that output error took for the forces
+        noise, scores = _with_forces(search, declared, places, known, anew=True)
     if not _nothing_is_left(search, noise, scores) or float(noise.time[0]) > _longest(search):
         return None
     shows = np.asarray(noise.worth) > critical(search.options.level / len(places))
@@ -43,7 +47,9 @@ def random_forces(search: Search, declared: Fitted, where: Where) -> RandomForce
     )
     air = tuple(place.name for place in places if place.kind == "air")
     sizes = {place.name: float(one) for place, one in zip(places, noise.force, strict=True)}
-    return RandomForces(acting, air, sizes, float(noise.time[0]), float(noise.gain))
+    names = (bench.columns.names[column] for column in declared.columns)
+    beside = dict(zip(names, map(float, noise.parameters.shared), strict=False))  # behind them it is padded
+    return RandomForces(acting, air, sizes, float(noise.time[0]), beside, float(noise.gain))
 
 
 def coloured_noise(search: Search, found: Fitted) -> ColouredNoise | None:
@@ -102,11 +108,13 @@ def act_on_the_motion(search: Search, found: Fitted, where: Where, gain: float) 
     return float(forces.gain) > gain
 
 
-def _with_forces(search: Search, fitted: Fitted, places: Sequence[Place], known: bool) -> tuple[ProcessNoise, Scores]:
+def _with_forces(
+    search: Search, fitted: Fitted, places: Sequence[Place], known: bool, anew: bool = False
+) -> tuple[ProcessNoise, Scores]:
     """A filter that knows of random forces at places, begun at the sizes that free-form disturbances have there."""
     size = jnp.array([place.size for place in places])
     floor = 1e-3 * jnp.max(size) + jnp.finfo(float).tiny
-    return search.bench.filtered(fitted, jnp.maximum(size, floor), _by_kind(places), known)
+    return search.bench.filtered(fitted, jnp.maximum(size, floor), _by_kind(places), known, anew)
 
 
 def _longest(search: Search) -> float:

@@ -233,18 +233,24 @@ class Workbench:
         return read(fitted.fit.residuals, self.records.mask, self.variables, self.records.outputs)
 
     def filtered(
-        self, fitted: Fitted, force: Float[Array, " place"], places: Places, known: bool
+        self, fitted: Fitted, force: Float[Array, " place"], places: Places, known: bool, anew: bool = False
     ) -> tuple[ProcessNoise, Scores]:
         """The residual of a fit as the work of what nothing predicts, and the scores of what is absent among innovations.
 
         Args:
             fitted: a fit to the training records.
             force, places, known: as `process_noise` takes them.
+            anew: whether it begins at the declared values, and not at the fit's.
         """
-        asked = self._of_all(fitted.values, fitted.fit.parameters.rows)
+        problem, parameters, *_ = self._to_fit(fitted.effects, fitted.values, fitted.fit.parameters.rows)
+        values, chosen = np.array(fitted.values), [*fitted.columns]
+        values[: self.begin.size] = self.begin
+        begin = self._to_fit(fitted.effects, values, None)[1] if anew else None
+        noise = process_noise(problem, parameters, force, places, known, begin)
+        values[chosen] = noise.parameters.shared[: len(chosen)]
+        everything = self._of_all(values, noise.parameters.rows)
+        columns = jnp.concatenate([noise.of(problem, PASSES(*everything)[1]), noise.probes], axis=-1)
         is_free = self.columns.marked(fitted.columns)
-        noise = process_noise(*asked, is_free, force, places, known)
-        columns = jnp.concatenate([noise.S, noise.probes], axis=-1)
         return noise, scores_of(noise.v, columns, jnp.pad(is_free, (0, noise.probes.shape[-1])))
 
     def _white_columns(self, fitted: Fitted):

@@ -11,9 +11,10 @@ import jaxid
 from jaxid.data import stack
 from jaxid.diagnosis.driven import driven, under
 from jaxid.diagnosis.free_form import Linear, answer, linear_model
+from jaxid.diagnosis.innovations import Noise, filtered, most_probable
 from jaxid.diagnosis.predictable import allowance, predictable_share
-from jaxid.diagnosis.process_noise import Noise, _filtered, _most_probable, process_noise
-from jaxid.diagnosis.scores import scores_of
+from jaxid.diagnosis.process_noise import process_noise
+from jaxid.diagnosis.scores import scores_of, sensitivities
 from jaxid.estimation import estimate
 from jaxid.estimation.problem import Problem
 
@@ -86,7 +87,7 @@ def test_the_filter_is_generalised_least_squares(key, memories):
     rows = np.asarray(columns).reshape(-1, 3)[keep]
     # A missing sample has a row of zeros as `Problem.whiten` leaves it.
     blank = linear._replace(C=linear.C.at[4, 1].set(0.0), D=linear.D.at[4, 1].set(0.0))
-    white, log_det = _filtered(blank, jnp.asarray(t), seen, columns.at[4, 1].set(0.0), noise)
+    white, log_det = filtered(blank, jnp.asarray(t), seen, columns.at[4, 1].set(0.0), noise)
     found = np.einsum("tok,tol->kl", white, white)
     np.testing.assert_allclose(found, rows.T @ np.linalg.solve(Sigma, rows), rtol=1e-9)
     np.testing.assert_allclose(jnp.sum(log_det), np.linalg.slogdet(Sigma)[1], rtol=1e-9)
@@ -103,7 +104,7 @@ def test_the_most_probable_forces_are_the_conditional_mean(key):
     for place, (deviation, time) in enumerate(((0.7, 0.3), (1.4, 0.1))):
         Sigma[place::2, place::2] = deviation**2 * np.exp(-apart / time)
     expected = Sigma @ H.T @ np.linalg.solve(H @ Sigma @ H.T + np.diag(np.tile([0.5, 2.0], 12)), v.reshape(-1))
-    found = _most_probable(linear, jnp.asarray(t), jnp.ones((12, 2), bool), v, noise)
+    found = most_probable(linear, jnp.asarray(t), jnp.ones((12, 2), bool), v, noise)
     np.testing.assert_allclose(found.reshape(-1), expected, rtol=1e-9)
 
 
@@ -123,14 +124,19 @@ def flown(seed, random=0.0, cubic=0.0):
     return jaxid.record(T, u[:, None], z, inputs=("force",), outputs=("x",), name=f"record {seed}")
 
 
-def filtered(**what):
+def asked(**what):
     problem, parameters = problem_of(
         Spring(jnp.array(1.0), jnp.array(0.1)), stack([flown(seed, **what) for seed in (1, 2, 3)])
     )
-    is_free = jnp.ones(2, bool)
-    found = process_noise(problem, parameters, is_free, jnp.array([0.1]), (("equation", ("v",)),), False)
-    columns = jnp.concatenate([found.S, found.probes], axis=-1)
-    return found, scores_of(found.v, columns, jnp.pad(is_free, (0, found.probes.shape[-1])))
+    found = process_noise(problem, parameters, jnp.array([0.1]), (("equation", ("v",)),), False)
+    return found, scored(problem, found)
+
+
+def scored(problem, found):
+    """Scores of what follows a signal, `k` and `c` free."""
+    S = found.of(problem, sensitivities(problem, found.parameters)[1])
+    columns = jnp.concatenate([S, found.probes], axis=-1)
+    return scores_of(found.v, columns, jnp.arange(2 + found.probes.shape[-1]) < 2)
 
 
 def problem_of(model, records, likelihood=None):
@@ -159,7 +165,7 @@ def test_a_driven_problem_answers_to_its_forces_as_the_linear_model_says():
 def test_planted_forces_are_found_with_their_size_and_time():
     """90 s hold 90 correlation times of 1 s: the deviation is known to about 1/sqrt(2 * 90) = 8 %, the time to about twice
     that and more, as only the slow part stands out of the noise; three and a half of these."""
-    found, scores = filtered(random=FORCE)
+    found, scores = asked(random=FORCE)
     assert float(found.force[0]) == pytest.approx(FORCE, rel=0.27)
     assert float(found.time[0]) == pytest.approx(TIME, rel=0.6)
     assert float(found.gain) > 1000.0
@@ -170,14 +176,11 @@ def test_forces_are_found_that_lead_where_the_motion_without_them_is_another():
     """On a hardening spring, forces larger than the input: the linear model along the motion without them says little."""
     records = stack([flown(seed, random=3 * FORCE, cubic=0.6) for seed in (1, 2, 3)])
     problem, parameters = problem_of(Hardening(jnp.array(1.0), jnp.array(0.1)), records)
-    found = process_noise(problem, parameters, jnp.ones(2, bool), jnp.array([0.3]), (("equation", ("v",)),), False)
+    found = process_noise(problem, parameters, jnp.array([0.3]), (("equation", ("v",)),), False)
     assert float(found.force[0]) == pytest.approx(3 * FORCE, rel=0.27)
     assert float(found.time[0]) == pytest.approx(TIME, rel=0.6)
     assert float(jnp.max(predictable_share(found.v, records.mask))) < 0.02 + allowance(3 * ROWS)
-    scores = scores_of(
-        found.v, jnp.concatenate([found.S, found.probes], axis=-1), jnp.arange(2 + found.probes.shape[-1]) < 2
-    )
-    assert float(jnp.max(scores.significance)) < CHANCE
+    assert float(jnp.max(scored(problem, found).significance)) < CHANCE
 
 
 def test_noise_of_sensors_with_a_memory_is_found_with_its_size_and_time(seed):
@@ -188,7 +191,7 @@ def test_noise_of_sensors_with_a_memory_is_found_with_its_size_and_time(seed):
     records = stack(clean)
     records = eqx.tree_at(lambda one: one.z, records, records.z + 3 * SIGMA * errors[..., None])
     problem, parameters = problem_of(Spring(jnp.array(1.0), jnp.array(0.1)), records)
-    found = process_noise(problem, parameters, jnp.ones(2, bool), jnp.array([0.01]), (("output", ("x",)),), False)
+    found = process_noise(problem, parameters, jnp.array([0.01]), (("output", ("x",)),), False)
     # As the forces above: 90 correlation times of 1 s.
     assert float(found.force[0]) == pytest.approx(3 * SIGMA, rel=0.27)
     assert float(found.time[0]) == pytest.approx(TIME, rel=0.6)
@@ -196,13 +199,13 @@ def test_noise_of_sensors_with_a_memory_is_found_with_its_size_and_time(seed):
 
 
 def test_a_force_that_follows_a_signal_is_told_from_a_random_one():
-    found, scores = filtered(cubic=0.6)
+    found, scores = asked(cubic=0.6)
     assert float(jnp.max(scores.significance)) > 5 * CHANCE
     assert float(found.gain) > 1000.0  # random forces would explain it as well: the gain alone tells nothing
 
 
 def test_no_force_is_found_where_there_is_none():
-    found, scores = filtered()
+    found, scores = asked()
     assert float(found.gain) < 12.0  # chi-square with two degrees of freedom exceeds it once in 400
     assert float(jnp.max(scores.significance)) < CHANCE
     assert found.instruments == pytest.approx(1.0, abs=0.02)

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import optimistix
 
 from .._foundation.quickly import quickly
-from .._foundation.types import Array, Bool, Float
+from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..estimation.problem import Problem
 from ..models.free import Parameters
@@ -130,7 +130,7 @@ def process_noise(
         v, S = sensitivities(problem, parameters)
         at = pushed if sensors else under(pushed, asked, forces)
         v = v if sensors else _residuals(at, parameters)
-        return _turn(at, parameters, (unit, v, S), forces, search, asked, known, jnp.array(anew))
+        return _turn(at, parameters, (unit, v, S), forces, search, asked, known, anew)
 
     def again(last: Turn, way: float, forced: bool = True) -> Turn:
         ahead, forces = jax.tree.map(lambda old, new: old + way * (new - old), last.begin, last.end)
@@ -198,7 +198,7 @@ def _turn(
     begin: Noise,
     places: Places,
     known: bool,
-    ahead: Bool[Array, ""],
+    ahead: bool,
 ) -> Turn:
     r"""The noise by maximum likelihood, and the parameters and forces that its filter finds.
 
@@ -235,19 +235,15 @@ def _turn(
     def through(noise: Noise, columns):
         return jax.vmap(lambda *case: filtered(*case, noise))(linear, t, mask, columns)
 
-    def cost(noise: Noise, _=None):
-        innovations, log_det = through(told(noise), columns.at[..., 1:].multiply(ahead))
-        left = _unexplained(innovations[..., 0], innovations[..., 1:], count)
+    def cost(noise: Noise, ahead: bool):
+        innovations, log_det = through(told(noise), columns if ahead else columns[..., :1])
+        left = _unexplained(innovations, count) if ahead else jnp.sum(innovations**2)
         return 0.5 * (left + jnp.sum(log_det)) / jnp.sum(mask)
-
-    def cost_here(noise: Noise):
-        innovations, log_det = through(noise, white[..., None])
-        return 0.5 * (jnp.sum(innovations**2) + jnp.sum(log_det)) / jnp.sum(mask)
 
     def search(begin: Noise):
         solver = optimistix.BFGS(rtol=1e-4, atol=1e-4)
-        found = optimistix.minimise(cost, solver, begin, max_steps=STEPS, throw=False).value
-        return found, cost(found)
+        found = optimistix.minimise(cost, solver, begin, ahead, max_steps=STEPS, throw=False).value
+        return found, cost(found, ahead)
 
     # One after the other: under vmap, BFGS of optimistix 0.1.0 took no step at all on the forces of an aircraft.
     tried, costs = jax.lax.map(search, begin)
@@ -258,9 +254,9 @@ def _turn(
     probable = jax.vmap(lambda *case: most_probable(*case, noise))(linear, t, mask, left)
     end = (jax.tree.map(jnp.add, parameters, step), forces if of_sensors(places) else probable)
     each = jnp.arange(noise.force.size)
-    without_one = jax.lax.map(lambda place: cost(noise._replace(force=noise.force.at[place].set(SILENT))), each)
+    without_one = jax.lax.map(lambda place: cost(noise._replace(force=noise.force.at[place].set(SILENT)), ahead), each)
     worth = 2.0 * jnp.sum(mask) * (without_one - costs[best])
-    return Turn(noise, linear, whole[..., 0], (parameters, forces), end, cost_here(noise), worth)
+    return Turn(noise, linear, whole[..., 0], (parameters, forces), end, cost(noise, False), worth)
 
 
 @eqx.filter_jit
@@ -289,12 +285,11 @@ def _signals(problem: Problem, parameters: Parameters) -> Float[Array, "case tim
     return jnp.concatenate([motion.x, problem.records.u, motion.y], axis=-1)
 
 
-def _unexplained(
-    v: Float[Array, "case time output"], S: Float[Array, "case time output column"], count: int
-) -> Float[Array, ""]:
-    """Sum of squares that least squares leaves of residuals, the first columns being each case's own."""
-    y, X = v.reshape(v.shape[0], -1, 1), S.reshape(v.shape[0], -1, S.shape[-1])
-    left = jax.vmap(_left)(jnp.concatenate([y, X[..., count:]], axis=-1), X[..., :count]).reshape(v.size, -1)
+def _unexplained(innovations: Float[Array, "case time output column"], count: int) -> Float[Array, ""]:
+    """Sum of squares that least squares on all other columns leaves of the first; the next so many are each case's own."""
+    rows = innovations.reshape(innovations.shape[0], -1, innovations.shape[-1])
+    own, others = rows[..., 1 : 1 + count], jnp.concatenate([rows[..., :1], rows[..., 1 + count :]], axis=-1)
+    left = jax.vmap(_left)(others, own).reshape(-1, others.shape[-1])
     return jnp.sum(_left(left[:, :1], left[:, 1:]) ** 2)
 
 

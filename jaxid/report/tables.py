@@ -26,12 +26,13 @@ class ErrorRow(NamedTuple):
 
 
 class ParameterRow(NamedTuple):
-    """One parameter: name, what it was estimated at before and after, and its unit."""
+    """One parameter: name, what it was estimated at before and after, its unit, and what it is beside random forces."""
 
     name: str
     before: str
     after: str
     unit: str
+    beside: str = ABSENT
 
 
 class EffectRow(NamedTuple):
@@ -141,8 +142,15 @@ def parameter_rows(study: Study) -> tuple[ParameterRow, ...]:
         One row for each.
     """
     before, after = _values(study.before.estimate), _values(study.after.estimate)
+    beside = study.process_noise.parameters if study.process_noise else {}
     return tuple(
-        ParameterRow(raised(name), value, after[name][0] if name in after else ABSENT, unit)
+        ParameterRow(
+            raised(name),
+            value,
+            after[name][0] if name in after else ABSENT,
+            unit,
+            f"{beside[name]:.4g}" if name in beside else ABSENT,
+        )
         for name, (value, unit) in before.items()
     )
 

@@ -310,6 +310,10 @@ class Study:
                 before, after = self.before.rms[test][name], self.after.rms[test][name]
                 lines.append(f"{name:<{width}} {before:>12.4g} {after:>12.4g} {self.noise[name]:>12.4g}  {unit}")
         lines += [*self.runaways]
+        if self.process_noise:
+            lines += ["", "parameters that fit best beside the random forces, by a filter"]
+            width = max(map(len, self.process_noise.parameters))
+            lines += [f"{name:<{width}} {value:>12.6g}" for name, value in self.process_noise.parameters.items()]
         return "\n".join([*lines, "", str(self.after.estimate)])
 
 

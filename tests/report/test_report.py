@@ -11,6 +11,7 @@ from spring_study import HOSTILE, make_study
 
 from jaxid._foundation.checks import InputError
 from jaxid.report import figures, gallery, html, views, words, write_json, write_study
+from jaxid.study.study import RandomForces
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}
 
@@ -104,6 +105,17 @@ def test_records_that_decided_are_told(study, drawn, quick):
     )
     told = Page(html(dataclasses.replace(study, rounds=rounds), drawn=drawn)).text
     assert "but quick, which decided" in " ".join(told.split())
+
+
+def test_parameters_beside_random_forces_are_told(study, page, drawn, quick):
+    name = study.before.estimate.names[0]
+    forces = RandomForces(("v",), (), {"v": 0.3}, 0.5, {name: 1.2345}, 100.0)
+    assert "beside the forces" not in Page(page).text
+    with_forces = dataclasses.replace(study, process_noise=forces)
+    told = Page(html(with_forces, drawn=drawn)).text
+    assert "beside the forces" in told
+    assert "1.234" in told
+    assert f"beside the random forces, by a filter\n{name} " in str(with_forces)
 
 
 def test_another_way_that_was_given_up_is_told(study, page, drawn, quick):

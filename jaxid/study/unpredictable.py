@@ -133,7 +133,7 @@ def _nothing_is_left(search: Search, noise: ProcessNoise, scores: Scores) -> boo
     """Whether innovations look like noise, and nothing that is absent explains any part of them."""
     records = search.bench.records
     share = predictable_share(noise.v, records.mask)
-    significance = np.asarray(scores.significance)
+    shown = np.minimum(scores.score, scores.significance)  # innovations are white, and none is shown by their colour
     tried = int(np.sum(np.asarray(scores.left) > 0))
-    fires = float(np.max(significance, initial=0.0)) > critical(search.options.level / max(tried, 1))
+    fires = float(np.max(shown, initial=0.0)) > critical(search.options.level / max(tried, 1))
     return search.judge.looks_like_noise(dict(zip(records.outputs, map(float, share), strict=True))) and not fires

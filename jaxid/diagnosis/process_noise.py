@@ -10,7 +10,7 @@ Errors of sensors that are of first order in time, coloured noise, are asked abo
 # Pyright counts the arguments of functions that equinox and jaxtyping wrap in its own way; the tests execute them.
 # pyright: reportCallIssue=false
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -87,7 +87,7 @@ def process_noise(
     force: Float[Array, " place"],
     places: Places,
     known: bool,
-    begin: Parameters | None = None,
+    begin: Sequence[Parameters] = (),
 ) -> ProcessNoise:
     r"""Fit process noise and parameters to the records of a problem, and filter the residuals with it.
 
@@ -102,8 +102,9 @@ def process_noise(
     the measurements holds their noise, and would be correlated with the innovations.
 
     A gust acts through the derivatives of the aircraft: with those that output error takes for it, the forces that are most
-    probable can lead astray, to a wind that wanders. Begun anew, elsewhere, the first turns are without forces in the
-    trajectory, until the parameters come near, and a noise is judged by what these leave of the innovations.
+    probable can lead astray, to a wind that wanders. Begun anew, at the likeliest of several parameters, the first turns are
+    without forces in the trajectory, until the parameters come near, and a noise is judged by what these leave of the
+    innovations.
 
     Args:
         problem: with output error for likelihood; its shared parameters are those that are free.
@@ -111,7 +112,7 @@ def process_noise(
         force: its strength at each place, where the search starts: that of the disturbance which `where` finds there.
         places: equations, and then the air; or sensors alone.
         known: whether the instruments' noise is known; else its variances are estimated as well.
-        begin: where the turns begin anew, if not at the solution.
+        begin: where the turns may begin anew, else at the solution.
 
     Returns:
         Strengths, the innovations, and the filter. (Maine & Iliff, NASA RP-1168, 1986, section 5; Kalman 1960; Bell, SIAM J.
@@ -124,7 +125,7 @@ def process_noise(
     search = _begin(force, force.size if sensors else 1, problem.records.t, white, mask)
     pushed, asked = (problem, places) if sensors else driven(problem, places)
     signals, still = _signals(problem, parameters), jnp.zeros((*mask.shape[:2], force.size))
-    anew = begin is not None
+    anew = len(begin) > 0
 
     def turn(parameters: Parameters, forces, search: Noise) -> Turn:
         v, S = sensitivities(problem, parameters)
@@ -136,7 +137,8 @@ def process_noise(
         ahead, forces = jax.tree.map(lambda old, new: old + way * (new - old), last.begin, last.end)
         return turn(ahead, forces if forced else still, _again(last.noise, search))
 
-    best = turn(begin if anew else parameters, still, search)
+    starts = [turn(one, still, search) for one in begin or (parameters,)]
+    best = min(starts, key=lambda one: float(jnp.nan_to_num(one.cost, nan=jnp.inf)))
     if anew:
         best = again(_settled(best, without, lambda last, way: again(last, way, False), ROUGHLY), 1.0)
     best = _settled(best, without, again, LITTLE)

@@ -240,12 +240,12 @@ class Workbench:
         Args:
             fitted: a fit to the training records.
             force, places, known: as `process_noise` takes them.
-            anew: whether it begins at the declared values, and not at the fit's.
+            anew: whether it begins anew, at the fit's or the declared values.
         """
         problem, parameters, *_ = self._to_fit(fitted.effects, fitted.values, fitted.fit.parameters.rows)
         values, chosen = np.array(fitted.values), [*fitted.columns]
         values[: self.begin.size] = self.begin
-        begin = self._to_fit(fitted.effects, values, None)[1] if anew else None
+        begin = (parameters, self._to_fit(fitted.effects, values, None)[1]) if anew else ()
         noise = process_noise(problem, parameters, force, places, known, begin)
         values[chosen] = noise.parameters.shared[: len(chosen)]
         everything = self._of_all(values, noise.parameters.rows)

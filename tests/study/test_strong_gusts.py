@@ -94,7 +94,7 @@ def test_strong_gusts_and_the_derivatives_are_found():
     fit = estimate(model, free, stack(list(records)), jaxid.OutputError())
     problem = Problem.of(fit.model, free, stack(list(records)), jaxid.OutputError())
     begin = Parameters(jnp.array([0.8 * TRUE[name] for name in TRUE if name != KNOWN] + [0.0] * 5), jnp.zeros((3, 4)))
-    found = process_noise(problem, fit.parameters, jnp.array([GUST]), (("air", ("gust_v",)),), False, begin)
+    found = process_noise(problem, fit.parameters, jnp.array([GUST]), (("air", ("gust_v",)),), False, (begin,))
     # 45 s hold 45 correlation times, which tell a deviation to 1/sqrt(2 * 45) = 10 %, the time to twice that: two of these.
     assert float(found.force[0]) == pytest.approx(np.std(gusts), rel=0.21)
     assert float(found.time[0]) == pytest.approx(MEMORY, rel=0.42)
@@ -106,7 +106,7 @@ def test_strong_gusts_and_the_derivatives_are_found():
     assert np.max(by_filter) < 0.045  # three times what the innovations say of the least known of them, the yaw damping
 
 
-def test_where_output_error_leads_astray_the_loop_begins_at_the_declared_values():
+def test_where_output_error_leads_astray_the_loop_begins_anew():
     """Here output error takes the gusts for no yaw damping at all, from where the filter finds a wind that wanders."""
     records, gusts, model, free = declared(400, count=5)
     study = jaxid.close_loop(

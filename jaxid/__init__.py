@@ -25,7 +25,7 @@ from .data import (
     unstack,
     write_csv,
 )
-from .diagnosis import bands, predict, residual_maps, residual_tests, score_test, statistics
+from .diagnosis import bands, predict, residual_maps, residual_tests, statistics
 from .estimation import Clip, Estimate, GaussNewton, OutputError, Plain, Truncate, TwoStep, estimate
 from .models import (
     AbstractModel,
@@ -172,7 +172,6 @@ __all__ = [
     "record",
     "residual_maps",
     "residual_tests",
-    "score_test",
     "simulate",
     "smooth",
     "split",

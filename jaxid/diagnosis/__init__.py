@@ -4,7 +4,7 @@ from .bands import Band, Bands, bands
 from .maps import ResidualMaps, residual_maps
 from .reading import Reading, read
 from .residuals import ResidualTests, residual_tests
-from .scores import Scores, score_test
+from .scores import Scores
 from .statistics import FitStatistics, statistics
 from .validation import Prediction, predict
 from .where import Place, Where, where
@@ -25,7 +25,6 @@ __all__ = [
     "read",
     "residual_maps",
     "residual_tests",
-    "score_test",
     "statistics",
     "where",
 ]

@@ -2,6 +2,8 @@
 # Pyright counts the arguments of functions that equinox and jaxtyping wrap in its own way; the tests execute them.
 # pyright: reportCallIssue=false
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -25,6 +27,7 @@ class Driven(AbstractModel):
 
     model: AbstractModel
     forced: tuple[str, ...] = eqx.field(static=True)
+    transparent: ClassVar[tuple[str, ...]] = ("model",)  # a record's constants go by the parameters' names
 
     @property
     def states(self):

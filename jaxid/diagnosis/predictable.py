@@ -18,28 +18,23 @@ def allowance(count: int) -> float:
 
 
 def predictable_share(
-    v: Float[Array, "case time output"], mask: Bool[Array, "case time output"], order: int = ORDER
+    v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]
 ) -> Float[Array, " output"]:
     """Share of each channel's residual power that a linear prediction from its own past explains.
 
         v_i = sum_k a_k v_(i-k) + e_i,    share = 1 - E e^2 / E v^2, corrected for the number of coefficients
 
-    by the Yule-Walker equations on the pooled autocovariance; near zero for white noise. (Box & Jenkins, section 3.2.)
+    by the Yule-Walker equations on the pooled autocovariance, each lag's sum over the number of all samples: over that of its own
+    pairs it were no autocovariance of anything, and a smooth residual of few samples could pass for noise. Near zero for white
+    noise. (Box & Jenkins, sections 2.1.5 and 3.2.)
 
     Args:
         v: residuals.
         mask: valid samples.
-        order: number of past samples; fewer where no record is longer.
     """
-    v, order = jnp.where(mask, v, 0.0), min(order, v.shape[1] - 1)
-
-    def covariance(lag):
-        pairs = jnp.sum(mask[:, lag:] & mask[:, : mask.shape[1] - lag], axis=(0, 1))
-        return jnp.sum(v[:, lag:] * v[:, : v.shape[1] - lag], axis=(0, 1)) / jnp.maximum(pairs, 1)
-
-    c = jnp.stack([covariance(lag) for lag in range(order + 1)])
-    power = jnp.where(c[0] > 0, c[0], 1.0)
-    r = c / power[None]
+    v, order = jnp.where(mask, v, 0.0), min(ORDER, v.shape[1] - 1)
+    c = jnp.stack([jnp.sum(v[:, lag:] * v[:, : v.shape[1] - lag], axis=(0, 1)) for lag in range(order + 1)])
+    r = c / jnp.where(c[0] > 0, c[0], 1.0)[None]
     toeplitz = r[jnp.abs(jnp.arange(order)[:, None] - jnp.arange(order)[None])]
     ridge = 1e-9 * jnp.eye(order)[:, :, None]
     a = jnp.linalg.solve(jnp.moveaxis(toeplitz + ridge, -1, 0), jnp.moveaxis(r[1:], -1, 0)[..., None])[..., 0]

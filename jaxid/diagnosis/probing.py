@@ -4,9 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.grid import typical_step
 from .._foundation.types import Array, Float
 
 LAGS = (3.0, 15.0)  # typical steps: of signals that a force may follow late
+SHARP = 20.0  # of a sign: it is full from a twentieth of the signal's range on, and a fixed step can follow it
 FEW_SIGNALS = 8  # so many still have all their products tried
 
 
@@ -19,10 +21,9 @@ def probing(signals: Float[Array, "case time signal"], t: Float[Array, "case tim
     """
     size = jnp.max(jnp.abs(signals - jnp.mean(signals, axis=(0, 1))[None, None]), axis=(0, 1))
     s = (signals - jnp.mean(signals, axis=(0, 1))[None, None]) / jnp.where(size > 0, size, 1.0)[None, None]
-    h = jnp.diff(t)
-    typical = jnp.nanmedian(jnp.where(h > 0, h, jnp.nan))
+    typical = typical_step(t)
     lags = [jax.vmap(lambda t, s, lag=lag: _lagged(t, s, lag * typical))(t, s) for lag in LAGS]
-    functions = [s, s**2, s**3, jnp.abs(s) * s, jnp.tanh(20.0 * s), *lags]
+    functions = [s, s**2, s**3, jnp.abs(s) * s, jnp.tanh(SHARP * s), *lags]
     if s.shape[-1] <= FEW_SIGNALS:
         first, second = np.triu_indices(s.shape[-1], 1)
         functions.append(s[..., first] * s[..., second])

@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import optimistix
 
+from .._foundation.grid import typical_step
 from .._foundation.quickly import quickly
 from .._foundation.types import Array, Float
 from ..data.record import Record
@@ -38,6 +39,7 @@ TURNS = 12  # of noise, parameters and forces, at most, along the motion without
 ROUGHLY, LITTLE = 0.02, 1e-4  # of what the forces explain: a turn that brings less is the last, of either
 SHORTER = 0.25  # by which the way of a turn is shortened that made things worse
 RIDGE = 1e-9  # of a column's squared length
+FLOOR = 1e-6  # of the variance that was taken for granted: a channel without any noise still has a logarithm
 SILENT = -60.0  # the logarithm of no force
 
 
@@ -99,7 +101,8 @@ def process_noise(
     trajectory; one Gauss-Newton step `dtheta` on the innovations; the most probable forces `d`, given all samples; and then the
     trajectory under these forces and the linear model along it anew, an iterated extended Kalman smoother. The sensitivities
     `S` and the probes stay those of the motion without forces: they are known beforehand, where a motion that was found from
-    the measurements holds their noise, and would be correlated with the innovations.
+    the measurements holds their noise, and would be correlated with the innovations. Only how a probe moves the outputs is asked
+    along the motion under the forces. Bounds and priors of the parameters hold as in the estimate.
 
     A gust acts through the derivatives of the aircraft: with those that output error takes for it, the forces that are most
     probable can lead astray, to a wind that wanders. Begun anew, at the likeliest of several parameters, the first turns are
@@ -121,7 +124,7 @@ def process_noise(
     sensors, mask = of_sensors(places), problem.records.mask
     unit = _residuals(problem, parameters)
     white = problem.whiten(unit, unit)
-    without = _white_alone(white, mask)
+    without = _white_alone(white, mask, known)
     search = _begin(force, force.size if sensors else 1, problem.records.t, white, mask)
     pushed, asked = (problem, places) if sensors else driven(problem, places)
     signals, still = _signals(problem, parameters), jnp.zeros((*mask.shape[:2], force.size))
@@ -135,12 +138,14 @@ def process_noise(
 
     def again(last: Turn, way: float, forced: bool = True) -> Turn:
         ahead, forces = jax.tree.map(lambda old, new: old + way * (new - old), last.begin, last.end)
-        return turn(ahead, forces if forced else still, _again(last.noise, search))
+        return turn(problem.project(ahead), forces if forced else still, _again(last.noise, search))
 
     starts = [turn(one, still, search) for one in begin or (parameters,)]
     best = min(starts, key=lambda one: float(jnp.nan_to_num(one.cost, nan=jnp.inf)))
     if anew:
-        best = again(_settled(best, without, lambda last, way: again(last, way, False), ROUGHLY), 1.0)
+        near = _settled(best, without, lambda last, way: again(last, way, False), ROUGHLY)
+        forced = again(near, 1.0)
+        best = forced if jnp.isfinite(forced.cost) else near
     best = _settled(best, without, again, LITTLE)
     instruments = jnp.where(known, 1.0, jnp.exp(0.5 * best.noise.instruments))
     strengths = (jnp.exp(best.noise.force), jnp.exp(best.noise.time), instruments)
@@ -184,7 +189,7 @@ def _settled(best: Turn, without: Float[Array, ""], again: Callable[[Turn, float
         gain = float(best.cost - found.cost)
         # Gauss-Newton goes too far where the linear model does not hold so far: then less of the same way.
         best, way = (found, min(1.0, 2.0 * way)) if gain > 0 else (best, SHORTER * way)
-        if abs(gain) <= little * float(without - best.cost):
+        if abs(gain) <= little * abs(float(without - best.cost)):
             break
     return best
 
@@ -230,6 +235,7 @@ def _turn(
     # What the linear model says of the residuals without any force: what stands in the trajectory is no prior knowledge.
     white = white + jax.vmap(answer)(linear, forces)
     columns, count = jnp.concatenate([white[..., None], S], axis=-1), parameters.rows.shape[1]
+    prior = problem.prior_cost(parameters)
 
     def told(noise: Noise) -> Noise:
         return noise._replace(instruments=jnp.where(known, 0.0, noise.instruments))
@@ -240,10 +246,10 @@ def _turn(
     def cost(noise: Noise, ahead: bool):
         innovations, log_det = through(told(noise), columns if ahead else columns[..., :1])
         left = _unexplained(innovations, count) if ahead else jnp.sum(innovations**2)
-        return 0.5 * (left + jnp.sum(log_det)) / jnp.sum(mask)
+        return (0.5 * (left + jnp.sum(log_det)) + prior) / jnp.sum(mask)
 
     def search(begin: Noise):
-        solver = optimistix.BFGS(rtol=1e-4, atol=1e-4)
+        solver = optimistix.BFGS(rtol=LITTLE, atol=LITTLE)
         found = optimistix.minimise(cost, solver, begin, ahead, max_steps=STEPS, throw=False).value
         return found, cost(found, ahead)
 
@@ -252,7 +258,7 @@ def _turn(
     best = jnp.nanargmin(costs)
     noise = told(jax.tree.map(lambda one: one[best], tried))
     whole, _ = through(noise, columns)
-    step, left = _step(whole[..., 0], whole[..., 1:], white, S, count)
+    step, left = _step(whole[..., 0], whole[..., 1:], white, S, count, problem.prior_rows(parameters))
     probable = jax.vmap(lambda *case: most_probable(*case, noise))(linear, t, mask, left)
     end = (jax.tree.map(jnp.add, parameters, step), forces if of_sensors(places) else probable)
     each = jnp.arange(noise.force.size)
@@ -302,11 +308,11 @@ def _left(y: Float[Array, "row column"], X: Float[Array, "row known"]) -> Float[
     return y - X @ jnp.linalg.solve(X.T @ X + RIDGE * jnp.eye(power.size), X.T @ y)
 
 
-def _step(v, S, white, columns, count: int) -> tuple[Parameters, Float[Array, "case time output"]]:
+def _step(v, S, white, columns, count: int, prior) -> tuple[Parameters, Float[Array, "case time output"]]:
     """The Gauss-Newton step of the parameters on filtered residuals, and what it leaves of those that are not filtered."""
     triangles, shared = record_triangles(S[..., :count], S[..., count:], v), S.shape[-1] - count
     free = jnp.zeros((v.shape[0], count), bool), jnp.zeros(shared, bool)
-    information = gather(triangles, jnp.zeros((1, shared + 1)), *free)
+    information = gather(triangles, prior, *free)
     theta = jnp.linalg.pinv(information.triangle) @ information.rhs
     step = Parameters(theta, information.own.solve(theta))
     explained = jnp.einsum("ctok,ck->cto", columns[..., :count], step.rows)
@@ -320,18 +326,18 @@ def _without_states(linear: Linear) -> Linear:
     )
 
 
-def _white_alone(white, seen) -> Float[Array, ""]:
-    """Negative log-likelihood for each sample of residuals that are white, of whatever variance by channel."""
+def _white_alone(white, seen, known: bool) -> Float[Array, ""]:
+    """Negative log-likelihood for each sample of white residuals, of variance one, or of whatever variance by channel."""
     rms, count = root_mean_square(white, seen), jnp.sum(seen, axis=(0, 1))
+    if known:
+        return 0.5 * jnp.sum(count * rms**2) / jnp.sum(count)
     return 0.5 + jnp.sum(count * jnp.log(jnp.where(count > 0, rms, 1.0))) / jnp.sum(count)
 
 
 def _begin(force, memories, t, white, seen) -> Noise:
     """The given forces, with several correlation times; what is fast in the residual is the instruments'."""
-    h = jnp.diff(t)
-    fast = white_part(white, seen)
-    times = jnp.array(TIMES) * jnp.nanmedian(jnp.where(h > 0, h, jnp.nan))
-    each = [jnp.tile(jnp.log(one)[None], (times.size, 1)) for one in (force, fast + 1e-6)]
+    fast, times = white_part(white, seen), jnp.array(TIMES) * typical_step(t)
+    each = [jnp.tile(jnp.log(one)[None], (times.size, 1)) for one in (force, fast + FLOOR)]
     return Noise(each[0], jnp.tile(jnp.log(times)[:, None], (1, memories)), each[1])
 
 

@@ -30,7 +30,8 @@ class Scores(eqx.Module):
         score: chi-square with one degree of freedom, were the residual white.
         inflation: by how much the colour of the residual, the column's own share taken out, inflates the score's variance.
         expected: the gain to expect.
-        left: share of the column's squared length that the free parameters cannot imitate.
+        left: share of the column's squared length that the free parameters cannot imitate; NaN where the column is not finite,
+            which then has no score and does the others no harm.
         overlap: correlations between the columns' left-over parts.
     """
 
@@ -44,25 +45,6 @@ class Scores(eqx.Module):
     def significance(self) -> Float[Array, " column"]:
         """Chi-square with one degree of freedom, the colour of the residual accounted for."""
         return self.score / self.inflation
-
-    @property
-    def p_values(self) -> Float[Array, " column"]:
-        """Probability of a score at least as large where the effect is absent."""
-        return jax.scipy.stats.chi2.sf(self.significance, 1)
-
-
-def score_test(problem: Problem, parameters: Parameters, is_free: Bool[Array, " column"]) -> Scores:
-    """Score every column of a problem that is not free.
-
-    Args:
-        problem: its shared positions name all columns, the free ones and the candidates.
-        parameters: where the free columns have been estimated, and the gains of the others are zero.
-        is_free: which shared columns are free; a record's own parameters always are.
-
-    Returns:
-        Scores, expected gains and overlaps.
-    """
-    return scores_of(*whitened(problem, *sensitivities(problem, parameters)), is_free)
 
 
 @eqx.filter_jit
@@ -92,6 +74,7 @@ def scores_of(
         is_free: of the last columns of S, the shared ones, which are free.
     """
     count = S.shape[-1] - is_free.size
+    S, finite = _finite(S, is_free)
     information = _information(S, v, is_free.size)
     columns, rhs = information.triangle, information.rhs
     rest, coefficients = _perpendicular(columns, rhs, is_free)
@@ -106,6 +89,7 @@ def scores_of(
         seen[:, None] & seen[None], rest[:, :-1].T @ rest[:, :-1] / (length[:, None] * length[None]), 0.0
     )
     share = jnp.where(seen, left / jnp.where(whole > 0, whole, 1.0), 0.0)
+    share = jnp.where(finite, share, jnp.nan)
     return Scores(jnp.where(seen, toward**2 / safe, 0.0), jnp.where(seen, inflation, 1.0), expected, share, overlap)
 
 
@@ -143,7 +127,7 @@ def exchange_falls(
     Returns:
         Falls; minus infinity where a column is free or no effect of its own.
     """
-    information = _information(S, v, is_free.size)
+    information = _information(_finite(S, is_free)[0], v, is_free.size)
     return jnp.stack([_exchange_fall(information.triangle, information.rhs, is_free, one, values) for one in out])
 
 
@@ -155,6 +139,14 @@ def _exchange_fall(columns, rhs, is_free, out, values) -> Float[Array, " shared"
     seen = (left > LEFT_OVER * jnp.sum(columns**2, axis=0)) & (left > 0) & ~is_free
     score = jnp.where(seen, toward**2 / jnp.where(seen, left, 1.0), -jnp.inf)
     return jnp.sum(rhs**2) - jnp.sum(rest[:, -1] ** 2) + score
+
+
+@eqx.filter_jit
+def _finite(S, is_free):
+    """The columns with zeros in the place of those that are asked about and not finite, and which are."""
+    finite = jnp.all(jnp.isfinite(S[..., S.shape[-1] - is_free.size :]), axis=(0, 1, 2)) | is_free
+    kept = jnp.concatenate([jnp.ones(S.shape[-1] - is_free.size, bool), finite])
+    return jnp.where(kept, S, 0.0), finite
 
 
 @eqx.filter_jit

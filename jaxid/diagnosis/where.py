@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
+from .._foundation.grid import typical_step
 from .._foundation.quickly import quickly
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
@@ -28,6 +29,7 @@ from .free_form import FORCES, Kind, Places, answers, gusts_of, hats_of, linear_
 from .predictable import white_part
 from .scores import sensitivities
 
+BEST = 3.0  # times the median weight: no knot counts for more, however well its disturbance is known
 FEW, MANY = 20, 60  # hats: two numbers only, so that studies share what is compiled
 WEAK = (
     1e-8  # of the largest eigenvalue of a place's information: below it a direction is imitated by the free parameters
@@ -96,14 +98,15 @@ class Where(NamedTuple):
         disturbance, so that its linear part in a variable may be missing from it.
         """
         d, weight = place.disturbance.reshape(-1), 1.0 / np.maximum(place.deviation.reshape(-1), 1e-300)
-        weight = np.minimum(weight, 3.0 * np.median(weight))
+        weight = np.minimum(weight, BEST * np.median(weight[weight > 0])) if np.any(weight > 0) else weight
+        power = float(np.sum((weight * d) ** 2))
         found = []
         for name, values in self.variables.items():
             s = values.reshape(-1)
             size = np.ptp(s) or 1.0
             A = weight[:, None] * np.vander((s - s.mean()) / size, 4)
             rest = weight * d - A @ np.linalg.lstsq(A, weight * d, rcond=None)[0]
-            found.append((name, 1.0 - float(rest @ rest) / float(np.sum((weight * d) ** 2) or 1.0)))
+            found.append((name, 1.0 - float(rest @ rest) / power if power > 0 else 0.0))
         return tuple(sorted(found, key=lambda one: -one[1]))
 
     def __str__(self) -> str:
@@ -177,8 +180,8 @@ def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[in
         records: a stack, sampled about uniformly.
         v: its residuals.
     """
-    t, residual = np.asarray(records.t), np.asarray(v)
-    step, rows = float(np.median(np.diff(t)[np.diff(t) > 0])), t.shape[-1]
+    residual = np.asarray(v)
+    step, rows = float(typical_step(records.t)), records.t.shape[-1]
     size = np.maximum(np.sqrt(np.mean(residual**2, axis=(0, 1))), 1e-300)
     power = np.abs(np.fft.rfft(residual / size, axis=1)) ** 2
     spectrum = np.sum(power, axis=(0, 2))

@@ -112,7 +112,7 @@ class Problem(eqx.Module):
 
     def cost_of(self, v: Float[Array, "case time output"], parameters: Parameters) -> Float[Array, ""]:
         """Negative log-likelihood of given residuals, priors included."""
-        cost = self.likelihood.noise.cost(v, self.records.mask) + self._prior_cost(parameters)
+        cost = self.likelihood.noise.cost(v, self.records.mask) + self.prior_cost(parameters)
         return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
 
     def sensitivities(
@@ -149,7 +149,7 @@ class Problem(eqx.Module):
         triangles = record_triangles(white_S[..., :count], white_S[..., count:], white_v)
         triangles = jnp.where(jnp.all(jnp.isfinite(triangles)), triangles, 0.0)
         held = self._held(parameters, triangles)
-        return Linearised(v, S, gather(triangles, self._prior_rows(parameters), held.rows, held.shared))
+        return Linearised(v, S, gather(triangles, self.prior_rows(parameters), held.rows, held.shared))
 
     def whiten(self, v: Float[Array, "case time output"], rows: Float[Array, "case time output *column"]):
         """Rows in units of the noise that belongs to these residuals."""
@@ -173,6 +173,15 @@ class Problem(eqx.Module):
         """The nearest parameters within the bounds."""
         return jax.tree.map(jnp.clip, parameters, self.limits.lower, self.limits.upper)
 
+    def prior_cost(self, parameters: Parameters) -> Float[Array, ""]:
+        """The priors' part of the negative log-likelihood."""
+        return 0.5 * jnp.sum(((parameters.shared - self.limits.prior_mean) / self.limits.prior_deviation) ** 2)
+
+    def prior_rows(self, parameters: Parameters) -> Float[Array, "row column"]:
+        """The priors as rows `[T r]` beside those of the records."""
+        weight = 1.0 / self.limits.prior_deviation
+        return jnp.column_stack([jnp.diag(weight), weight * (self.limits.prior_mean - parameters.shared)])
+
     def solve_one(self, own, shared, case) -> tuple[Solution, AbstractModel]:
         """One of the `cases` from its own and the shared parameters, and the model that these make."""
         flat, record = case
@@ -187,18 +196,11 @@ class Problem(eqx.Module):
         # A masked sample must not let a NaN of the model through either: it would poison the sums.
         return jnp.where(self.records.mask, self.records.z - y, 0.0)
 
-    def _prior_cost(self, parameters):
-        return 0.5 * jnp.sum(((parameters.shared - self.limits.prior_mean) / self.limits.prior_deviation) ** 2)
-
-    def _prior_rows(self, parameters) -> Float[Array, "row column"]:
-        weight = 1.0 / self.limits.prior_deviation
-        return jnp.column_stack([jnp.diag(weight), weight * (self.limits.prior_mean - parameters.shared)])
-
     def _held(self, parameters: Parameters, triangles) -> Parameters:
         """True for each parameter that stands on a bound and whose descent direction points outward."""
         count = self.positions.rows.size
         descent = jnp.einsum("cij,ci->cj", triangles[..., :-1], triangles[..., -1])
-        prior = self._prior_rows(parameters)
+        prior = self.prior_rows(parameters)
         pull = prior[:, :-1].T @ prior[:, -1]
         toward = Parameters(jnp.sum(descent[:, count:], axis=0) + pull, descent[:, :count])
 

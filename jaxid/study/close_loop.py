@@ -34,7 +34,7 @@ from .options import LoopOptions
 from .rivals import Rival
 from .search import INSEPARABLE, Search
 from .study import Side, Study
-from .verdict import Conclusion, conclude, not_carried_over, verdict
+from .verdict import Conclusion, conclude, not_borne_out, not_carried_over, verdict
 from .way import Way
 from .workbench import Fitted, Workbench, starting_states
 
@@ -133,8 +133,12 @@ def close_loop(
         progress("estimate on the whole of the training records")
         declared, found, dropped = _on_the_whole(bench, search, declared, found, whole)
         rounds = (*rounds[:-1], dataclasses.replace(rounds[-1], dropped=(*rounds[-1].dropped, *dropped)))
-        if dropped and conclusion.outcome in ("explained", "proxies"):  # what the whole does not bear out is no cause
-            conclusion = conclusion._replace(outcome="proxies" if found.effects else "unexplained")
+        if dropped:
+            conclusion = not_borne_out(conclusion, found.effects, dropped)
+            rivals = tuple(one for one in rivals if set(one.instead_of) <= set(found.effects))
+            there = _on(bench, train, found) if found.effects else None
+            where["after"] = bench.where(there, like=where["before"]) if there else where["before"]
+            reading["after"] = bench.read(there) if there else reading["before"]
         if test is not None:  # else they are the last third, which the estimate on the whole has seen
             predicted = declared, found
     progress("prediction of the test records")
@@ -178,11 +182,16 @@ def _carve(train: Record, window: int | None) -> tuple[Record, Record]:
 
 def _on_the_whole(bench: Workbench, search: Search, declared: Fitted, found: Fitted, whole: Record):
     """Both fits on the whole training records; what is superfluous there goes out, as no fit may end above one that it holds."""
-    bench.records = whole.anonymous()
-    again = (bench.fit(one.effects, one.values, one.fit.parameters.rows) for one in (declared, found))
-    declared, found = map(bench.finish, again)
+    declared = _on(bench, whole, declared)
+    found = _on(bench, whole, found) if found.effects else declared
     found, dropped = search.prune(found, keep=0)
     return declared, bench.finish(found), dropped
+
+
+def _on(bench: Workbench, records: Record, fitted: Fitted) -> Fitted:
+    """A fit's like on other training records, on which the bench stands from then on."""
+    bench.records = records.anonymous()
+    return bench.finish(bench.fit(fitted.effects, fitted.values, fitted.fit.parameters.rows))
 
 
 def _require_absent(library: Sequence[Effect]) -> None:
@@ -243,6 +252,7 @@ def _study(
         after=after,
         noise=dict(zip(used.outputs, map(float, np.sqrt(noise)), strict=True)),
         noise_known=known,
+        likelihood=bench.likelihood,
         process_noise=conclusion.process_noise,
         coloured_noise=conclusion.coloured_noise,
         outputs=used.outputs,

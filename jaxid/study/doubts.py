@@ -42,15 +42,20 @@ class Doubts(NamedTuple):
         elsewhere: whether most of them act elsewhere than where the residual sits (`act_elsewhere`).
         unsettled: what might as well be the cause (`unsettled`, `near_kin`).
         partial: gains of what is whole or none, and is not seen to be whole (`partial`).
+        dropped: what they left nothing but noise with, and the whole of the training records does not bear out.
     """
 
     parts: tuple[str, ...] = ()
     elsewhere: bool = False
     unsettled: tuple[str, ...] = ()
     partial: Mapping[str, tuple[float, float]] = MappingProxyType({})
+    dropped: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """The first of them in a sentence; empty where there is none."""
+        if self.dropped:
+            also = " and ".join(self.dropped)
+            return f"Nothing but noise stayed with {also} beside them, which the whole of the training records does not bear out."
         if self.parts:
             return f"Together {' and '.join(self.parts)} make up one function, and its form is not settled."
         if self.elsewhere:

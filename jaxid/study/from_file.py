@@ -165,7 +165,8 @@ def _of_record(file: StudyFile, built_in: BuiltIn) -> AbstractModel:
         for products in terms.values():
             columns(products, measured.signals)  # refuses a term that cannot be read, and one that is there twice
         blank = {name: Polynomial(dict.fromkeys(with_constant(products), 0.0)) for name, products in terms.items()}
-        return with_polynomials(model.without(tuple(set(measured.responses) - set(terms))), blank)
+        others = tuple(name for name in measured.responses if name not in terms)
+        return with_polynomials(model.without(others), blank)
 
 
 def with_constant(products: Sequence[str]) -> tuple[str, ...]:
@@ -243,6 +244,11 @@ def _object(name: str, else_what: str = "") -> Callable[..., Any]:
     try:
         found = importlib.import_module(module)
     except ModuleNotFoundError as error:
+        wanted = error.name or ""
+        require(
+            f"{module}.".startswith(f"{wanted}."),
+            f"{module}.py imports {wanted!r}, which is not installed. Install it.",
+        )
         raise InputError(
             f"there is no module {error.name!r} beside the file, and none is installed. Put {module}.py there.{else_what}"
         ) from error

@@ -129,7 +129,7 @@ class Judge:
 
     def looks_like_noise(self, predictable: dict[str, float]) -> bool:
         """Whether no channel's past predicts more of it than is allowed, the scatter of short records included."""
-        return max(predictable.values()) <= self.predictable_by_chance()
+        return all(share <= self.predictable_by_chance() for share in predictable.values())
 
     def predictable_by_chance(self) -> float:
         """The share of a channel's residual that its past may predict, and it still counts as noise."""

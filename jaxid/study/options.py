@@ -16,7 +16,8 @@ class LoopOptions(eqx.Module):
         harm: rise of the same error that an effect may cause on check records that hardly excite it.
         refits: how many of the best-scored candidates are refitted in each round, and beside them so many at most of those whose
             score does not tell what they bring (a stop, an overflow).
-        pairs: how many of the best-scored pairs are refitted where no single candidate helps.
+        pairs: how many of the best-scored pairs are refitted where no single candidate helps, and how many effects in the place
+            of a round's winner, or of one or two that are in; with 0 none of these is tried.
         max_rounds: how many rounds may add, an effect or a pair each.
         ways: 2 where a search that ends with something left may begin again with another effect; it can take twice as long.
         predictable: share of the residual's power that its own past may explain, up to which it counts as noise.

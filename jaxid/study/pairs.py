@@ -8,16 +8,18 @@ from ..diagnosis.scores import Scores
 from .study import Candidate
 
 ALIKE = 0.99  # overlap up to which two effects are tried as a pair: beyond it their gains run away against each other
-MOST_PAIRS = 20  # that are looked at
 
 
-def pairs_of(candidates: tuple[Candidate, ...], scores: Scores, gains: Mapping[str, int]) -> tuple[Candidate, ...]:
-    """All pairs of different families, the best joint score first, whose parts the data can tell apart.
+def pairs_of(
+    candidates: tuple[Candidate, ...], scores: Scores, gains: Mapping[str, int], count: int
+) -> tuple[Candidate, ...]:
+    """The best pairs of different families whose parts the data can tell apart, the best joint score first.
 
     Args:
         candidates: single ones.
         scores: of all columns.
         gains: column of each candidate's gain.
+        count: so many at most.
     """
     at = np.array([gains[one.name] for one in candidates], int)
     b = np.sign(np.asarray(scores.expected)[at]) * np.sqrt(np.asarray(scores.score)[at])
@@ -30,8 +32,8 @@ def pairs_of(candidates: tuple[Candidate, ...], scores: Scores, gains: Mapping[s
     found = []
     for i, j in zip(rows[order], columns[order], strict=True):
         one, other = candidates[i], candidates[j]
+        if len(found) == count:
+            break
         if apart[i, j] and one.family != other.family and joint[i, j] > 0:
             found.append(one.with_other(other, float(joint[i, j]), float(joint[i, j] / colour[i, j])))
-        if len(found) == MOST_PAIRS:
-            break
     return tuple(found)

@@ -36,11 +36,10 @@ class Programs:
 
     Args:
         function: pure, of arguments whose leaves are arrays, or hashable.
-        most: how many programs are kept when room is asked for.
     """
 
-    def __init__(self, function: Callable[..., Any], most: int):
-        self.function, self.most = function, most
+    def __init__(self, function: Callable[..., Any]):
+        self.function = function
         self._begin()
 
     def __call__(self, *arguments: Any) -> Any:
@@ -51,9 +50,9 @@ class Programs:
         """The program for such arguments, to be compiled."""
         return self.jitted.lower(*self._noted(arguments))
 
-    def make_room(self, count: int) -> None:
+    def make_room(self, count: int, most: int) -> None:
         """Let go of all programs, where so many more would be too many."""
-        if len(self.known) + count > self.most:
+        if len(self.known) + count > most:
             self._begin()
 
     def _begin(self) -> None:
@@ -95,9 +94,9 @@ def compile_together(programs: Sequence[tuple[Programs, tuple]]) -> None:
 
 
 # One for all workbenches: studies of the same shapes compile once.
-FITS = Programs(inspect.unwrap(fit_problem), KEPT_FITS)
-PASSES = Programs(inspect.unwrap(sensitivities), KEPT_FITS)
-PREDICTIONS = Programs(inspect.unwrap(predict_stack), KEPT_FITS)
+FITS = Programs(inspect.unwrap(fit_problem))
+PASSES = Programs(inspect.unwrap(sensitivities))
+PREDICTIONS = Programs(inspect.unwrap(predict_stack))
 
 
 def pays_to_compile(model: Augmented, samples: int) -> bool:

@@ -10,7 +10,6 @@ from .._foundation.checks import require
 from ..data.record import Record
 from ..diagnosis.scores import left_over, sensitivities, whitened
 from ..estimation.estimate import as_stack, check_channels
-from ..estimation.likelihoods import OutputError
 from ..estimation.problem import Problem
 from ..models.base import AbstractModel
 from ..models.free import Free, start
@@ -45,8 +44,8 @@ def told_apart(study: "Study", plan: Record) -> dict[str, float]:
 
         chi-square = min over the rival's parameters of sum_i (y_i - y_rival,i)' R^-1 (y_i - y_rival,i)
 
-    by its linear model about the estimate, with y as the named model says. An input that makes the smallest of them large is one
-    to fly next.
+    by its linear model about the estimate, with y as the named model says and R of `study.noise`. An input that makes the
+    smallest of them large is one to fly next.
 
     Args:
         study: with rivals.
@@ -61,7 +60,8 @@ def told_apart(study: "Study", plan: Record) -> dict[str, float]:
     require(len(study.rivals) > 0, "The study has no rivals: there is nothing to tell apart.")
     plan = as_stack(plan)
     check_channels(study.after.model, plan)
-    likelihood = OutputError(FixedNoise(jnp.diagonal(study.after.estimate.noise)))
+    noise = FixedNoise(jnp.array([study.noise[name] ** 2 for name in study.outputs]))
+    likelihood = dataclasses.replace(study.likelihood, noise=noise)
 
     def problem_of(model, free, records):
         problem = Problem.of(model, free, records, likelihood)

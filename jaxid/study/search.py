@@ -9,6 +9,7 @@ import numpy as np
 from ..diagnosis.scores import Scores, critical
 from .check import mean_log, uncertainty
 from .judge import KEPT, Judge
+from .not_finite import refusal
 from .pairs import pairs_of
 from .rivals import Rival
 from .shortlist import shortlist
@@ -126,6 +127,8 @@ class Search:
         bench, judge = self.bench, self.judge
         scores = bench.score(fitted)
         candidates, before = self.candidates(fitted, scores), judge.check_prediction(fitted)
+        if candidates and all(np.isnan(one.left) for one in candidates):
+            raise refusal(bench, fitted)
         if number > self.options.max_rounds:
             return Tried(fitted, before, candidates, {}, {}, number)
         threshold, gains = judge.threshold(candidates), bench.columns.gains
@@ -211,12 +214,12 @@ class Search:
 
             score = (b_1^2 + b_2^2 - 2 rho b_1 b_2) / (1 - rho^2)    chi-square with two degrees of freedom
         """
-        pairs = pairs_of(candidates, scores, self.bench.columns.gains)
+        pairs = pairs_of(candidates, scores, self.bench.columns.gains, self.options.pairs)
         count = len(candidates) * (len(candidates) - 1) // 2
         level = self.options.level / max(count, 1)
         threshold = -2.0 * float(np.log(level))  # exceeded by chance with two degrees of freedom
         told = []
-        for pair in pairs[: self.options.pairs]:
+        for pair in pairs:
             if min(pair.score, pair.significance) <= threshold:
                 continue
             self.progress(f"round {number}: refit with {pair.name}")
@@ -287,9 +290,8 @@ class Search:
         """Take out effects that have become superfluous, but for so many of the latest."""
         dropped: tuple[str, ...] = ()
         threshold = critical(self.options.level / max(len(self.bench.effects), 1))
-        errors = self.bench.standard_errors(fitted)
         for name in fitted.effects[: len(fitted.effects) - keep]:
-            value, error = errors[f"{name}.gain"]
+            value, error = self.bench.standard_errors(fitted)[f"{name}.gain"]
             if error > 0 and (value / error) ** 2 > threshold:
                 continue
             self.progress(f"trying without {name}")

@@ -36,6 +36,8 @@ class Shortlist(NamedTuple):
         """
         if candidate.name in self.unseen:
             return None
+        if np.isnan(candidate.left):
+            return "its derivative at zero gain is not finite"
         if candidate.name in self.twins:
             return f"to these records one and the same as {self.twins[candidate.name]}"
         if candidate.name not in self.chosen:

@@ -10,6 +10,7 @@ from ..data.record import Record
 from ..diagnosis.reading import Reading
 from ..diagnosis.validation import Prediction
 from ..diagnosis.where import Where
+from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
 from ..models.base import AbstractModel
 from .rivals import Rival
@@ -29,7 +30,7 @@ class Candidate:
         score: chi-square of the score test, the colour of the residual not accounted for.
         significance: the same, accounted for.
         expected: the gain that the score expects.
-        left: share of its sensitivity that the free parameters cannot imitate.
+        left: share of its sensitivity that the free parameters cannot imitate; NaN where that is not finite.
         cost_fall: fall of the training cost in a refit, twice (chi-square); None where it was not refitted.
         check_fall: fall of the check records' error, mean over channels of its logarithm; None likewise.
         verdict: what became of it, in words.
@@ -145,7 +146,8 @@ class RandomForces:
         air: which of all places are the air's.
         force: standard deviation of the random force in each uncertain equation [rate of the state], and in the air [m/s].
         time: their correlation time [s].
-        parameters: the free parameters that fit best beside them, by name; what is known of them is not told yet.
+        parameters: the free parameters that fit best beside them, by name; what is known of them is not told yet. Like the sizes
+            they are of the records that were searched: without check records the first two thirds of each.
         gain: twice the rise of the log-likelihood over noise of the instruments alone.
     """
 
@@ -221,6 +223,7 @@ class Study:
         process_noise: the random forces where these explain the residual, else None.
         coloured_noise: that of the sensors where it is what stays, with effects or without, else None.
         noise_known: whether the noise was given, so that the residual was held against it, or estimated.
+        likelihood: as it was given.
         outputs, output_units: names and units of the channels.
         tests: the test records by name.
     """
@@ -238,6 +241,7 @@ class Study:
     after: Side
     noise: dict[str, float]
     noise_known: bool
+    likelihood: AbstractLikelihood
     process_noise: RandomForces | None
     coloured_noise: ColouredNoise | None
     outputs: tuple[str, ...]
@@ -310,7 +314,7 @@ class Study:
                 before, after = self.before.rms[test][name], self.after.rms[test][name]
                 lines.append(f"{name:<{width}} {before:>12.4g} {after:>12.4g} {self.noise[name]:>12.4g}  {unit}")
         lines += [*self.runaways]
-        if self.process_noise:
+        if self.process_noise and self.process_noise.parameters:
             lines += ["", "parameters that fit best beside the random forces, by a filter"]
             width = max(map(len, self.process_noise.parameters))
             lines += [f"{name:<{width}} {value:>12.6g}" for name, value in self.process_noise.parameters.items()]

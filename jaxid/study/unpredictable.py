@@ -6,6 +6,8 @@ from functools import partial
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.grid import typical_step
+from .._foundation.types import Array, Float
 from ..diagnosis.free_form import Kind, Places
 from ..diagnosis.predictable import predictable_share
 from ..diagnosis.process_noise import ProcessNoise
@@ -34,11 +36,9 @@ def random_forces(search: Search, declared: Fitted, where: Where) -> RandomForce
     search.progress("whether random forces explain the residual")
     known = isinstance(bench.likelihood.noise, FixedNoise)
     noise, scores = _with_forces(search, declared, places, known)
-    if float(noise.time[0]) > _longest(
-        search
-    ):  # led astray, it may be, by parameters that output error took for the forces
+    if not float(noise.time[0]) <= _longest(search):  # led astray, it may be, by what output error took for the forces
         noise, scores = _with_forces(search, declared, places, known, anew=True)
-    if not _nothing_is_left(search, noise, scores) or float(noise.time[0]) > _longest(search):
+    if not (_nothing_is_left(search, noise, scores) and float(noise.time[0]) <= _longest(search)):
         return None
     shows = np.asarray(noise.worth) > critical(search.options.level / len(places))
     nearest = {(one.kind, one.name) for one in where.rivals()}  # an equation and a sensor may have one name
@@ -67,15 +67,15 @@ def coloured_noise(search: Search, found: Fitted) -> ColouredNoise | None:
     if not coloured:
         return None
     search.progress("whether coloured noise of the sensors explains the residual")
-    size = root_mean_square(found.fit.residuals, records.mask)
+    size = _floored(root_mean_square(found.fit.residuals, records.mask))
     noise, scores = bench.filtered(found, size, (("output", records.outputs),), False)
     deviation, time = np.asarray(noise.force), np.asarray(noise.time)
-    white = np.sqrt(np.diagonal(np.asarray(found.fit.noise))) * np.asarray(noise.instruments)
+    factor = np.linalg.cholesky(np.asarray(found.fit.noise))
+    white = np.linalg.norm(factor * np.asarray(noise.instruments), axis=1)
     shows = np.sum(np.asarray(records.mask), axis=(0, 1)) * (deviation / white) ** 2 > critical(search.options.level)
     if not _nothing_is_left(search, noise, scores) or np.any(shows & (time > _longest(search))):
         return None
-    steps = np.diff(np.asarray(records.t), axis=1)
-    a = np.exp(-np.median(steps[steps > 0]) / time)
+    a = np.exp(-float(typical_step(records.t)) / time)
     inflation = (deviation**2 * (1 + a) / (1 - a) + white**2) / (deviation**2 + white**2)
     by_sensor = partial(zip, records.outputs, strict=True)
     return ColouredNoise(
@@ -112,9 +112,13 @@ def _with_forces(
     search: Search, fitted: Fitted, places: Sequence[Place], known: bool, anew: bool = False
 ) -> tuple[ProcessNoise, Scores]:
     """A filter that knows of random forces at places, begun at the sizes that free-form disturbances have there."""
-    size = jnp.array([place.size for place in places])
-    floor = 1e-3 * jnp.max(size) + jnp.finfo(float).tiny
-    return search.bench.filtered(fitted, jnp.maximum(size, floor), _by_kind(places), known, anew)
+    size = _floored(jnp.array([place.size for place in places]))
+    return search.bench.filtered(fitted, size, _by_kind(places), known, anew)
+
+
+def _floored(size: Float[Array, " place"]) -> Float[Array, " place"]:
+    """Sizes with logarithms, where a search can start: none is less than a thousandth of the largest."""
+    return jnp.maximum(size, 1e-3 * jnp.max(size) + jnp.finfo(float).tiny)
 
 
 def _longest(search: Search) -> float:
@@ -135,5 +139,5 @@ def _nothing_is_left(search: Search, noise: ProcessNoise, scores: Scores) -> boo
     share = predictable_share(noise.v, records.mask)
     shown = np.minimum(scores.score, scores.significance)  # innovations are white, and none is shown by their colour
     tried = int(np.sum(np.asarray(scores.left) > 0))
-    fires = float(np.max(shown, initial=0.0)) > critical(search.options.level / max(tried, 1))
-    return search.judge.looks_like_noise(dict(zip(records.outputs, map(float, share), strict=True))) and not fires
+    silent = float(np.max(shown, initial=0.0)) <= critical(search.options.level / max(tried, 1))
+    return search.judge.looks_like_noise(dict(zip(records.outputs, map(float, share), strict=True))) and silent

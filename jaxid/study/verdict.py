@@ -91,6 +91,19 @@ def _cause(
     return Conclusion("proxies" if any(doubts) else "explained", None, noise, contenders, doubts)
 
 
+def not_borne_out(conclusion: Conclusion, effects: tuple[str, ...], dropped: tuple[str, ...]) -> Conclusion:
+    """What may be claimed where an estimate on more records takes effects out again.
+
+    Args:
+        conclusion: what might be claimed before.
+        effects, dropped: what is left, and what went out.
+    """
+    if not effects:
+        return Conclusion("unexplained")
+    doubts = Doubts(dropped=dropped) if conclusion.outcome == "explained" else conclusion.doubts
+    return conclusion._replace(outcome="proxies", coloured_noise=None, doubts=doubts)
+
+
 def stands_out(where: Where, level: float) -> bool:
     """Whether a disturbance of free form, at one of the places, explains more of a residual than it would of white noise.
 

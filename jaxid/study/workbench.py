@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.grid import typical_step
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Float
 from ..data.record import Record
@@ -37,7 +38,7 @@ from ..models.names import flatten
 from ..models.noise import FixedNoise
 from ..models.starts import RESIDUAL, SHOWN
 from .columns import Columns
-from .programs import FITS, PASSES, PREDICTIONS, compile_together, pays_to_compile, placed, signals_of
+from .programs import FITS, KEPT_FITS, PASSES, PREDICTIONS, compile_together, pays_to_compile, placed, signals_of
 
 GO_ON = 10  # times at most that a fit goes on behind its iteration limit
 LITTLE = 0.5  # fall of the cost (one of chi-square) that makes it worth while
@@ -135,8 +136,8 @@ class Workbench:
     def set_shapes(self, fitted: Fitted) -> Fitted:
         """Set the effects' shapes from the signals of the declared model's fit; the fit itself is not touched."""
         signals, self.measured = self._signals(fitted)
-        steps = np.diff(np.asarray(self.records.t), axis=1)
-        effects = started(tuple(self.effects.values()), signals, self.measured, float(np.median(steps[steps > 0])))
+        step = float(typical_step(self.records.t))
+        effects = started(tuple(self.effects.values()), signals, self.measured, step)
         self.model = eqx.tree_at(lambda model: model.effects_in, self.model, canonical(effects))
         self.effects = {effect.name: effect for effect in effects}
         self.columns.bound(effects)
@@ -184,7 +185,7 @@ class Workbench:
         """
         if self.by_itself:
             rows = fitted.fit.parameters.rows
-            FITS.make_room(len(sets))
+            FITS.make_room(len(sets), KEPT_FITS)
             compile_together([(FITS, self._to_fit(names, fitted.values, rows)) for names in sets])
 
     def score(self, fitted: Fitted) -> Scores:
@@ -261,7 +262,7 @@ class Workbench:
     def _pass(self, fitted: Fitted):
         """The problem with all columns, a fit's values in it, and residuals and sensitivities there; the last is kept, as
         several questions are asked of each fit."""
-        if self.passed is None or self.passed[0] is not fitted:
+        if self.passed is None or self.passed[0] is not fitted or self.passed[1][0].records is not self.records:
             asked = self._of_all(fitted.values, fitted.fit.parameters.rows)
             self.passed = (fitted, (*asked, PASSES(*asked)))
         return self.passed[1]

@@ -108,7 +108,7 @@ def test_the_most_probable_forces_are_the_conditional_mean(key):
     np.testing.assert_allclose(found.reshape(-1), expected, rtol=1e-9)
 
 
-def flown(seed, random=0.0, cubic=0.0):
+def flown(seed, random=0.0, cubic=0.0, **constants):
     """A spring shaken by a known force and by one that nothing predicts, with twenty steps between samples."""
     rng = np.random.default_rng(seed)
     u = np.convolve(rng.normal(size=ROWS), np.ones(8) / 2.5, "same")
@@ -121,7 +121,8 @@ def flown(seed, random=0.0, cubic=0.0):
             d = keep * d + np.sqrt(1 - keep**2) * random * rng.normal()
             x = x + h * np.array([x[1], force - 1.5 * x[0] - 0.2 * x[1] - cubic * x[0] ** 3 + d])
     z = np.array(y)[:, None] + SIGMA * rng.normal(size=(ROWS, 1))
-    return jaxid.record(T, u[:, None], z, inputs=("force",), outputs=("x",), name=f"record {seed}")
+    named = {"name": f"record {seed}", "constants": constants}
+    return jaxid.record(T, u[:, None], z, inputs=("force",), outputs=("x",), **named)
 
 
 def asked(**what):
@@ -160,6 +161,40 @@ def test_a_driven_problem_answers_to_its_forces_as_the_linear_model_says():
     case = jax.tree.map(lambda leaf: leaf[0], at.cases())
     linear = linear_model(at, parameters.rows[0], parameters.shared, case, places)
     np.testing.assert_allclose(answer(linear, direction[0]), -moved[0], rtol=1e-9, atol=1e-12)
+
+
+def test_a_driven_problem_takes_the_constants_of_its_records():
+    records = stack([flown(seed, c=c) for seed, c in ((1, 0.1), (2, 0.4))])
+    free = jaxid.free(Spring(jnp.array(1.5), jnp.array(0.2)), "k", per_record=("initial_state",))
+    problem = Problem.of(Spring(jnp.array(1.5), jnp.array(0.2)), free, records, jaxid.OutputError())
+    pushed, _ = driven(problem, (("equation", ("v",)),))
+    np.testing.assert_array_equal(pushed.cases()[0], problem.cases()[0])
+    assert set(np.asarray(problem.cases()[0])[:, 1]) == {0.1, 0.4}
+
+
+@pytest.mark.parametrize("limits", [{"bounds": {"c": (0.25, None)}}, {"prior": {"c": (0.25, 1e-6)}}])
+def test_bounds_and_priors_hold_beside_forces_too(limits):
+    """The truth, 0.2, lies outside of both."""
+    model = Spring(jnp.array(1.0), jnp.array(0.3))
+    free = jaxid.free(model, "k", "c", per_record=("initial_state",), **limits)
+    records = stack([flown(seed, random=FORCE) for seed in (1, 2, 3)])
+    fit = estimate(model, free, records, jaxid.OutputError())
+    problem = Problem.of(fit.model, free, records, jaxid.OutputError())
+    found = process_noise(problem, fit.parameters, jnp.array([0.3]), (("equation", ("v",)),), False)
+    assert float(found.parameters.shared[1]) == pytest.approx(0.25, rel=1e-4)
+
+
+def test_what_the_past_predicts_is_a_share_and_a_smooth_transient_is_not_noise():
+    """Also where the record is short: 60 samples of decays and swings, with one per cent of noise."""
+    rng, t = np.random.default_rng(0), np.linspace(0.0, 1.0, 60)
+    v = [
+        np.exp(-a * t) * np.sin(w * t + p) + 0.01 * rng.normal(size=60)
+        for a, w, p in zip(*rng.uniform([[0], [0], [0]], [[5], [20], [6]], (3, 500)), strict=True)
+    ]
+    share = np.array(
+        [float(predictable_share(jnp.asarray(one)[None, :, None], jnp.ones((1, 60, 1), bool))[0]) for one in v]
+    )
+    assert np.all((share > 0.5) & (share <= 1.0))
 
 
 def test_planted_forces_are_found_with_their_size_and_time():

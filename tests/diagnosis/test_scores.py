@@ -53,6 +53,20 @@ def test_a_score_is_the_fall_of_chi_square_with_the_column_free(problem):
         np.testing.assert_allclose(score[absent], fall, rtol=1e-10, atol=rounding)
 
 
+def test_a_column_that_is_not_finite_has_no_score_and_does_the_others_no_harm(problem):
+    v, S, _, _ = problem
+    spoilt = S.at[0, 3, 1, -2].set(jnp.nan)
+    scores, clean = scores_of(v, spoilt, jnp.asarray(FREE)), scores_of(v, S.at[..., -2].set(0.0), jnp.asarray(FREE))
+    assert np.isnan(scores.left[-2])
+    assert float(scores.score[-2]) == 0.0
+    np.testing.assert_array_equal(scores.score, clean.score)
+    np.testing.assert_array_equal(scores.significance, clean.significance)
+    values, out = jnp.zeros(SHARED), jnp.asarray([[False, False, False, True, False, False]])
+    falls = exchange_falls(v, spoilt, jnp.asarray(FREE), out, values)
+    assert np.isfinite(falls[0, -1])
+    assert np.isneginf(falls[0, -2])
+
+
 def test_an_exchange_falls_as_a_fit_from_anew_does(problem):
     v, S, A, residual = problem
     values = np.array([0.5, -1.0, 0.3, 0.2, 0.0, 0.0])

@@ -163,6 +163,17 @@ def test_the_variable_that_the_force_follows_is_told(cubic):
     assert {name for name, _ in ranked} == {"x", "v", "force"}
 
 
+def test_a_disturbance_of_nothing_or_that_is_not_known_follows_nothing(cubic):
+    cubic, *_ = cubic
+    place = cubic.places[0]
+    unknown = place._replace(deviation=np.full_like(place.deviation, np.inf))
+    for one in (place._replace(disturbance=np.zeros_like(place.disturbance)), unknown):
+        assert {share for _, share in cubic.follows(one)} == {0.0}
+    most = place.deviation.copy()
+    most.flat[: most.size // 2 + 1] = np.inf
+    assert 0.0 < cubic.follows(place._replace(deviation=most))[0][1] < 1.0
+
+
 def test_the_hats_are_as_fine_as_the_residual_asks_for():
     """A slow residual gets few hats over the whole record; a fast one sixty over the first part of it."""
     stack = jax.tree.map(lambda leaf: leaf[None], record_of(jnp.zeros((ROWS, 2)), force(0)))

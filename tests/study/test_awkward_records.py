@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from small_spring import SIGMA, Spring, fly
 
-from jaxid import OutputError, close_loop, estimate, free
+from jaxid import Effect, OutputError, close_loop, estimate, free
 from jaxid._foundation.checks import InputError
+from jaxid._foundation.types import Array
 from jaxid.diagnosis.predictable import predictable_share
 from jaxid.diagnosis.validation import Prediction
 from jaxid.models import FixedNoise, Term
@@ -33,6 +34,23 @@ def flights(count, effect=CUBE, samples=150):
 def prediction(v, mask):
     t = jnp.arange(v.shape[1], dtype=float)[None]
     return Prediction(t, v, jnp.zeros_like(v), mask, jnp.zeros((1, 2)))
+
+
+class Infinite(Effect):
+    """A root of its gain: its derivative at zero is infinite."""
+
+    gain: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
+    name, place, sentence = "root", "equation of v", "a root of its gain"
+
+    def equations(self, dx, signals):
+        return {"v": jnp.sqrt(self.gain) * signals["x"]}
+
+
+def test_a_candidate_that_spoils_the_derivatives_of_all_others_is_refused_by_name():
+    model, chosen = spring()
+    train, check = flights(2)
+    with pytest.raises(InputError, match="at zero gain of 'root' is not finite"):
+        close_loop(model, chosen, OutputError(), train=train, check=check, effects=(*LIBRARY, Infinite()))
 
 
 def test_a_channel_without_samples_is_left_out_of_the_error():

@@ -330,7 +330,7 @@ def test_pairs_score_together_what_their_parts_hide():
     scores = Scores(*map(jnp.asarray, (toward**2, np.ones(3), toward, np.ones(3), A.T @ A)))
     names = ("a", "b", "c")
     single = tuple(Candidate(one, one, "", one, float(toward[i] ** 2), 0.0, 0.0, 1.0) for i, one in enumerate(names))
-    best = pairs_of(single, scores, {"a": 0, "b": 1, "c": 2})[0]
+    best = pairs_of(single, scores, {"a": 0, "b": 1, "c": 2}, 1)[0]
     assert best.parts == ("a", "b")
     rest = y - A[:, :2] @ np.linalg.lstsq(A[:, :2], y, rcond=None)[0]
     assert best.score == pytest.approx(y @ y - rest @ rest, rel=1e-10)

@@ -12,6 +12,7 @@ from jaxid.models import Acting, DeadBand, FixedNoise, InputDelay, InputLag, Qua
 from jaxid.study.close_loop import SOLVER
 from jaxid.study.doubts import OFF, PARTIAL, Doubts, partial
 from jaxid.study.kin import misfits_of_kin, near_kin
+from jaxid.study.verdict import Conclusion, not_borne_out
 from jaxid.study.workbench import Workbench
 
 SQUARE = Term("v", "x^2", jnp.array(-0.6))
@@ -115,3 +116,15 @@ def test_the_smooth_shapes_of_one_speed_are_kin():
     assert names(QuadraticDrag("v", "(x-y)")) == names(DeadBand(Acting.equation("v"), "x-y")) == {"(x-y)^3 in v"}
     assert names(DeadBand(Acting.equation("v"), "v")) == {"v^3 in v", "|v|v in v"}
     assert names(DeadBand(Acting("Cm", (("q", "q_per_Cm"),)), "alpha")) == set()
+
+
+def test_what_the_whole_of_the_records_takes_out_again_is_no_cause():
+    """What is left is a proxy, or nothing; and what was told before of what stays is told no more."""
+    explained = Conclusion("explained")
+    some = not_borne_out(explained, ("x^2 in v",), ("bias of x",))
+    assert some.outcome == "proxies"
+    assert "Nothing but noise stayed with bias of x beside them, which the whole" in str(some.doubts)
+    none = not_borne_out(explained, (), ("bias of x",))
+    assert (none.outcome, none.coloured_noise, none.contenders) == ("unexplained", None, ())
+    proxies = Conclusion("proxies", doubts=Doubts(elsewhere=True))
+    assert not_borne_out(proxies, ("x^2 in v",), ("bias of x",)).doubts == proxies.doubts

@@ -168,6 +168,12 @@ def test_what_does_not_exist_is_refused_where_it_stands(old, new, words, said):
         said((old, new))
 
 
+def test_what_a_module_beside_the_file_misses_is_said_by_its_name(said, tmp_path):
+    (tmp_path / "own_needs.py").write_text("import a_package_that_is_nowhere\n")
+    with pytest.raises(InputError, match=r"own_needs.py imports 'a_package_that_is_nowhere', which is not installed"):
+        said(("own_springs:Spring", "own_needs:Spring"))
+
+
 # The guide's aircraft ---------------------------------------------------------------------------------------------------
 
 SI = {"deg": np.pi / 180, "deg/s": np.pi / 180, "kt": 1852 / 3600, "ft": 0.3048, "g0": 9.80665}

@@ -29,20 +29,20 @@ def test_what_is_no_array_is_part_of_the_structure():
         traced.append(factor)
         return times(x, factor)
 
-    programs = Programs(counted, most=2)
+    programs = Programs(counted)
     for factor in (2.0, 3.0, 3.0):
         np.testing.assert_array_equal(programs({"x": jnp.ones(2)}, factor)["product"], factor * np.ones(2))
     assert traced == [2.0, 3.0]
 
 
 def test_programs_that_are_too_many_are_let_go_and_compiled_anew():
-    programs = Programs(times, most=3)
+    programs = Programs(times)
     compile_together([(programs, asked(count)) for count in (1, 2)])
     compiled = weakref.ref(programs.jitted)
     programs(*asked(2))  # compiled already: no more than two are known
-    programs.make_room(1)
+    programs.make_room(1, 3)
     assert programs.jitted is compiled()
-    programs.make_room(2)
+    programs.make_room(2, 3)
     gc.collect()
     assert compiled() is None
     np.testing.assert_array_equal(programs(*asked(2))["product"], [0.0, 3.0])
@@ -70,7 +70,7 @@ def test_what_jax_compiled_is_let_go_where_half_of_the_memory_maps_are_taken(mon
 
 
 def test_derivatives_go_through_what_is_compiled():
-    programs = Programs(times, most=3)
+    programs = Programs(times)
     (slope,) = jax.jacfwd(lambda x: programs({"x": x[None]}, 3.0)["product"])(jnp.array(1.0))
     assert slope == 3.0
 
@@ -82,7 +82,7 @@ from jaxid.study.programs import Programs
 
 assert OPTIONS == {expected}, OPTIONS
 assert float(quickly(jnp.sum)(jnp.ones(3))) == 3.0  # XLA knows all of them
-assert float(Programs(lambda x: x + 1.0, 1)(jnp.ones(()))) == 2.0
+assert float(Programs(lambda x: x + 1.0)(jnp.ones(()))) == 2.0
 """
 
 

@@ -174,9 +174,14 @@ def answers(linear: Linear, hats) -> Float[Array, "time output place knot"]:
 
 def answer(linear: Linear, disturbance: Float[Array, "time place"]) -> Float[Array, "time output"]:
     """The outputs' answer to one disturbance, of all places together."""
-    pushed = jnp.einsum("tsp,tp->ts", linear.P, disturbance[:-1]) + jnp.einsum("tsp,tp->ts", linear.Q, disturbance[1:])
-    dx = _carried(linear.Phi, pushed)
+    dx = response(linear, disturbance)
     return jnp.einsum("tos,ts->to", linear.C, dx) + jnp.einsum("top,tp->to", linear.D, disturbance)
+
+
+def response(linear: Linear, disturbance: Float[Array, "time place"]) -> Float[Array, "time state"]:
+    """The states' answer to one disturbance, of all places together."""
+    pushed = jnp.einsum("tsp,tp->ts", linear.P, disturbance[:-1]) + jnp.einsum("tsp,tp->ts", linear.Q, disturbance[1:])
+    return _carried(linear.Phi, pushed)
 
 
 def _carried(Phi: Float[Array, "step state state"], pushed: Float[Array, "step state *place"]):

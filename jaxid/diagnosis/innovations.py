@@ -36,8 +36,9 @@ def filtered(
     seen: Bool[Array, "time output"],
     columns: Float[Array, "time output column"],
     noise: Noise,
-) -> tuple[Float[Array, "time output column"], Float[Array, " time"]]:
-    """Whitened innovations of all columns of one case, and the log-determinant of their covariance at each sample."""
+) -> tuple[Float[Array, "time output column"], Float[Array, " time"], Float[Array, "time state"]]:
+    """Whitened innovations of all columns of one case, the log-determinant of their covariance at each sample, and what the
+    samples before it say of the state, by the first column."""
     deviation = jnp.exp(noise.force)
     h = jnp.concatenate([jnp.diff(t), jnp.zeros(1)])
     n, p = linear.P.shape[1:]
@@ -63,12 +64,12 @@ def filtered(
         L = jnp.linalg.cholesky(H @ cross + jnp.diag(R))
         white = jax.scipy.linalg.solve_triangular(L, y - H @ state, lower=True)
         K = jax.scipy.linalg.solve_triangular(L, cross.T, lower=True)
-        state, P = state + K.T @ white, P - K.T @ K
-        return (F @ state, F @ P @ F.T + Q), (white, 2.0 * jnp.sum(jnp.log(jnp.diagonal(L))))
+        foreseen, state, P = state[:n, 0], state + K.T @ white, P - K.T @ K
+        return (F @ state, F @ P @ F.T + Q), (white, 2.0 * jnp.sum(jnp.log(jnp.diagonal(L))), foreseen)
 
     start = jnp.diag(jnp.concatenate([jnp.zeros(n), deviation**2]))
-    _, (white, log_det) = jax.lax.scan(step, (jnp.zeros((n + p, columns.shape[-1])), start), (H, R, F, Q, columns))
-    return white, log_det
+    _, told = jax.lax.scan(step, (jnp.zeros((n + p, columns.shape[-1])), start), (H, R, F, Q, columns))
+    return told
 
 
 def most_probable(
@@ -81,7 +82,7 @@ def most_probable(
     """
 
     def cost(force):
-        innovations, _ = filtered(linear, t, seen, (left - answer(linear, force))[..., None], noise)
+        innovations, *_ = filtered(linear, t, seen, (left - answer(linear, force))[..., None], noise)
         return 0.5 * jnp.sum(innovations**2)
 
     toward = -jax.grad(cost)(jnp.zeros((t.size, noise.force.size)))

@@ -9,6 +9,7 @@ from .._foundation.types import Array, Float
 
 LAGS = (3.0, 15.0)  # typical steps: of signals that a force may follow late
 SHARP = 20.0  # of a sign: it is full from a twentieth of the signal's range on, and a fixed step can follow it
+PERIODS = 32  # over a state's range, at most; a quarter of many states'
 FEW_SIGNALS = 8  # so many still have all their products tried
 
 
@@ -28,6 +29,19 @@ def probing(signals: Float[Array, "case time signal"], t: Float[Array, "case tim
         first, second = np.triu_indices(s.shape[-1], 1)
         functions.append(s[..., first] * s[..., second])
     return jnp.concatenate(functions, axis=-1)
+
+
+def waves(states: Float[Array, "case time state"]) -> Float[Array, "case time probe"]:
+    """Sines and cosines of each state, of whole periods over its range: together any function of it that is as smooth.
+
+    Args:
+        states: along the trajectories.
+    """
+    low, high = jnp.min(states, axis=(0, 1)), jnp.max(states, axis=(0, 1))
+    turn = 2.0 * jnp.pi * (states - low[None, None]) / jnp.where(high > low, high - low, 1.0)[None, None]
+    count = PERIODS if states.shape[-1] <= FEW_SIGNALS else PERIODS // 4
+    angle = jnp.einsum("cts,k->ctsk", turn, jnp.arange(1.0, count + 1.0)).reshape(*states.shape[:2], -1)
+    return jnp.concatenate([jnp.sin(angle), jnp.cos(angle)], axis=-1)
 
 
 def _lagged(t: Float[Array, " time"], s: Float[Array, "time signal"], lag) -> Float[Array, "time signal"]:

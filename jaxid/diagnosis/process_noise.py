@@ -26,10 +26,10 @@ from ..estimation.problem import Problem
 from ..models.free import Parameters
 from ..sensitivity.information import gather, record_triangles
 from .driven import driven, under
-from .free_form import Linear, Places, answer, answers, linear_model
+from .free_form import Linear, Places, answer, answers, linear_model, response
 from .innovations import Noise, filtered, most_probable
 from .predictable import white_part
-from .probing import probing
+from .probing import probing, waves
 from .scores import sensitivities
 from .validation import root_mean_square
 
@@ -101,8 +101,10 @@ def process_noise(
     trajectory; one Gauss-Newton step `dtheta` on the innovations; the most probable forces `d`, given all samples; and then the
     trajectory under these forces and the linear model along it anew, an iterated extended Kalman smoother. The sensitivities
     `S` and the probes stay those of the motion without forces: they are known beforehand, where a motion that was found from
-    the measurements holds their noise, and would be correlated with the innovations. Only how a probe moves the outputs is asked
-    along the motion under the forces. Bounds and priors of the parameters hold as in the estimate.
+    the measurements holds their noise, and would be correlated with the innovations. What the samples before it say of a state is
+    not: an innovation is what the past does not foretell, and so is correlated with no function of it. A force that follows a
+    state in whatever way, such as the magnets of a motor its angle, is told by that from a random one.
+    Bounds and priors of the parameters hold as in the estimate.
 
     A gust acts through the derivatives of the aircraft: with those that output error takes for it, the forces that are most
     probable can lead astray, to a wind that wanders. Begun anew, at the likeliest of several parameters, the first turns are
@@ -150,7 +152,7 @@ def process_noise(
     instruments = jnp.where(known, 1.0, jnp.exp(0.5 * best.noise.instruments))
     strengths = (jnp.exp(best.noise.force), jnp.exp(best.noise.time), instruments)
     gain = 2.0 * jnp.sum(mask) * (without - best.cost)
-    probes = _probes(best.noise, best.linear, problem.records, signals)
+    probes = _probes(best.noise, best.linear, problem.records, signals, best.foreseen)
     return ProcessNoise(best.begin[0], *strengths, gain, best.worth, best.v, probes, best.noise, best.linear, unit)
 
 
@@ -166,6 +168,7 @@ class Turn(NamedTuple):
         noise: what is most likely along the trajectory.
         linear: the model along it, in units of the noise that was taken for granted.
         v: innovations of the residuals.
+        foreseen: the states at each sample, as those before it say.
         begin: parameters and forces of the trajectory.
         end: those that are most probable, given this noise.
         cost: negative log-likelihood for each sample at the beginning.
@@ -175,6 +178,7 @@ class Turn(NamedTuple):
     noise: Noise
     linear: Linear
     v: Float[Array, "case time output"]
+    foreseen: Float[Array, "case time state"]
     begin: tuple[Parameters, Float[Array, "case time place"]]
     end: tuple[Parameters, Float[Array, "case time place"]]
     cost: Float[Array, ""]
@@ -227,7 +231,7 @@ def _turn(
         return linear_model(problem, own, parameters.shared, case, places)
 
     linear = jax.vmap(one)(parameters.rows, problem.cases())
-    unit, *rows = seen
+    along, (unit, *rows) = linear.x, seen
     linear = linear._replace(C=problem.whiten(unit, linear.C), D=problem.whiten(unit, linear.D))
     linear = _without_states(linear) if of_sensors(places) else linear
     t, mask = problem.records.t, problem.records.mask
@@ -244,7 +248,7 @@ def _turn(
         return jax.vmap(lambda *case: filtered(*case, noise))(linear, t, mask, columns)
 
     def cost(noise: Noise, ahead: bool):
-        innovations, log_det = through(told(noise), columns if ahead else columns[..., :1])
+        innovations, log_det, _ = through(told(noise), columns if ahead else columns[..., :1])
         left = _unexplained(innovations, count) if ahead else jnp.sum(innovations**2)
         return (0.5 * (left + jnp.sum(log_det)) + prior) / jnp.sum(mask)
 
@@ -257,14 +261,15 @@ def _turn(
     tried, costs = jax.lax.map(search, begin)
     best = jnp.nanargmin(costs)
     noise = told(jax.tree.map(lambda one: one[best], tried))
-    whole, _ = through(noise, columns)
+    whole, _, dx = through(noise, columns)
+    foreseen = along - jax.vmap(response)(linear, forces) + dx if dx.size else along
     step, left = _step(whole[..., 0], whole[..., 1:], white, S, count, problem.prior_rows(parameters))
     probable = jax.vmap(lambda *case: most_probable(*case, noise))(linear, t, mask, left)
     end = (jax.tree.map(jnp.add, parameters, step), forces if of_sensors(places) else probable)
     each = jnp.arange(noise.force.size)
     without_one = jax.lax.map(lambda place: cost(noise._replace(force=noise.force.at[place].set(SILENT)), ahead), each)
     worth = 2.0 * jnp.sum(mask) * (without_one - costs[best])
-    return Turn(noise, linear, whole[..., 0], (parameters, forces), end, cost(noise, False), worth)
+    return Turn(noise, linear, whole[..., 0], foreseen, (parameters, forces), end, cost(noise, False), worth)
 
 
 @eqx.filter_jit
@@ -274,9 +279,15 @@ def _through(noise: Noise, linear: Linear, records: Record, columns: Float[Array
 
 
 @eqx.filter_jit
-def _probes(noise: Noise, linear: Linear, records: Record, signals: Float[Array, "case time signal"]):
-    """Innovations of what forces would do that follow the signals, at each place."""
-    probes = jax.vmap(answers)(linear, probing(signals, records.t))
+def _probes(
+    noise: Noise,
+    linear: Linear,
+    records: Record,
+    signals: Float[Array, "case time signal"],
+    foreseen: Float[Array, "case time state"],
+):
+    """Innovations of what forces would do that follow the signals, or the states as they are foreseen, at each place."""
+    probes = jax.vmap(answers)(linear, jnp.concatenate([probing(signals, records.t), waves(foreseen)], axis=-1))
     return _through(noise, linear, records, probes.reshape(*records.mask.shape, -1))
 
 

@@ -243,10 +243,10 @@ class Workbench:
             force, places, known: as `process_noise` takes them.
             anew: whether it begins anew, at the fit's or the declared values.
         """
-        problem, parameters, *_ = self._to_fit(fitted.effects, fitted.values, fitted.fit.parameters.rows)
+        problem, parameters, *_ = self._to_fit(fitted.effects, fitted.values, fitted.fit.parameters.rows, alone=True)
         values, chosen = np.array(fitted.values), [*fitted.columns]
         values[: self.begin.size] = self.begin
-        begin = (parameters, self._to_fit(fitted.effects, values, None)[1]) if anew else ()
+        begin = (parameters, self._to_fit(fitted.effects, values, None, alone=True)[1]) if anew else ()
         noise = process_noise(problem, parameters, force, places, known, begin)
         values[chosen] = noise.parameters.shared[: len(chosen)]
         everything = self._of_all(values, noise.parameters.rows)
@@ -276,10 +276,10 @@ class Workbench:
         """Of all columns, as the model has them."""
         return np.array(flatten(self.model)[0])[self.at]
 
-    def _to_fit(self, effects: Sequence[str], values, rows):
-        """What `fit_problem` takes."""
+    def _to_fit(self, effects: Sequence[str], values, rows, alone: bool = False):
+        """What `fit_problem` takes; where it is to be alone, or better is, without the effects that are not in."""
         chosen = self.columns.chosen(effects)
-        if self.by_itself:
+        if alone or self.by_itself:
             problem, shared = self._problem_by_itself(effects, chosen, values)
         else:
             problem, shared = self._problem(chosen, self._width(chosen), values)

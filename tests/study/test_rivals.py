@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from small_spring import Spring
 
-from jaxid import Augmented, OutputError, estimate, free, record, simulate
+from jaxid import Augmented, OutputError, ZeroOrder, estimate, free, record, simulate
 from jaxid._foundation.checks import InputError
 from jaxid.models import FixedNoise, Term
 from jaxid.study import Rival, told_apart
@@ -32,7 +32,10 @@ def study():
     chosen = free(rival, "k", "c", "x^2 v in v.gain")
     return SimpleNamespace(
         rivals=(Rival("x^2 v in v", "x^2 v", ("x^3 in v",), 1.0, rival, chosen),),
-        after=SimpleNamespace(model=named, estimate=SimpleNamespace(free=chosen, noise=jnp.array([[SIGMA**2]]))),
+        after=SimpleNamespace(model=named, estimate=SimpleNamespace(free=chosen)),
+        noise={"x": SIGMA},
+        outputs=("x",),
+        likelihood=OutputError(hold=ZeroOrder()),
     )
 
 
@@ -40,10 +43,10 @@ def test_what_is_left_is_what_a_fit_of_the_rival_leaves(study):
     """The fit is nonlinear, what is told is linear: they agree within a few per cent where the difference is small."""
     small = plan(0.25)
     told = told_apart(study, small)["x^2 v in v"]
-    y = simulate(study.after.model, small.t, small.u, jnp.zeros(2)).y
+    y = simulate(study.after.model, small.t, small.u, jnp.zeros(2), hold=ZeroOrder()).y
     expected = record(small.t, small.u, y, inputs=("force",), outputs=("x",))
     (rival,) = study.rivals
-    fit = estimate(rival.model, rival.free, expected, OutputError(FixedNoise([SIGMA**2])))
+    fit = estimate(rival.model, rival.free, expected, OutputError(FixedNoise([SIGMA**2]), ZeroOrder()))
     left = float(np.sum((np.asarray(fit.residuals) / SIGMA) ** 2))
     assert left > 1e-3
     np.testing.assert_allclose(told, left, rtol=0.05)

@@ -1,5 +1,6 @@
 """What the check records say: an error in one number, how well it is known, and how well a difference of two."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -21,6 +22,12 @@ def mean_log_of(rms: Float[np.ndarray, " output"]) -> float:
 def seen(prediction: Prediction) -> Bool[np.ndarray, " output"]:
     """Channels of which a sample counts."""
     return np.any(np.asarray(prediction.scored), axis=(0, 1))
+
+
+def of_channel(prediction: Prediction, index: int) -> Prediction:
+    """A prediction of which one channel counts alone."""
+    alone = jnp.arange(prediction.scored.shape[-1]) == index
+    return eqx.tree_at(lambda one: one.scored, prediction, prediction.scored & alone[None, None])
 
 
 def difference_error(before: Prediction, after: Prediction) -> float:

@@ -12,7 +12,7 @@ from ..data.record import Record
 from ..diagnosis.validation import Prediction
 from ..diagnosis.where import Where
 from ..models.noise import FixedNoise
-from .check import difference_error, mean_log, mean_log_of, seen, uncertainty
+from .check import difference_error, mean_log, mean_log_of, of_channel, seen, uncertainty
 from .doubts import SETTLED, Doubts, doubts_about
 from .rivals import Rival
 from .search import INSEPARABLE, Search
@@ -21,6 +21,7 @@ from .unpredictable import act_on_the_motion, coloured_noise, random_forces
 from .workbench import Fitted, Workbench
 
 MORE = "Take more manoeuvres to fit and to check."
+SHOWN = 3.0  # standard errors by which a single channel's error must grow: there may be a dozen
 FURTHER = 0.1  # of its range in the records that were fitted, from which on an input runs further in others
 
 
@@ -157,7 +158,8 @@ def not_carried_over(
     tests: Mapping[str, Record],
     used: Record,
 ) -> tuple[str, ...]:
-    """Of each set of test records what was added predicts worse, by more than the scatter: all of it, or what came in late.
+    """Of each set of test records what was added predicts worse, by more than the scatter: all of it, some channels, or what came
+    in late.
 
     Args:
         before, after: the model without what was added and with it.
@@ -176,8 +178,25 @@ def not_carried_over(
                 f"records{f', in which {outside} runs further than in those that were fitted' if outside else ''}. {MORE}"
             )
         else:
-            told += late(name, new, effects, rounds)
+            told += (*grown(name, old, new, used.outputs), *late(name, new, effects, rounds))
     return tuple(told)
+
+
+def grown(name: str, old: Prediction, new: Prediction, outputs: tuple[str, ...]) -> tuple[str, ...]:
+    """The words for single channels of a set of test records that are predicted worse, where all together are not.
+
+    Args:
+        name: of the set.
+        old, new: predictions without what was added and with it.
+        outputs: names of the channels.
+    """
+    found = []
+    for index in map(int, np.flatnonzero(seen(new))):
+        before, after = (of_channel(one, index) for one in (old, new))
+        rise = mean_log(after) - mean_log(before)
+        if rise > SHOWN * difference_error(before, after):
+            found.append(f"{outputs[index]} by {np.expm1(rise):.0%}")
+    return (f"But the error on {name} grows with it in {' and '.join(found)}.",) if found else ()
 
 
 def late(name: str, test: Prediction, effects: tuple[str, ...], rounds: tuple[Round, ...]) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from jaxid.models import FixedNoise, Term
 from jaxid.report import html
 from jaxid.report.tables import decided
 from jaxid.study.check import difference_error, mean_log, uncertainty
+from jaxid.study.verdict import grown
 
 CUBE = Term("v", "x^3", gain=jnp.array(-0.5))
 LIBRARY = (Term("v", "x^2"), Term("v", "x^3"))
@@ -51,6 +52,15 @@ def test_a_candidate_that_spoils_the_derivatives_of_all_others_is_refused_by_nam
     train, check = flights(2)
     with pytest.raises(InputError, match="at zero gain of 'root' is not finite"):
         close_loop(model, chosen, OutputError(), train=train, check=check, effects=(*LIBRARY, Infinite()))
+
+
+def test_a_single_channel_that_is_predicted_worse_is_told():
+    """Where all together are predicted better; a channel of which nothing is seen is not asked."""
+    v = jnp.asarray(np.random.default_rng(0).normal(size=(1, 2000, 3)))
+    mask = jnp.ones(v.shape, bool).at[..., 2].set(False)
+    old, new = prediction(v, mask), prediction(v * jnp.array([0.5, 1.2, 1.0])[None, None], mask)
+    assert grown("test", old, new, ("r", "ay", "p")) == ("But the error on test grows with it in ay by 20%.",)
+    assert grown("test", old, old, ("r", "ay", "p")) == ()
 
 
 def test_a_channel_without_samples_is_left_out_of_the_error():

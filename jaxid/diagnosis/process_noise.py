@@ -262,7 +262,8 @@ def _turn(
     best = jnp.nanargmin(costs)
     noise = told(jax.tree.map(lambda one: one[best], tried))
     whole, _, dx = through(noise, columns)
-    foreseen = along - jax.vmap(response)(linear, forces) + dx if dx.size else along
+    # What sensors err moves no state.
+    foreseen = along if of_sensors(places) else along - jax.vmap(response)(linear, forces) + dx
     step, left = _step(whole[..., 0], whole[..., 1:], white, S, count, problem.prior_rows(parameters))
     probable = jax.vmap(lambda *case: most_probable(*case, noise))(linear, t, mask, left)
     end = (jax.tree.map(jnp.add, parameters, step), forces if of_sensors(places) else probable)

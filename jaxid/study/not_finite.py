@@ -10,7 +10,7 @@ from .._foundation.checks import InputError
 from ..diagnosis.scores import sensitivities
 from ..estimation.problem import Problem
 from ..models.augmented import Augmented
-from ..models.free import Free, start
+from ..models.free import Free, Parameters, start
 from .workbench import Fitted, Workbench
 
 
@@ -27,7 +27,8 @@ def refusal(bench: Workbench, declared: Fitted) -> InputError:
         augmented = Augmented(model, tuple(bench.effects[name] for name in names))
         asked = Free((*free.shared, *(f"{name}.gain" for name in names)), free.per_record)
         problem = Problem.of(augmented, asked, bench.records, bench.likelihood)
-        _, S = sensitivities(problem, start(problem.model, problem.positions, problem.records))
+        begin = start(problem.model, problem.positions, problem.records)
+        _, S = sensitivities(problem, Parameters(begin.shared, declared.fit.parameters.rows))
         return not bool(jnp.all(jnp.isfinite(S)))
 
     def guilty(names: tuple[str, ...]) -> tuple[str, ...]:

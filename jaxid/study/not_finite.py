@@ -25,7 +25,8 @@ def refusal(bench: Workbench, declared: Fitted) -> InputError:
 
     def spoiled(names: tuple[str, ...]) -> bool:
         augmented = Augmented(model, tuple(bench.effects[name] for name in names))
-        asked = Free((*free.shared, *(f"{name}.gain" for name in names)), free.per_record)
+        columns = tuple(bench.columns.names[column] for column in bench.columns.chosen(names))
+        asked = Free(columns, free.per_record)
         problem = Problem.of(augmented, asked, bench.records, bench.likelihood)
         begin = start(problem.model, problem.positions, problem.records)
         _, S = sensitivities(problem, Parameters(begin.shared, declared.fit.parameters.rows))

@@ -127,7 +127,7 @@ class Search:
         bench, judge = self.bench, self.judge
         scores = bench.score(fitted)
         candidates, before = self.candidates(fitted, scores), judge.check_prediction(fitted)
-        if candidates and all(np.isnan(one.left) for one in candidates):
+        if candidates and not fitted.effects and all(np.isnan(one.left) for one in candidates):
             raise refusal(bench, fitted)
         if number > self.options.max_rounds:
             return Tried(fitted, before, candidates, {}, {}, number)

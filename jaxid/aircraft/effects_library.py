@@ -99,7 +99,10 @@ def aircraft_effects(
         "unsteady": lambda: _unsteady(terms, moved, signals),
         "structure": lambda: _modes(moved, signals),
         "mass": lambda: _mass(names),
-        "thrust": lambda: (*thrust(names), *_all_engines(names, "up", "tilt of the thrust line", "rad")),
+        "thrust": lambda: (
+            *thrust(names, "thrust" in model.inputs),
+            *_all_engines(names, "up", "tilt of the thrust line", "rad"),
+        ),
         "air": lambda: _air(names),
         "instruments": lambda: (
             *places(names, _below(names, "position")),
@@ -277,14 +280,19 @@ def centre_of_gravity(names: Sequence[str], axes: str) -> tuple[Effect, ...]:
     return tuple(found)
 
 
-def thrust(names: Sequence[str]) -> tuple[Effect, ...]:
+def thrust(names: Sequence[str], measured: bool = False) -> tuple[Effect, ...]:
     """Push of all engines, its asymmetry, its height, and their angular momentum.
 
-    With one engine the thrust line passes to the side; with several the first pushes more and the last less.
+    With one engine the thrust line passes to the side; with several the first pushes more and the last less. Engines that share
+    a push that is held have that push in common; of one that is measured a scale of the input is the error.
 
     Args:
         names: of all parameters.
+        measured: whether the push of all engines is an input.
     """
+    push = shifts(names, {"thrust": "thrust"}, "N")
+    if not (push or measured):
+        push = _all_engines(names, "share", "thrust", "")
     own = _engines(names, "share")
     asymmetry: tuple[Effect, ...] = ()
     if len(own) > 1:
@@ -292,7 +300,7 @@ def thrust(names: Sequence[str]) -> tuple[Effect, ...]:
     elif own:
         asymmetry = shifts(names, {"engines.0.position.y": "sideways place of the thrust line"}, "m")
     return (
-        *_all_engines(names, "share", "thrust", ""),
+        *push,
         *asymmetry,
         *_all_engines(names, "position.z", "height of the thrust line", "m"),
         *_all_engines(names, "momentum", "angular momentum of the engines", "kg*m^2/s"),

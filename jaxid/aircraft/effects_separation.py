@@ -71,7 +71,7 @@ class SeparatedFlow(Effect):
     def start(self, signals, measured, step):
         alpha = signals["alpha"]
         steepness = np.clip(SPREAD / max(np.ptp(alpha), 1e-6), *STEEPNESS)
-        shape = level_in(alpha, self.fraction), jnp.asarray(steepness)
+        shape = jnp.clip(level_in(alpha, self.fraction), *ANGLES), jnp.asarray(steepness)
         return eqx.tree_at(lambda effect: (effect.alpha_star, effect.steepness), self, shape)
 
     def static(self, alpha: Float[Array, ""]) -> Float[Array, ""]:

@@ -34,7 +34,11 @@ class AbstractLikelihood(eqx.Module):
 
     @abc.abstractmethod
     def check(self, model: AbstractModel, records: Record) -> None:
-        """Refuse records that this likelihood cannot serve."""
+        """Refuse records to estimate from that this likelihood cannot serve."""
+
+    @abc.abstractmethod
+    def check_times(self, t: Float[Array, "*case time"]) -> None:
+        """Refuse sample times, also of records to predict, that this likelihood cannot serve."""
 
 
 class OutputError(AbstractLikelihood):
@@ -60,4 +64,7 @@ class OutputError(AbstractLikelihood):
 
     def check(self, model, records):
         self.noise.check(records.mask, records.outputs)
-        self.hold.check(records.t)
+        self.check_times(records.t)
+
+    def check_times(self, t):
+        self.hold.check(t)

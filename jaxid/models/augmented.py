@@ -1,7 +1,7 @@
 """`Augmented`: any model with effects added to it, the only wrapper there is for them."""
 
 import itertools
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from typing import ClassVar
 
 import equinox as eqx
@@ -23,7 +23,7 @@ from .polynomial import monomials
 class Augmented(AbstractModel):
     """A model and a set of effects.
 
-    Effects stand in the order of their names, so that the structure depends on the set alone. With all gains zero the
+    Effects stand in the order of their stages and names, so that the structure depends on the set alone. With all gains zero the
     augmented model is the model. What effects add to the equations is seen by instruments that feel the state's rate
     (`AbstractModel.output_given`). Parameters keep the names they have in the model; those of an effect are called
     `<effect>.gain` and so on.
@@ -46,7 +46,7 @@ class Augmented(AbstractModel):
 
     def __init__(self, model: AbstractModel, effects: tuple[Effect, ...]):
         self.model = model
-        self.effects_in = tuple(sorted(effects, key=lambda effect: effect.name))
+        self.effects_in = tuple(sorted(effects, key=lambda effect: (effect.stage, effect.name)))
         require_unique("effect", (effect.name for effect in effects))
         self.states = model.states + sum((effect.extra_states for effect in self.effects_in), ())
         require_unique("state", self.states)
@@ -60,12 +60,17 @@ class Augmented(AbstractModel):
         own, extra, arriving, acting = self._take_apart(x, u)
         rates, signals = self._declared(t).rhs_and_signals(t, own, acting)
         signals = self._with_differences(signals | extra)
-        dx = self._added(rates, signals) if self.model.states else {}
+        dx = self._added(rates, signals) if self._in_motion else dict(zip(self.model.states, rates, strict=True))
         moving = dx | self._rates_of_signals(t, own, acting, dx)
         for effect, arrived in zip(self.effects_in, arriving, strict=True):
             if effect.extra_states:
                 dx |= effect.extra_rates(extra, dict(zip(self.inputs, arrived, strict=True)), signals, moving)
         return jnp.array([dx[state] for state in self.states], float)
+
+    @property
+    def _in_motion(self) -> bool:
+        """Whether effects in equations add to rates of states; of a model without states to its outputs."""
+        return equations_of(self.model) == self.model.states
 
     def _added(self, values: Float[Array, " equation"], signals) -> dict[str, Float[Array, ""]]:
         """The model's own equations with what all effects add to them."""
@@ -104,7 +109,7 @@ class Augmented(AbstractModel):
     def output_given(self, t, x, u, dx):
         own, extra, _, acting = self._take_apart(x, u)
         y = self._declared(t).output_given(t, own, acting, dx[: own.size])
-        if self.model.states:
+        if self._in_motion:
             return y
         signals = self._with_differences(self._declared(t).signals(t, own, acting) | extra)
         return jnp.stack(list(self._added(y, signals).values()))
@@ -167,6 +172,9 @@ class Augmented(AbstractModel):
     def effects(self):
         return self.model.effects()
 
+    def equations(self):
+        return self.states if taken_apart(self)[0].states else self.outputs
+
     def equations_with_terms(self):
         return self.model.equations_with_terms()
 
@@ -176,3 +184,18 @@ class Augmented(AbstractModel):
     def units(self):
         gains = {f"{effect.name}.gain": effect.unit for effect in self.effects_in if effect.unit}
         return self.model.units() | gains
+
+
+def taken_apart(model: AbstractModel) -> tuple[AbstractModel, tuple[Effect, ...]]:
+    """The model that holds no effects, and all that were added to it, however often."""
+    effects: tuple[Effect, ...] = ()
+    while isinstance(model, Augmented):
+        model, effects = model.model, (*effects, *model.effects_in)
+    return model, effects
+
+
+def not_in(model: AbstractModel, effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """The effects of which a model holds none of the family yet; of those that can act several times over, not the same."""
+    known = taken_apart(model)[1]
+    names, families = {one.name for one in known}, {one.family for one in known if not one.several}
+    return tuple(one for one in effects if one.name not in names and one.family not in families)

@@ -107,6 +107,10 @@ class AbstractModel(eqx.Module):
         """Candidates for missing effects beside the general ones: a tuple of `Effect`."""
         return ()
 
+    def equations(self) -> tuple[str, ...]:
+        """What has an equation in which something may be missing: the states; of a model that has none, the outputs."""
+        return self.states or self.outputs
+
     def equations_with_terms(self) -> tuple[str, ...] | None:
         """States in whose equations the general library may put its terms (products of states and inputs, friction, limits).
 
@@ -191,14 +195,14 @@ class AbstractModel(eqx.Module):
 
 def equations_of(model: AbstractModel) -> tuple[str, ...]:
     """What has an equation in which something may be missing: the states; of a model that has none, the outputs."""
-    return model.states or model.outputs
+    return model.equations()
 
 
 def right_hand_sides(
     model: AbstractModel, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
 ) -> Float[Array, " equation"]:
     """What these equations say: the rates of the states, or the outputs."""
-    return model.rhs(t, x, u) if model.states else model.output(t, x, u)
+    return model.rhs(t, x, u) if equations_of(model) == model.states else model.output(t, x, u)
 
 
 def selected(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Record:

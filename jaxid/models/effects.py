@@ -82,6 +82,11 @@ class Effect(eqx.Module):
         return ""
 
     @property
+    def stage(self) -> int:
+        """Where it stands among the effects of a model: what acts later has a higher one, as a sensor's stop behind its scale."""
+        return 0
+
+    @property
     def fixed(self) -> tuple[str, ...]:
         """Shape parameters that stay as `start` sets them; the others are estimated once the effect is in."""
         return ()
@@ -127,12 +132,16 @@ class Effect(eqx.Module):
         """The same effect with its shape set from the signals of the training records.
 
         Args:
-            signals: time `t`, states, inputs and what the model adds, as simulated, every valid sample; and of each output
-                `shown NAME`, what the declared model shows, and `residual NAME`, what it leaves: zero where that is not measured.
+            signals: time `t`, states, inputs and what the model adds, as simulated, every valid sample; `number of the record`;
+                and of each output `shown NAME`, what the declared model shows, and `residual NAME`, what it leaves: zero where
+                that is not measured.
             measured: measured outputs, every valid sample.
             step: typical time between two samples [s].
         """
         return self
+
+    def check(self, t: Float[np.ndarray, "*case time"]) -> None:
+        """Refuse sample times on which it is not defined."""
 
     # Slots ----------------------------------------------------------------------------------------------------------------
 

@@ -3,6 +3,8 @@
 import equinox as eqx
 import jax.numpy as jnp
 
+from .._foundation.checks import require
+from .._foundation.grid import is_uniform
 from .._foundation.types import Array, Float
 from .effects import Effect, zero
 
@@ -121,6 +123,13 @@ class InputBetweenSamples(InputEffect):
     @property
     def bounds(self):
         return {"gain": BETWEEN}
+
+    def check(self, t):
+        require(
+            is_uniform(t),
+            f"The effect {self.name!r} makes the input band-limited, which needs uniform sampling, and the sample times of a "
+            "record are uneven. Leave it out.",
+        )
 
     def input_path(self, path, inputs):
         return path.towards_band_limited(inputs.index(self.channel), self.gain)

@@ -2,14 +2,13 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from .._foundation.types import Array, Float
 from .acting import Acting, ActingEffect
 from .effects import zero
 from .effects_input import NO_LAG_YET
 from .followers import bouc_wen
-from .starts import misfit_peak, reach_of, time_scale_of
+from .starts import longest_in, misfit_peak, reach_of, time_scale_of
 
 NO_WIDTH_YET = 1e6  # wide against any signal in SI units: z stands still until `start` sets the width
 SHORTEST = 2.0  # steps between samples: a lag starts no shorter, which a fixed step could not follow
@@ -68,7 +67,7 @@ class LaggedSignal(ActingEffect):
         return ("time",)
 
     def start(self, signals, measured, step):
-        longest = float(np.ptp(signals["t"]))
+        longest = longest_in(signals)
         time = self.multiple * time_scale_of(signals[self.signal], signals, step)
         time = min(max(time, SHORTEST * step), longest)
         return eqx.tree_at(lambda one: (one.time, one.longest), self, (jnp.asarray(time), jnp.asarray(longest)))
@@ -94,7 +93,8 @@ class Resonance(ActingEffect):
 
         dz/dt = frequency w,    dw/dt = frequency (signal - z) - 2 damping frequency w,    scalar += gain z
 
-    At low frequencies `z` is the signal itself, of which what the declared model makes of it takes its share. It starts at rest.
+    At low frequencies `z` is the signal itself, of which what the declared model makes of it takes its share. It starts settled
+    where the record's first input holds it, else at rest at zero.
 
     Args:
         acting: where it acts.
@@ -151,6 +151,9 @@ class Resonance(ActingEffect):
     @property
     def extra_states(self):
         return (f"z of {self.name}", f"w of {self.name}")
+
+    def initial(self, record):
+        return {self.extra_states[0]: record.channel(self.signal)[0]} if self.signal in record.inputs else {}
 
     def scalar(self, signals):
         return signals[self.extra_states[0]]

@@ -144,7 +144,7 @@ class ParameterStep(ParameterEffect):
 
     Args:
         parameter: dotted name of one scalar.
-        fraction: where the time starts, as a fraction of the training records' time.
+        fraction: where the time starts, as a fraction of the training records' samples: between two records there are none.
         along: parameters that move with it, and by how many times as much.
         called: what it is in words.
         unit: of the gain.
@@ -180,8 +180,7 @@ class ParameterStep(ParameterEffect):
         return ("width",)
 
     def start(self, signals, measured, step):
-        low, high = np.min(signals["t"]), np.max(signals["t"])
-        shape = jnp.asarray(low + self.fraction * (high - low)), jnp.asarray(step)
+        shape = jnp.asarray(np.quantile(signals["t"], self.fraction)), jnp.asarray(step)
         return eqx.tree_at(lambda effect: (effect.time, effect.width), self, shape)
 
     def amount(self, t):

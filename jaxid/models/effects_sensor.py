@@ -196,6 +196,10 @@ class SensorSaturation(SensorEffect):
         return f"the sensor of {self.channel} stops at {'an upper' if self.end == 'upper' else 'a lower'} level"
 
     @property
+    def stage(self):
+        return 1  # what it shows stops, offset and scale in it
+
+    @property
     def complexity(self):
         return 2
 

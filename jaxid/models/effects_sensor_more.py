@@ -60,6 +60,10 @@ class SensorQuantisation(SensorEffect):
         return f"{self.channel} is recorded in steps"
 
     @property
+    def stage(self):
+        return 2  # the last thing that happens to a signal
+
+    @property
     def fixed(self):
         return ("grid", "origin")
 

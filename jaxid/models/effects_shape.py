@@ -4,16 +4,13 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from .._foundation.types import Array, Float
 from .acting import Acting, ActingEffect
 from .effects import zero
 from .effects_equation import QuadraticDrag, Term
 from .polynomial import factor_of
-from .starts import centre_of, level_in, reach_of
-
-INSIDE = (0.1, 0.9)  # quantiles of a signal between which a bend can be told: samples enough on either side
+from .starts import centre_of, inside_of, level_in, reach_of
 
 
 class DeadBand(ActingEffect):
@@ -166,7 +163,7 @@ class Hinge(ActingEffect):
         return {"level": (float(self.lowest), float(self.highest))}
 
     def start(self, signals, measured, step):
-        lowest, highest = map(jnp.asarray, np.quantile(signals[self.signal], INSIDE))
+        lowest, highest = map(jnp.asarray, inside_of(signals[self.signal]))
         level = jnp.clip(level_in(signals[self.signal], self.fraction), lowest, highest)
         return eqx.tree_at(lambda one: (one.level, one.lowest, one.highest), self, (level, lowest, highest))
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from .._foundation.types import Array, Bool
 from .acting import Acting
+from .augmented import not_in, taken_apart
 from .base import AbstractModel, canonical, equations_of, right_hand_sides
-from .differences import absent_signals, differences, with_differences
+from .differences import ARBITRARY, absent_signals, differences, with_differences
 from .effects import Effect
 from .effects_actuator import InputDeadZone, InputHysteresis, InputPositionLimit, InputRateLimit
 from .effects_equation import DryFriction, QuadraticDrag, StateLimit, Term
@@ -23,6 +24,7 @@ from .effects_sensor_more import SensorCrossTalk, SensorDrift, SensorQuantisatio
 from .effects_shape import DeadBand, Hinge
 from .free import Positions, insert, leaves_at
 from .names import flatten
+from .polynomial import require_readable
 
 MOST_SIGNALS_FOR_CUBIC_PRODUCTS = 3
 MOST_PAIRS_FOR_SHAPES = 12  # of an equation and a state, from which on bends in each would be too many candidates
@@ -32,6 +34,12 @@ MOST_DIFFERENCES_FOR_SHAPES = 8  # of an equation and a difference
 MOST_OF_ONE_KIND = 3
 LEVELS = (0.6, 0.75, 0.9)  # starts of a limit within the range of its signal
 KNOTS = (0.3, 0.7)  # starts of a knot within the range of its signal
+SIZES = (
+    1.0,
+    10.0,
+    100.0,
+    1000.0,
+)  # of states and inputs at which a model is asked: a valve may open at 20 degrees only
 PEAKS = (1, 2, 3)  # of the misfit's spectrum, at which a resonance starts
 
 
@@ -42,18 +50,24 @@ def general_effects(
     and sensors.
 
     Args:
-        model: the model whose channels are named.
+        model: the model whose channels are named. Of one that holds effects already those of the model inside, and of the
+            candidates what is not in.
         equations: states in whose equations unknown terms may stand; by default those that hold a parameter.
         uniform: whether the records are sampled uniformly, so that an input may be band-limited.
 
     Returns:
         The effects, all absent, in the order of their names.
+
+    Raises:
+        InputError: when a state's or an input's name cannot stand in a term.
     """
     if equations is None:
         equations = uncertain_equations(canonical(model), np.arange(flatten(canonical(model))[0].size))
-    effects = [*_in_equations(model, equations), *_of_differences(model, equations)]
-    effects += [*_in_inputs(model, uniform), *_in_outputs(model)]
-    return tuple(sorted(effects, key=lambda effect: effect.name))
+    declared, _ = taken_apart(model)
+    require_readable(declared.states + declared.inputs)
+    effects = [*_in_equations(declared, equations), *_of_differences(declared, equations)]
+    effects += [*_in_inputs(declared, uniform), *_in_outputs(declared)]
+    return tuple(sorted(not_in(model, effects), key=lambda effect: effect.name))
 
 
 def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effect]:
@@ -139,8 +153,8 @@ def products(signals: tuple[str, ...]) -> tuple[str, ...]:
 def uncertain_equations(model: AbstractModel, free_positions: np.ndarray) -> tuple[str, ...]:
     """States whose equation holds a free parameter: the others are kinematics, exact by definition.
 
-    The derivative of the right-hand side in the free parameters is taken at three arbitrary states and inputs; an equation
-    in which it vanishes at all of them holds none.
+    The derivative of the right-hand side in the free parameters is taken at arbitrary states and inputs of several sizes; an
+    equation in which it vanishes wherever it is finite holds none. Those of states that effects brought are exact as well.
 
     Args:
         model: the model.
@@ -149,22 +163,28 @@ def uncertain_equations(model: AbstractModel, free_positions: np.ndarray) -> tup
     flat = jnp.concatenate([flatten(model)[0], jnp.zeros(len(model.states))])
     positions = Positions(jnp.asarray(free_positions, int), jnp.zeros(0, int), leaves_at(model, free_positions))
     uncertain = np.asarray(_depends(model, flat, positions))
-    return tuple(name for name, one in zip(equations_of(model), uncertain, strict=True) if one)
+    own = equations_of(taken_apart(model)[0])
+    return tuple(name for name, one in zip(equations_of(model), uncertain, strict=True) if one and name in own)
 
 
 @eqx.filter_jit
 def _depends(model: AbstractModel, flat: Array, positions: Positions) -> Bool[Array, " state"]:
-    """Whether each rate depends on a parameter at the positions, at one of three arbitrary states and inputs."""
+    """Whether each rate depends on a parameter at the positions, at one of some arbitrary states and inputs."""
 
-    def slopes(key):
-        x, u = jnp.split(jax.random.uniform(key, (len(model.states) + len(model.inputs),)), [len(model.states)])
+    def slopes(key, size):
+        x, u = jnp.split(size * jax.random.uniform(key, (len(model.states) + len(model.inputs),)), [len(model.states)])
 
         def rate(values):
             return right_hand_sides(insert(model, flat, positions, values, jnp.zeros(0))[0], jnp.zeros(()), x, u)
 
         return jax.jacfwd(rate)(flat[positions.shared])
 
-    return jnp.any(jax.vmap(slopes)(jax.random.split(jax.random.key(0), 3)) != 0, axis=(0, 2))
+    sizes = jnp.repeat(jnp.array(SIZES), ARBITRARY)
+    found = jax.vmap(slopes)(jax.random.split(jax.random.key(0), sizes.size), sizes)
+    # NaN says nothing where it is as well zero times infinity: a root that holds no parameter, outside of what it is for.
+    return jnp.any(jnp.where(jnp.isnan(found), 0.0, found) != 0, axis=(0, 2)) | jnp.any(
+        jnp.all(jnp.isnan(found), 0), -1
+    )
 
 
 def started(effects: tuple[Effect, ...], signals, measured, step) -> tuple[Effect, ...]:

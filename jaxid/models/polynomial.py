@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import InputError, require_known
+from .._foundation.checks import InputError, require, require_known
 from .._foundation.types import Array, Float
 from .differences import with_differences
 
@@ -104,6 +104,20 @@ def factors(term: str) -> tuple[tuple[str, int], ...]:
     if not parsed:
         raise InputError(f"The term {term!r} has no factor. Write '1' for a constant.")
     return tuple((factor.base, factor.power) for factor in parsed)
+
+
+def require_readable(names: Iterable[str]) -> None:
+    """Refuse names of signals that no term can hold.
+
+    Raises:
+        InputError: it names the signal.
+    """
+    for name in names:
+        require(
+            re.fullmatch(NAME, name) is not None,
+            f"The name {name!r} cannot stand in a term: it holds a blank or one of ^ | ( ) + -. Rename the channel, as in "
+            f"{re.sub(r'[^0-9A-Za-z_.]+', '_', name).strip('_') or 'x'!r}.",
+        )
 
 
 def next_powers(term: str) -> tuple[str, ...]:

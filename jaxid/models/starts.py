@@ -10,6 +10,9 @@ from .._foundation.types import Array, Float
 Samples = Float[np.ndarray, " sample"]
 SHOWN = "shown "  # before an output's name: what the declared model shows
 RESIDUAL = "residual "  # and what it leaves of the measured one
+RECORD = "number of the record"  # in which a sample stands
+INSIDE = (0.1, 0.9)  # quantiles of a signal between which a bend can be told: samples enough on either side
+RESTING = 0.1  # of a signal's range, within which it rests
 NOISE = 10.0  # medians of the residual's spectrum
 FEWEST_CYCLES = 3  # in a record: what is slower is no resonance but a drift
 APART = 0.15  # of its frequency, within which a peak is one with a higher one
@@ -33,6 +36,26 @@ def reach_of(signal: Samples) -> float:
     return reach if reach > 0 else 1.0
 
 
+def inside_of(signal: Samples) -> Float[np.ndarray, " 2"]:
+    """Between which levels a bend can be told: those with a tenth of the samples beyond; of a signal that rests most of the time,
+    of the samples in which it does not."""
+    reach = RESTING * np.ptp(signal)
+    if np.ptp(np.quantile(signal, INSIDE)) < reach:
+        signal = signal[np.abs(signal - np.median(signal)) > reach]
+    return np.quantile(signal, INSIDE)
+
+
+def begins_in(signals: Mapping[str, Samples]) -> np.ndarray:
+    """Rows at which another record begins: its number is another, or, where that is not given, its time goes back."""
+    t = signals["t"]
+    return np.flatnonzero((np.diff(t) <= 0) | (np.diff(signals.get(RECORD, np.zeros_like(t))) != 0)) + 1
+
+
+def longest_in(signals: Mapping[str, Samples]) -> float:
+    """How long the longest record is [s]."""
+    return max(float(np.ptp(t)) for t in np.split(signals["t"], begins_in(signals)))
+
+
 def rates_in(signal: Samples, signals: Mapping[str, Samples]) -> Float[np.ndarray, " _"]:
     """Rates of a signal between neighbouring samples of one record.
 
@@ -40,8 +63,8 @@ def rates_in(signal: Samples, signals: Mapping[str, Samples]) -> Float[np.ndarra
         signal: every valid sample of all records, one record after the other.
         signals: the time `t` among them [s].
     """
-    length = np.diff(signals["t"])
-    return np.diff(signal)[length > 0] / length[length > 0]
+    within = np.delete(np.arange(signal.size - 1), begins_in(signals) - 1)
+    return np.diff(signal)[within] / np.diff(signals["t"])[within]
 
 
 def time_scale_of(signal: Samples, signals: Mapping[str, Samples], step: float) -> float:
@@ -71,10 +94,11 @@ def misfit_peak(signals: Mapping[str, Samples], step: float, rank: int, highest:
         highest: frequency up to which it is sought [rad/s].
 
     Returns:
-        Frequency, and the resolution of the spectrum [rad/s]; a tenth of the highest, and as much, where no residual is given.
+        Frequency, and the resolution of the spectrum [rad/s]. Where there is no such peak, a tenth of the highest over the
+        rank, and as much: starts that differ.
     """
     names = [name.removeprefix(RESIDUAL) for name in signals if name.startswith(RESIDUAL)]
-    begins = np.flatnonzero(np.diff(signals["t"]) <= 0) + 1
+    begins = begins_in(signals)
     length = max(one.size for one in np.split(signals["t"], begins))
 
     def power(signal):
@@ -92,5 +116,5 @@ def misfit_peak(signals: Mapping[str, Samples], step: float, rank: int, highest:
         found = np.argmax(ratio)
         ratio[np.abs(number - found) <= max(APART * found, FEWEST_CYCLES)] = 0.0
     if not np.any(ratio):
-        return 0.1 * highest, 0.1 * highest
+        return 0.1 * highest / rank, 0.1 * highest / rank
     return unit * float(np.argmax(ratio)), unit

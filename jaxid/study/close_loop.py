@@ -21,6 +21,7 @@ from ..estimation.estimate import Fit, as_stack, check_channels, check_samples, 
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
 from ..estimation.solver import GaussNewton
+from ..models.augmented import not_in, taken_apart
 from ..models.base import AbstractModel, canonical
 from ..models.effects import Effect
 from ..models.effects_parameter import ParameterDrift, not_free
@@ -83,8 +84,8 @@ def close_loop(
         What was found.
 
     Raises:
-        InputError: when channels differ, a record is too short to be cut or for the window, an effect's name occurs twice or its
-            gain is not zero, the check records have no valid sample, or JAX is in 32 bit.
+        InputError: when channels differ, a record is too short to be cut or for the window, an effect's name occurs twice, its
+            gain is not zero or the model holds it already, the check records have no valid sample, or JAX is in 32 bit.
     """
     require_float64()
     progress, options, solver = progress or (lambda _: None), options or LoopOptions(), solver or SOLVER
@@ -95,12 +96,17 @@ def close_loop(
         train, check = _carve(train, window)
     check = as_stack(check)
     tests = _tests(test, check)
-    for records in (train, check, *tests.values()):
+    everything = (train, check, *tests.values())
+    for records in everything:
         check_channels(model, records)
+        likelihood.check_times(records.t)
     check_samples(train)
     likelihood.check(model, train)
-    library = candidates(model, free, train) if effects is None else tuple(effects)
-    _require_absent(library)
+    library = candidates(model, free, *everything) if effects is None else tuple(effects)
+    _require_absent(library, model)
+    for effect in library:
+        for records in everything:
+            effect.check(np.asarray(records.t))
 
     if window is not None:
         for records in (check, *tests.values()):
@@ -155,16 +161,23 @@ def _started(bench: Workbench) -> Fitted:
     return declared
 
 
-def candidates(model: AbstractModel, free: Free, records: Record) -> tuple[Effect, ...]:
-    """The default library: general effects for this model's channels, the model's own, and a drift of each free parameter."""
+def candidates(model: AbstractModel, free: Free, *records: Record) -> tuple[Effect, ...]:
+    """The default library: general effects for this model's channels, the model's own, and a drift of each free parameter.
+
+    Args:
+        model: the declared model.
+        free: its free parameters.
+        records: all that will be fitted and predicted; where one of them is sampled unevenly, no input can be band-limited.
+    """
     equations = model.equations_with_terms()
     if equations is None:
         equations = uncertain_equations(canonical(model), np.asarray(free.positions(model).shared))
-    general = general_effects(model, equations, uniform=is_uniform(np.asarray(records.t)))
-    own = (*general, *model.effects())
+    general = general_effects(model, equations, uniform=all(is_uniform(np.asarray(one.t)) for one in records))
+    own = not_in(model, (*general, *model.effects()))
     known, units = {effect.name for effect in own}, model.units()
     drifts = (ParameterDrift(name, unit=units.get(name, "")) for name in free.shared)
-    return not_free((*own, *(drift for drift in drifts if drift.name not in known)), free.shared + free.per_record)
+    others = not_in(model, (drift for drift in drifts if drift.name not in known))
+    return not_free((*own, *others), free.shared + free.per_record)
 
 
 def _carve(train: Record, window: int | None) -> tuple[Record, Record]:
@@ -194,9 +207,13 @@ def _on(bench: Workbench, records: Record, fitted: Fitted) -> Fitted:
     return bench.finish(bench.fit(fitted.effects, fitted.values, fitted.fit.parameters.rows))
 
 
-def _require_absent(library: Sequence[Effect]) -> None:
+def _require_absent(library: Sequence[Effect], model: AbstractModel) -> None:
     """A candidate that is there already would change the declared model."""
+    known = {effect.name for effect in taken_apart(model)[1]}
     for effect in library:
+        require(
+            effect.name not in known, f"The declared model holds {effect.name!r} already. Leave this candidate out."
+        )
         gain = float(read(effect, ("gain",))[0])
         require(
             gain == 0.0,

@@ -97,7 +97,8 @@ def _names(file: StudyFile, model: AbstractModel, bounded: bool = True):
         parts = [_prepared(model, part) for part in (file.train, file.check or ())]
         tests = {name: _prepared(model, part) for name, part in (file.test or {}).items()}
     chosen = _free(file, model, bounded)
-    effects = _library(file, model, chosen, stack(parts[0])) if file.library else None
+    stacks = [stack(part) for part in (*parts, *tests.values()) if part]
+    effects = _library(file, model, chosen, stacks) if file.library else None
     return chosen, parts, tests, effects
 
 
@@ -219,9 +220,9 @@ def _per_record(file: StudyFile) -> tuple[str, ...]:
     return tuple(file.free.get("per_record", ("initial_state",)))
 
 
-def _library(file: StudyFile, model: AbstractModel, chosen: Free, train: Record) -> tuple[Effect, ...]:
+def _library(file: StudyFile, model: AbstractModel, chosen: Free, records: Sequence[Record]) -> tuple[Effect, ...]:
     """The default candidates and the file's own, without those that it leaves out."""
-    effects = candidates(model, chosen, train) if file.library.get("general", True) else ()
+    effects = candidates(model, chosen, *records) if file.library.get("general", True) else ()
     for name in file.library.get("effects", ()):
         with file.at("library", "effects"):
             found = tuple(_object(name)(model))

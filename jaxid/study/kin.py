@@ -7,7 +7,7 @@ from .._foundation.quickly import quickly
 from .._foundation.types import Array, Bool, Float
 from ..diagnosis.scores import exchange_falls, sensitivities, whitened
 from ..estimation.problem import Problem
-from ..models.augmented import Augmented
+from ..models.augmented import Augmented, taken_apart
 from ..models.free import Free, Parameters, start
 from .workbench import Fitted, Workbench
 
@@ -37,11 +37,12 @@ def misfits_of_kin(bench: Workbench, found: Fitted) -> dict[str, float]:
     Returns:
         Misfits by name; infinite where the free parameters imitate what is asked about.
     """
-    kin = [(name, one) for name in found.effects for one in bench.effects[name].kin() if one.name not in bench.effects]
+    model, free = bench.model_and_free(found)
+    known = {*bench.effects, *(one.name for one in taken_apart(model)[1])}
+    kin = [(name, one) for name in found.effects for one in bench.effects[name].kin() if one.name not in known]
     by_name = {one.name: one for _, one in kin}
     if not kin:
         return {}
-    model, free = bench.model_and_free(found)
     assert isinstance(model, Augmented)  # as effects are in
     columns = (*free.shared, *(f"{name}.gain" for name in by_name))
     model = Augmented(model.model, (*model.effects_in, *by_name.values()))

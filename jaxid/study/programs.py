@@ -19,6 +19,7 @@ from ..models.augmented import Augmented
 from ..models.base import AbstractModel
 from ..models.free import Parameters
 from ..models.names import flatten
+from ..models.starts import RECORD
 from ..simulation.steppers import rate
 
 # What a fit costs to compile, in operations that the 24 passes of a refit carry through one sample: 3 s and 10 ms for each
@@ -138,9 +139,13 @@ def placed(model: Augmented, at: Int[Array, " column"], values: Float[Array, " c
 
 @quickly
 def signals_of(problem: Problem, parameters: Parameters) -> tuple[dict[str, Array], Bool[Array, "case time"]]:
-    """Every signal of the model at every sample, the time with them, and which samples are real time."""
-    solutions = problem.solve(parameters)
-    signals = jax.vmap(jax.vmap(problem.model.signals))(solutions.t, solutions.x, problem.records.u)
-    signals = {"t": solutions.t} | signals
+    """Every signal of the model at every sample, time and number of the record with them, and which samples are real time."""
+
+    def of_one(own, case, number):
+        solution, model = problem.solve_one(own, parameters.shared, case)
+        when = {"t": solution.t, RECORD: jnp.full_like(solution.t, number)}
+        return when | jax.vmap(model.signals)(solution.t, solution.x, case[1].u)
+
+    signals = jax.vmap(of_one)(parameters.rows, problem.cases(), jnp.arange(problem.records.n_cases))
     moving = jnp.diff(problem.records.t, axis=1) > 0
     return signals, jnp.concatenate([jnp.ones((moving.shape[0], 1), bool), moving], axis=1)

@@ -21,7 +21,7 @@ from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..estimation.solver import GaussNewton
 from ..models.augmented import Augmented
-from ..models.base import AbstractModel, canonical
+from ..models.base import AbstractModel, canonical, equations_of
 from ..models.effects import Effect
 from ..models.free import (
     INITIAL_STATE,
@@ -101,9 +101,8 @@ class Workbench:
         self.rows = jnp.array([position[name] for name in free.per_record], int)
         self.starts = starting_states(free, model, self.model)
         uncertain = uncertain_equations(canonical(model), np.asarray(self.free.positions(canonical(model)).shared))
-        self.equations = (
-            uncertain if model.states else ()
-        )  # without states they are the outputs, which are places anyway
+        moves = equations_of(model) == model.states  # else they are the outputs, which are places anyway
+        self.equations = uncertain if moves else ()
         self.leaves = leaves_at(self.model, np.r_[self.at, np.asarray(self.rows)])
         self.by_itself = pays_to_compile(self.model, self.records.t.shape[1])
         self.begin = self._values()[: self.columns.declared]  # where the declared model's own fit starts

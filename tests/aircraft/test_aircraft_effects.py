@@ -11,7 +11,16 @@ import scipy.integrate
 from small_airframe import small_airframe
 
 from jaxid._foundation.checks import InputError
-from jaxid.aircraft import Aircraft, ConstantThrust, Engine, Instruments, MeasuredSurfaces, Wind, from_aircraft
+from jaxid.aircraft import (
+    Aircraft,
+    ConstantThrust,
+    Engine,
+    IdentificationModel,
+    Instruments,
+    MeasuredSurfaces,
+    Wind,
+    from_aircraft,
+)
 from jaxid.aircraft.effectiveness import MOVED
 from jaxid.aircraft.effects import CoefficientTerm
 from jaxid.aircraft.effects_flow import CoefficientGradient, GroundEffect, in_coefficient
@@ -187,6 +196,17 @@ def test_one_engine_has_a_thrust_line_and_two_have_shares():
     words = [effect.what for effect in of_type(ParameterShift, single.effects())]
     assert "sideways place of the thrust line" in words
     assert "symmetry of thrust" not in words
+
+
+@pytest.mark.parametrize("measured", [False, True], ids=["held", "measured"])
+def test_a_push_that_engines_share_is_shifted_itself_or_scaled_as_an_input(measured):
+    held = {"altitude": 3000.0} | ({} if measured else {"thrust": 5e4})
+    model = IdentificationModel(
+        small_airframe(), engines=(Engine(ConstantThrust(6e4)),), held=held, measured=("thrust",) * measured
+    )
+    found = {effect.parameter for effect in aircraft_effects(model, groups=("thrust",))}
+    assert ("thrust" in found) == (not measured)
+    assert not any(name.endswith("share") for name in found)  # which cancels where a given push is shared
 
 
 # Coefficients ---------------------------------------------------------------------------------------------------------

@@ -6,10 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxid._foundation.checks import InputError
 from jaxid.models import (
     AbstractModel,
     Augmented,
     DryFriction,
+    InputBetweenSamples,
     InputBias,
     InputHysteresis,
     InputLag,
@@ -19,6 +21,7 @@ from jaxid.models import (
     SensorDelay,
     SensorLag,
     SensorSaturation,
+    SensorScale,
     StateLimit,
     Term,
     general_effects,
@@ -45,7 +48,7 @@ U = np.sin(1.3 * T + 0.5)[:, None] + 0.5 * np.cos(4.0 * T)[:, None]
 START = np.array([0.7, 0.9])
 MEASURED = (InputBias("u"), InputScale("u"))  # of inputs that an instrument shows
 BY_HAND = (*MEASURED, InputHysteresis("u"))
-LIBRARY = tuple(sorted((*general_effects(MODEL, ("x", "v")), *BY_HAND), key=lambda effect: effect.name))
+LIBRARY = Augmented(MODEL, (*general_effects(MODEL, ("x", "v")), *BY_HAND)).effects_in
 NAMES = [effect.name for effect in LIBRARY]
 # At a level that is not passed, or on no grid.
 NOT_FELT = {"upper saturation of y", "lower saturation of y", "quantisation of y"}
@@ -295,6 +298,59 @@ def test_only_the_equation_of_the_freed_polynomial_is_uncertain():
     assert uncertain_equations(model, np.array([0])) == ("x",)
     assert uncertain_equations(model, np.array([2])) == ("v",)
     assert uncertain_equations(model, np.array([0, 1])) == ("x", "v")
+
+
+def test_an_equation_that_wakes_far_from_zero_is_uncertain():
+    class Heated(AbstractModel):
+        loss: object
+        states, inputs, outputs = ("T", "level"), ("heat",), ("T",)
+
+        def rhs(self, t, x, u):
+            return jnp.stack([u[0] - self.loss * jnp.maximum(x[0] - 20.0, 0.0), -jnp.sqrt(x[1] - 0.5)])
+
+        def output(self, t, x, u):
+            return x[:1]
+
+    assert uncertain_equations(Heated(jnp.array(0.1)), np.array([0])) == ("T",)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_a_model_holds_is_no_candidate_any_more(effects, name):
+    model = Augmented(MODEL, (effects[NAMES.index(name)],))
+    offered = general_effects(model)
+    assert name not in {one.name for one in offered}
+    same = {one.name for one in general_effects(MODEL)} - {one.name for one in offered}
+    family = effects[NAMES.index(name)].family
+    assert all(one.family == family for one in general_effects(MODEL) if one.name in same)
+    both = Augmented(model, offered)  # names, states and terms are all read
+    assert np.all(np.isfinite(both.rhs(jnp.zeros(()), jnp.full(len(both.states), 0.5), jnp.ones(1))))
+
+
+def test_a_name_that_no_term_can_hold_is_refused():
+    spring = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]], states=("roll rate",), inputs=("u",), outputs=("y",))
+    with pytest.raises(InputError, match=r"'roll rate' cannot stand in a term.*'roll_rate'"):
+        general_effects(spring)
+
+
+def test_a_sensor_stops_behind_its_scale():
+    model = Augmented(
+        MODEL,
+        (
+            SensorScale("y", jnp.array(0.2)),
+            *(
+                SensorSaturation("y", end, jnp.array(1.0), jnp.array(level))
+                for end, level in (("upper", 0.5), ("lower", -0.5))
+            ),
+        ),
+    )
+    y = model.observe(jnp.arange(2.0), jnp.array([[-1.0], [1.0]]))
+    np.testing.assert_allclose(y, [[-0.5], [0.5]], rtol=1e-15)
+
+
+def test_a_band_limited_input_on_uneven_samples_is_refused():
+    InputBetweenSamples("u").check(np.arange(5.0))
+    with pytest.raises(InputError, match=r"u between samples.*uneven"):
+        InputBetweenSamples("u").check(np.r_[0.0, 1.0, 3.0])
 
 
 def test_candidates_have_unique_names_and_a_band_limited_input_needs_even_sampling():

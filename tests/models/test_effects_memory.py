@@ -105,8 +105,22 @@ def test_a_resonance_starts_where_the_declared_model_errs_most_beside_what_it_sh
     )
     assert float(high.damping) * float(high.frequency) == pytest.approx(unit, rel=1e-9)
     assert high.bounds["frequency"][1] == 10.0  # one radian in a step
+    apart = both | {"t": np.r_[t, t + 100.0], "number of the record": np.repeat([0.0, 1.0], 400)}  # on one clock
+    again = Resonance(BESIDE, "u", 2).start(apart, {}, 0.1)
+    assert (float(again.frequency), float(again.damping)) == (float(low.frequency), float(low.damping))
     still = Resonance(BESIDE, "u").start({"t": t}, {}, 0.1)
     assert (float(still.frequency), float(still.damping)) == (1.0, 0.35)
+    starts = {float(Resonance(BESIDE, "u", peak).start({"t": t}, {}, 0.1).frequency) for peak in (1, 2, 3)}
+    assert len(starts) == 3  # without a peak they differ all the same
+
+
+def test_a_resonance_is_settled_where_the_first_input_holds_it():
+    """An input in trim is not zero, and does not set off what bends."""
+    model = Augmented(Integrator(), (Resonance(BESIDE, "u", gain=jnp.array(3.0), frequency=jnp.array(5.0)),))
+    held = np.full((T.size, 1), -0.2)
+    begin = model.initial_state(record(T, held, np.zeros((T.size, 2)), inputs=("u",), outputs=("x", "y")))
+    np.testing.assert_array_equal(begin, [0.0, 0.0, -0.2, 0.0])
+    np.testing.assert_allclose(simulate(model, T, held, begin).x[:, 2], -0.2, rtol=0, atol=1e-14)
 
 
 def test_hysteresis_follows_wen_and_encloses_an_area():

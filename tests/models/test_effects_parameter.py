@@ -126,9 +126,12 @@ def test_a_step_is_a_smooth_one_at_its_time():
     np.testing.assert_allclose(y[:, 0], whole, rtol=0, atol=2.0 * 6 * 0.05 / 8 / 2880)
 
 
-def test_starts_lie_at_fractions_of_the_records_time():
-    step = ParameterStep("k", 0.25).start({"t": np.array([2.0, 3.0, 10.0, 2.0, 4.0])}, {}, 0.1)
-    assert [float(step.time), float(step.width)] == [4.0, 0.1]
+def test_starts_lie_within_the_records():
+    """At fractions of their samples: two flights on one day have hours between them, in which nothing can be told to change."""
+    t = np.r_[np.linspace(0.0, 20.0, 401), 1000.0 + np.linspace(0.0, 20.0, 401)]
+    times = [float(ParameterStep("k", fraction).start({"t": t}, {}, 0.05).time) for fraction in (0.2, 0.4, 0.6, 0.8)]
+    np.testing.assert_allclose(times, [8.0, 16.0, 1004.0, 1012.0], rtol=0, atol=0.05)  # a step between samples
+    assert float(ParameterStep("k").start({"t": t}, {}, 0.1).width) == 0.1
     drift = ParameterDrift("k").start({"t": np.array([2.0, 10.0])}, {}, 0.1)
     assert [float(drift.middle), float(drift.span)] == [6.0, 8.0]
 

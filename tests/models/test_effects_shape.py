@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxid.models import Acting, Augmented, DeadBand, Hinge, LinearModel, Saturating
-from jaxid.models.starts import centre_of, level_in, rates_in, reach_of, time_scale_of
+from jaxid.models.starts import begins_in, centre_of, level_in, longest_in, rates_in, reach_of, time_scale_of
 
 AT = Acting.equation("x")
 SHAPES = {
@@ -60,6 +60,15 @@ def test_a_hinge_stays_where_it_can_be_told():
     np.testing.assert_allclose((float(started.level), *started.bounds["level"]), (0.2, -0.6, 2.6), rtol=1e-12)
 
 
+def test_a_bend_can_be_told_where_a_signal_that_rests_is_moved():
+    rest = np.full(3000, 0.05) + 1e-4 * np.sin(np.arange(3000))
+    rest[1000:1250] += 0.35 * np.sin(np.linspace(0.0, np.pi, 250))
+    lowest, highest = Hinge(Acting.equation("v"), "x", 0.3).start({"x": rest}, {}, 0.1).bounds["level"]
+    assert 0.05 < lowest < 0.15
+    assert 0.35 < highest < 0.4
+    assert Hinge(Acting.equation("v"), "x").start({"x": np.full(9, 2.0)}, {}, 0.1).bounds["level"] == (2.0, 2.0)
+
+
 def test_a_dead_band_and_a_saturation_are_a_straight_line_together():
     band, flat = (
         eqx.tree_at(lambda e: e.gain, SHAPES[kind][0], jnp.array(3.0)) for kind in ("dead band", "saturation")
@@ -91,6 +100,15 @@ def test_a_centre_is_zero_where_a_signal_moves_about_zero():
     assert reach_of(np.array([-0.1, 0.9, 1.0, 1.1, 3.0])) == 2.0
     assert reach_of(np.full(4, 2.0)) == 1.0
     assert level_in(np.array([2.0, 4.0]), 0.25) == 2.5
+
+
+def test_another_number_is_another_record_wherever_its_time_begins():
+    signals = {"t": np.r_[0.0, 1.0, 2.0, 50.0, 51.0, 52.0], "number of the record": np.repeat([0.0, 1.0], 3)}
+    assert list(begins_in(signals)) == [3]
+    assert longest_in(signals) == 2.0
+    assert list(rates_in(np.r_[0.0, 2.0, 4.0, 9.0, 12.0, 15.0], signals)) == [2.0, 2.0, 3.0, 3.0]
+    assert list(begins_in({"t": signals["t"]})) == []
+    assert longest_in({"t": signals["t"] % 50.0}) == 2.0
 
 
 def test_rates_do_not_reach_from_one_record_into_the_next():

@@ -287,10 +287,10 @@ class Search:
         return tuple(name for name in fitted.effects if self.bench.effects[name].family in families)
 
     def prune(self, fitted: Fitted, keep: int = 1) -> tuple[Fitted, tuple[str, ...]]:
-        """Take out effects that have become superfluous, but for so many of the latest."""
+        """Take out effects that have become superfluous, but for so many of the latest and what the records show."""
         dropped: tuple[str, ...] = ()
         threshold = critical(self.options.level / max(len(self.bench.effects), 1))
-        for name in fitted.effects[: len(fitted.effects) - keep]:
+        for name in self.removable(fitted.effects[: len(fitted.effects) - keep]):
             value, error = self.bench.standard_errors(fitted)[f"{name}.gain"]
             if error > 0 and (value / error) ** 2 > threshold:
                 continue
@@ -302,6 +302,10 @@ class Search:
             if 2.0 * (without.cost - fitted.cost) < threshold and harmless:
                 fitted, dropped = without, (*dropped, name)
         return fitted, dropped
+
+    def removable(self, effects: tuple[str, ...]) -> tuple[str, ...]:
+        """Those of some effects that may go out: what the records show by themselves is there, whatever else explains as much."""
+        return tuple(name for name in effects if not self.bench.effects[name].shown(self.bench.measured))
 
     def exchange(
         self, fitted: Fitted, candidates: tuple[Candidate, ...], number: int
@@ -336,9 +340,10 @@ class Search:
     def exchanges(self, fitted: Fitted, candidates: tuple[Candidate, ...]) -> list[tuple[float, str, tuple[str, ...]]]:
         """What could come in for what, with the fall of chi-square that the linear model expects, the best first."""
         absent = [one.name for one in candidates]
-        if len(fitted.effects) < 2 or not absent:
+        removable = self.removable(fitted.effects)
+        if len(fitted.effects) < 2 or not absent or not removable:
             return []
-        sets = [out for count in (1, 2) for out in itertools.combinations(fitted.effects, count)]
+        sets = [out for count in (1, 2) for out in itertools.combinations(removable, count)]
         gains = [self.bench.columns.gains[name] for name in absent]
         falls = np.asarray(self.bench.exchange_falls(fitted, sets))[:, gains]
         falls += np.log(self.judge.samples) * (np.array([[len(out)] for out in sets]) - 1)  # what goes out is paid back

@@ -119,6 +119,19 @@ def test_what_the_records_show_comes_in_while_the_residual_is_still_coloured():
     assert (told[stop.name].verdict, told[cube.name].verdict) == ("kept", "not significant")
 
 
+def test_what_the_records_show_is_not_taken_out_again(monkeypatch):
+    """A square of which there is none goes out, unless the records show it by themselves, as they do a stop."""
+    square, cube = Term("v", "x^2"), Term("v", "x^3")
+    asked, declared = search(flights(2, Term("v", "x^3", jnp.array(-0.6))), (square, cube, Term("v", "v^3")))
+    fitted = asked.bench.fit((square.name, cube.name), declared.values)
+    candidates = asked.candidates(fitted, asked.bench.score(fitted))
+    assert asked.prune(fitted, keep=0)[1] == (square.name,)
+    assert {out for *_, out in asked.exchanges(fitted, candidates)} == {(square.name,), (cube.name,), fitted.effects}
+    monkeypatch.setattr(Term, "shown", lambda effect, _: effect.name == square.name)
+    assert asked.prune(fitted, keep=0)[1] == ()
+    assert {out for *_, out in asked.exchanges(fitted, candidates)} == {(cube.name,)}
+
+
 def test_a_gain_on_the_check_that_the_training_records_do_not_bear_out_is_not_kept():
     cube = Term("v", "x^3")
     asked, declared = search(flights(6), (cube,))

@@ -1,10 +1,12 @@
-"""The longitudinal aircraft once more, every equation and every derivative written out by hand: the peer of autodiff.
+"""Longitudinal aircraft with all equations and derivatives written by hand, to check autodiff.
 
 The aerodynamic model is that of the default flight,
 
-    CX = CX0 + CX2 alpha^2,   CZ = CZ0 + CZa alpha + CZq qhat + CZe elevator,   Cm likewise,
+    CX = CX0 + CX2 alpha^2,   CZ = CZ0 + CZa alpha + CZq qhat + CZe elevator,
+    Cm = Cm0 + Cma alpha + Cmq qhat + Cme elevator,
 
-and theta holds these ten coefficients and the four initial states. The sensitivities follow Eq. 4.6 to 4.9,
+and theta holds these ten coefficients and the four initial states. The sensitivities follow Eq. 4.6
+to 4.9,
 
     d/dt (dx/dtheta) = f_x dx/dtheta + f_theta,    dy/dtheta = h_x dx/dtheta + h_theta,
 
@@ -27,7 +29,7 @@ GRAVITY = 9.80665  # m/s^2
 
 
 class Constants(NamedTuple):
-    """What is known of the aircraft, in SI units."""
+    """Known constants of the aircraft, in SI units."""
 
     mass: Any
     Iy: Any
@@ -38,7 +40,7 @@ class Constants(NamedTuple):
 
 
 class Flow(NamedTuple):
-    """What forces and moment are made of at an instant."""
+    """Quantities that determine forces and moment at an instant."""
 
     V: Any
     alpha: Any
@@ -51,7 +53,10 @@ class Flow(NamedTuple):
 
 
 def flow(xp, c: Constants, theta, x, elevator) -> Flow:
-    """Coefficients and what they depend on; `xp` is numpy or jax.numpy, columns of `theta` and `x` are cases."""
+    """Return the coefficients and the quantities they depend on.
+
+    `xp` is numpy or jax.numpy; columns of `theta` and `x` are cases.
+    """
     u, w, q, _ = x
     V = xp.sqrt(u * u + w * w)
     alpha, qhat = xp.arctan2(w, u), q * c.cbar / (2.0 * V)
@@ -63,7 +68,7 @@ def flow(xp, c: Constants, theta, x, elevator) -> Flow:
 
 
 def rates(xp, c: Constants, theta, x, elevator):
-    """The state's derivative (App. D.1)."""
+    """Return the derivative of the state (App. D.1)."""
     u, w, q, pitch = x
     now = flow(xp, c, theta, x, elevator)
     udot = -q * w + now.force * now.CX + c.thrust / c.mass - GRAVITY * xp.sin(pitch)
@@ -72,14 +77,14 @@ def rates(xp, c: Constants, theta, x, elevator):
 
 
 def outputs(xp, c: Constants, theta, x, elevator):
-    """alpha, q, pitch, ax, az, V."""
+    """Return alpha, q, pitch, ax, az, V."""
     now = flow(xp, c, theta, x, elevator)
     ax, az = now.force * now.CX + c.thrust / c.mass, now.force * now.CZ
     return xp.stack([now.alpha, x[2], x[3], ax, az, now.V])
 
 
 class Partials(NamedTuple):
-    """Gradients in (u, w, q) of what the equations are made of, and the regressors of the three coefficients."""
+    """Gradients in (u, w, q) of the parts of the equations, and regressors of the coefficients."""
 
     alpha: Any
     V: Any
@@ -124,7 +129,12 @@ def sensitivity_rates(c: Constants, theta, x, dx_dtheta, elevator):
     wdot = q * du + u * dq - GRAVITY * jnp.sin(pitch) * dpitch + of.Z @ along
     qdot = of.M @ along
     return jnp.stack(
-        [udot.at[0:2].add(of.of_x_terms), wdot.at[2:6].add(of.of_z_terms), qdot.at[6:10].add(of.of_m_terms), dq]
+        [
+            udot.at[0:2].add(of.of_x_terms),
+            wdot.at[2:6].add(of.of_z_terms),
+            qdot.at[6:10].add(of.of_m_terms),
+            dq,
+        ]
     )
 
 
@@ -137,12 +147,13 @@ def output_sensitivity(c: Constants, theta, x, dx_dtheta, elevator):
 
 
 def sensitivities(c: Constants, t, elevator, theta):
-    """Outputs and their sensitivities: states and `dx/dtheta` integrated together by the classical Runge-Kutta method.
+    """Outputs and their sensitivities: states and `dx/dtheta` integrated together by the classical
+    Runge-Kutta method.
 
     Args:
-        c: what is known.
+        c: known constants.
         t: sample times, shape (time,) [s].
-        elevator: at the samples, in straight lines between them, shape (time,) [rad].
+        elevator: elevator at the samples, linear between them, shape (time,) [rad].
         theta: coefficients and initial state, shape (14,), in the order of `NAMES`.
 
     Returns:
@@ -203,7 +214,8 @@ def finite_differences(c: Constants, t, elevator, theta, sizes):
     Returns:
         `y` of shape (time, 6) and `S` of shape (time, 6, 14).
     """
-    steps = 1e-4 * sizes  # above the textbook's eps^(1/3): some outputs hardly feel some parameters, and rounding shows
+    # above the textbook's eps^(1/3): some outputs hardly feel some parameters, and rounding shows
+    steps = 1e-4 * sizes
     apart = np.diag(steps)
     cases = np.concatenate([theta[:, None] + apart, theta[:, None] - apart, theta[:, None]], axis=1)
     y = simulate_numpy(c, t, elevator, cases)

@@ -1,8 +1,11 @@
-"""The report's test cases beside its printed statistics: `python -m benchmarks.report_cases [--json] [--hypotheses]`.
+"""Comparison of the report's test cases with its printed statistics.
 
-Mean and standard deviation of angle of attack and sideslip of the eight cases of Figure 6.2, flown with the F-4-like aircraft,
-which is not the report's F-4: its tables were never printed. Nothing is tuned. With `--hypotheses` each case is flown again with
-one thing changed that the report leaves unprinted, and the table says which way that moves the numbers.
+`python -m benchmarks.report_cases [--json] [--hypotheses]`.
+
+Mean and standard deviation of angle of attack and sideslip of the eight cases of Figure 6.2, flown
+with the F-4-like aircraft, which is not the report's F-4: its tables were never printed. Nothing is
+tuned. With `--hypotheses` each case is flown again with one unprinted condition changed, and the
+table shows the effect on the numbers.
 """
 
 import argparse
@@ -18,12 +21,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxid.aircraft.aircraft import Aircraft
-from jaxid.aircraft.augmentation import ALWAYS
-from jaxid.aircraft.engine import AbstractThrust, ConstantThrust
-from jaxid.aircraft.flights import ALTITUDE, CASES, FOOT, Case, pilot_inputs, start
-from jaxid.aircraft.noise_levels import draw
-from jaxid.aircraft.turbulence import REPORT_GUST, white_gusts
+from jaxid.aircraft.air.turbulence import REPORT_GUST, white_gusts
+from jaxid.aircraft.flight.aircraft import Aircraft
+from jaxid.aircraft.flight.report_cases import CASE_ALTITUDE, CASES, FOOT, Case, pilot_inputs, start
+from jaxid.aircraft.instruments.noise_levels import draw
+from jaxid.aircraft.vehicle.augmentation import ALWAYS
+from jaxid.aircraft.vehicle.engine import AbstractThrust, ConstantThrust
 from jaxid.data.signals import full_sine, half_sine
 from jaxid.models.base import canonical
 from jaxid.simulation import RK4, Linear
@@ -42,42 +45,51 @@ PRINTED: dict[str, tuple[float | None, ...]] = {
     "coupled 2": (None,) * 4,
 }
 GUSTS = ("gust_u", "gust_v", "gust_w")
-OURS = "as in jaxid.aircraft.flights"
-ROTORS = 2 * 160 * 1.3558179483  # kg m^2/s, twice the one engine of NASA TP-1538; a J79's was not found
+OURS = "as in jaxid.aircraft.flight.report_cases"
+# kg m^2/s, twice the engine of NASA TP-1538; no source gives a J79's
+ROTORS = 2 * 160 * 1.3558179483
 
 EXPLANATIONS = {
-    "lateral 1": "The trim stabilator balances the pitching moment at 9, 15 and 17.5 deg, the middle one unstable (the "
-    "pitch-up), and between the upper two the moment is less than 0.0015: the sideslip of the manoeuvre takes "
-    "alpha over the hump, and it falls to 6 to 9 deg. With 0.75 deg more nose-up trim (0.0065 in Cm; the "
-    "report's own two estimates of Cm_0 in Table 6.5 differ by 0.004) it stays up, at the report's mean. Beta "
-    "does not depend on that and agrees. Augmentation from the start is ruled out, for it halves beta, and so "
-    "is a rudder pulse of 1.25 s, which leaves it at 2.7 deg.",
-    "lateral 2": "As lateral 1, whose motion it is. The report's two means differ by 0.8 deg for one motion: the vane's "
-    "errors drawn anew, which move each mean by 0.4 deg at 18 deg.",
-    "lateral 3": "As lateral 1. Against case 1 the report's alpha falls by 0.6 deg and its beta rises by 0.4 deg; ours by "
-    "1.6 and 0.4 deg, with 0.6 and 0.2 deg from flight to flight. Disturbances in u and v, as Table 6.6 has "
-    "it, would move neither so.",
-    "lateral 4": "The figure's stabilator is lost, and ours is a guess. The report's deviation is smaller than in case 1 "
-    "and its mean higher: a steady pull rather than a sine. A step of -3 deg, which we do not adopt, comes "
-    "within 1 deg in all four numbers.",
-    "longitudinal 1": "Near. The large sine crosses the hump both ways, so that the trim matters little here. The report's mean "
-    "of beta is an error of the vane, for the flight is symmetric.",
-    "longitudinal 2": "The trim stabilator balances the pitching moment at 10, 14 and 18 deg, the middle one unstable. Our "
-    "flight turns back before it by a tenth of a degree of stabilator; with 0.5 to 0.75 deg more nose-up "
-    "trim, as in lateral 1, it goes over and has the report's mean and deviation. The report's deviation of "
-    "beta is the vane's noise: its statistics are of measured signals, at base noise.",
+    "lateral 1": "The trim stabilator balances the pitching moment at 9, 15 and 17.5 deg, the "
+    "middle one unstable (the pitch-up), and between the upper two the moment is "
+    "less than 0.0015: the sideslip of the manoeuvre takes alpha over the hump, and "
+    "it falls to 6 to 9 deg. With 0.75 deg more nose-up trim (0.0065 in Cm; the "
+    "report's own two estimates of Cm_0 in Table 6.5 differ by 0.004) it stays up, "
+    "at the report's mean. Beta does not depend on that and agrees. Augmentation "
+    "from the start is ruled out, for it halves beta, and so is a rudder pulse of "
+    "1.25 s, which leaves it at 2.7 deg.",
+    "lateral 2": "As lateral 1, whose motion it is. The report's two means differ by 0.8 deg for "
+    "one motion: the vane's errors drawn anew, which move each mean by 0.4 deg at "
+    "18 deg.",
+    "lateral 3": "As lateral 1. Against case 1 the report's alpha falls by 0.6 deg and its beta "
+    "rises by 0.4 deg; ours by 1.6 and 0.4 deg, with 0.6 and 0.2 deg from flight to "
+    "flight. Disturbances in u and v, as Table 6.6 has it, would move neither so.",
+    "lateral 4": "The figure's stabilator is lost, and ours is a guess. The report's deviation "
+    "is smaller than in case 1 and its mean higher: a steady pull rather than a "
+    "sine. A step of -3 deg, which we do not adopt, comes within 1 deg in all four "
+    "numbers.",
+    "longitudinal 1": "Near. The large sine crosses the hump both ways, so that the trim matters "
+    "little here. The report's mean of beta is an error of the vane, for the "
+    "flight is symmetric.",
+    "longitudinal 2": "The trim stabilator balances the pitching moment at 10, 14 and 18 deg, "
+    "the middle one unstable. Our flight turns back before it by a tenth of a "
+    "degree of stabilator; with 0.5 to 0.75 deg more nose-up trim, as in "
+    "lateral 1, it goes over and has the report's mean and deviation. The "
+    "report's deviation of beta is the vane's noise: its statistics are of "
+    "measured signals, at base noise.",
     "coupled 1": "The report prints none.",
     "coupled 2": "The report prints none.",
 }
 
 
 class Setup(NamedTuple):
-    """What is flown.
+    """Aircraft, inputs and gusts of a flight.
 
     Attributes:
-        aircraft: with the three gusts among its inputs, so that all set-ups share one compiled flight.
-        inputs: signal by name of an input, shape (time,).
-        state: at the start.
+        aircraft: aircraft with the three gusts among its inputs, so that all set-ups share one
+            compiled flight.
+        inputs: signals by name of the input, shape (time,).
+        state: initial state.
         gust: standard deviation of the white disturbances by name [m/s].
     """
 
@@ -88,12 +100,12 @@ class Setup(NamedTuple):
 
 
 class Hypothesis(NamedTuple):
-    """One thing that the report leaves unprinted, read in another way.
+    """Another reading of a condition that the report leaves unprinted.
 
     Attributes:
-        name: in words.
-        cases: beginnings of the names of those that it concerns.
-        change: from a case's set-up to another one.
+        name: description.
+        cases: beginnings of the names of the cases concerned.
+        change: function from a case's set-up to the changed one.
     """
 
     name: str
@@ -102,12 +114,14 @@ class Hypothesis(NamedTuple):
 
 
 class HeldSpeed(AbstractThrust):
-    """A push that keeps the Mach number, `T = T0 + gain (mach0 - mach)`: without slow motion in speed.
+    """A thrust that holds the Mach number, `T = T0 + gain (mach0 - mach)`.
+
+    It removes the slow motion in speed.
 
     Args:
-        force: at the Mach number that is held [N].
-        mach: that one.
-        gain: [N].
+        force: thrust T0 at the held Mach number [N].
+        mach: held Mach number mach0.
+        gain: gain [N].
     """
 
     force: jax.Array
@@ -128,12 +142,12 @@ class HeldSpeed(AbstractThrust):
         return jnp.zeros(0)
 
 
-def setup(case: Case, altitude: float = ALTITUDE) -> Setup:
-    """A case as `jaxid.aircraft.flights` flies it, without errors of the instruments."""
+def setup(case: Case, altitude: float = CASE_ALTITUDE) -> Setup:
+    """Return a case of `jaxid.aircraft.flight.report_cases`, without instrument errors."""
     aircraft, state = start(case, altitude)
     gust = {"gust_v": case.gust, "gust_w": case.gust} if case.gust else {}
     force = aircraft.engines[0].thrust(jnp.zeros(0), {})
-    held = HeldSpeed(force, jnp.zeros(()), jnp.zeros(()))  # no gain: a constant push
+    held = HeldSpeed(force, jnp.zeros(()), jnp.zeros(()))  # no gain: a constant thrust
     aircraft = eqx.tree_at(lambda one: one.engines[0].source, aircraft, held, is_leaf=_is_thrust)
     return Setup(canonical(aircraft.disturbed(*GUSTS)), pilot_inputs(case)[1], state, gust)
 
@@ -144,7 +158,7 @@ def _is_thrust(node) -> bool:
 
 @eqx.filter_jit
 def _flown(aircraft, t, u, state, key, level):
-    """Angles, true and measured, each shape (time,) [rad]."""
+    """Return the true and the measured angles, each of shape (angle, time) [rad]."""
     x = run(aircraft, t, u, state, Linear(), RK4(5, unrolled=False)).x
     signals = jax.vmap(aircraft.signals)(t, x, u)
     for_errors, for_noise = jax.random.split(key)
@@ -155,18 +169,23 @@ def _flown(aircraft, t, u, state, key, level):
 
 
 def statistics(name: str, flown: Setup, flights: int) -> dict[str, dict[str, float]]:
-    """Mean over flights, each with its own errors and gusts, of each statistic [deg], and its deviation from flight to flight.
+    """Return the mean of each statistic over flights [deg], and its deviation among flights.
+
+    Each flight has its own errors and gusts.
 
     Args:
-        name: of the case.
-        flown: what flies.
-        flights: how many.
+        name: name of the case.
+        flown: set-up of the flights.
+        flights: number of flights.
 
     Returns:
         `true`, `measured`, and `spread` of the measured ones.
     """
     case = CASES[name]
-    count, longest = round(10 * case.seconds), round(10 * max(one.seconds for one in CASES.values()))
+    count, longest = (
+        round(10 * case.seconds),
+        round(10 * max(one.seconds for one in CASES.values())),
+    )
     t = 0.1 * jnp.arange(longest, dtype=float)  # one length for all; the end is cut off
     keys = jax.random.split(jax.random.key(1974), (flights, 2))
     aircraft, level = (
@@ -177,28 +196,37 @@ def statistics(name: str, flown: Setup, flights: int) -> dict[str, dict[str, flo
     for for_errors, for_gusts in keys:
         gusts = white_gusts(for_gusts, t, flown.gust)
         signals = flown.inputs | {gust: gusts[:, i] for i, gust in enumerate(GUSTS)}
-        u = jnp.stack([_padded(signals.get(one), longest) for one in flown.aircraft.inputs], axis=-1)
+        u = jnp.stack(
+            [_padded(signals.get(one), longest) for one in flown.aircraft.inputs], axis=-1
+        )
         both = _flown(aircraft, t, u, flown.state, for_errors, level)
         for kind, angles in zip(rows, both, strict=True):
             alpha, beta = np.degrees(np.asarray(angles)[:, :count])
             rows[kind].append((alpha.mean(), alpha.std(), beta.mean(), beta.std()))
-    result = {kind: dict(zip(STATISTICS, map(float, np.mean(row, axis=0)), strict=True)) for kind, row in rows.items()}
+    result = {
+        kind: dict(zip(STATISTICS, map(float, np.mean(row, axis=0)), strict=True))
+        for kind, row in rows.items()
+    }
     spread = np.std(rows["measured"], axis=0)
     return result | {"spread": dict(zip(STATISTICS, map(float, spread), strict=True))}
 
 
 def _padded(signal, length: int):
-    """The signal, its last value held; zero where there is none."""
+    """Return the signal with its last value held; zeros without a signal."""
     if signal is None:
         return jnp.zeros(length)
-    return jnp.concatenate([signal, jnp.full(length - min(signal.size, length), signal[-1])])[:length]
+    return jnp.concatenate([signal, jnp.full(length - min(signal.size, length), signal[-1])])[
+        :length
+    ]
 
 
-# What the report leaves unprinted, read in other ways -------------------------------------------------------------------
+# Other readings of unprinted conditions --------------------------------------------------------
 
 
 def _with(where, value) -> Callable[[str, Setup], Setup]:
-    return lambda name, one: one._replace(aircraft=eqx.tree_at(where, one.aircraft, jax.tree.map(jnp.asarray, value)))
+    return lambda name, one: one._replace(
+        aircraft=eqx.tree_at(where, one.aircraft, jax.tree.map(jnp.asarray, value))
+    )
 
 
 def _path_only(name: str, one: Setup) -> Setup:
@@ -212,41 +240,52 @@ def _path_only(name: str, one: Setup) -> Setup:
 
 
 def _trim(degrees: float) -> Callable[[str, Setup], Setup]:
-    """The stabilator off its trim by so much, from the start on."""
+    """Return a change of the stabilator trim by `degrees`, from the start on."""
 
     def change(name, one):
         x = one.state.at[one.aircraft.states.index("stabilator")].add(math.radians(degrees))
         trim = one.aircraft.controls.trim.at[0].add(math.radians(degrees))
-        return one._replace(aircraft=eqx.tree_at(lambda a: a.controls.trim, one.aircraft, trim), state=x)
+        return one._replace(
+            aircraft=eqx.tree_at(lambda a: a.controls.trim, one.aircraft, trim), state=x
+        )
 
     return change
 
 
 def _altitude(feet: float) -> Callable[[str, Setup], Setup]:
-    return lambda name, one: setup(CASES[name], ALTITUDE + feet * FOOT)
+    return lambda name, one: setup(CASES[name], CASE_ALTITUDE + feet * FOOT)
 
 
 def _short_pulse(name: str, one: Setup) -> Setup:
     t = pilot_inputs(CASES[name])[0]
     ten, seven = math.radians(10.0), math.radians(7.0)
-    lateral = {"pilot_rudder": half_sine(t, 0.0, 1.25, ten), "pilot_aileron": full_sine(t, 1.25, 2.5, seven)}
+    lateral = {
+        "pilot_rudder": half_sine(t, 0.0, 1.25, ten),
+        "pilot_aileron": full_sine(t, 1.25, 2.5, seven),
+    }
     return one._replace(inputs=one.inputs | lateral)
 
 
 def _stabilator(degrees: float) -> Callable[[str, Setup], Setup]:
-    """A step of the pilot's stabilator at the start in place of the sine."""
+    """Return a change of the pilot's stabilator from a sine to a step at the start."""
     return lambda name, one: one._replace(
-        inputs=one.inputs | {"pilot_stabilator": jnp.full_like(one.inputs["pilot_rudder"], math.radians(degrees))}
+        inputs=one.inputs
+        | {"pilot_stabilator": jnp.full_like(one.inputs["pilot_rudder"], math.radians(degrees))}
     )
 
 
 def _held_speed(name: str, one: Setup) -> Setup:
     source = one.aircraft.engines[0].source
-    mach = one.aircraft.signals(jnp.zeros(()), one.state, jnp.zeros(len(one.aircraft.inputs)))["mach"]
+    mach = one.aircraft.signals(jnp.zeros(()), one.state, jnp.zeros(len(one.aircraft.inputs)))[
+        "mach"
+    ]
     held = HeldSpeed(source.force, mach, jnp.asarray(1e8))
     return one._replace(
         aircraft=eqx.tree_at(
-            lambda a: a.engines[0].source, one.aircraft, held, is_leaf=lambda x: isinstance(x, HeldSpeed)
+            lambda a: a.engines[0].source,
+            one.aircraft,
+            held,
+            is_leaf=lambda x: isinstance(x, HeldSpeed),
         )
     )
 
@@ -263,18 +302,28 @@ HYPOTHESES = (
     Hypothesis("stabilator trim +0.5 deg", ALL, _trim(0.5)),
     Hypothesis("autopilot on", ALL, _with(lambda a: a.controls.autopilot.switch.on, ALWAYS)),
     Hypothesis("autopilot on, path only", ALL, _path_only),
-    Hypothesis("augmentation from the start", ALL, _with(lambda a: a.controls.augmentation.switch.on, ALWAYS)),
+    Hypothesis(
+        "augmentation from the start",
+        ALL,
+        _with(lambda a: a.controls.augmentation.switch.on, ALWAYS),
+    ),
     Hypothesis("2,000 ft lower", ALL, _altitude(-2000.0)),
     Hypothesis("2,000 ft higher", ALL, _altitude(2000.0)),
     Hypothesis("speed held by the engine", ALL, _held_speed),
     Hypothesis("rotors of two engines", ALL, _with(lambda a: a.engines[0].momentum, ROTORS)),
     Hypothesis(
-        "actuators five times faster", ALL, _with(lambda a: [one.lag for one in a.controls.actuators], [0.01] * 3)
+        "actuators five times faster",
+        ALL,
+        _with(lambda a: [one.lag for one in a.controls.actuators], [0.01] * 3),
     ),
     Hypothesis("rudder pulse of 1.25 s", LATERAL, _short_pulse),
-    Hypothesis("gusts in u and v (Table 6.6)", ("lateral 3",), _gusts(REPORT_GUST, "gust_u", "gust_v")),
+    Hypothesis(
+        "gusts in u and v (Table 6.6)", ("lateral 3",), _gusts(REPORT_GUST, "gust_u", "gust_v")
+    ),
     Hypothesis("gusts in u and w", ("lateral 3",), _gusts(REPORT_GUST, "gust_u", "gust_w")),
-    Hypothesis("gusts, 21.2 a variance", ("lateral 3",), _gusts(math.sqrt(21.2) * FOOT, "gust_v", "gust_w")),
+    Hypothesis(
+        "gusts, 21.2 a variance", ("lateral 3",), _gusts(math.sqrt(21.2) * FOOT, "gust_v", "gust_w")
+    ),
     Hypothesis("no gusts", ("lateral 3",), _gusts(0.0)),
     Hypothesis("no stabilator", ("lateral 4",), _stabilator(0.0)),
     Hypothesis("stabilator step -2 deg", ("lateral 4",), _stabilator(-2.0)),
@@ -284,25 +333,36 @@ HYPOTHESES = (
 
 
 def measure(cases: list[str], flights: int, hypotheses: bool) -> list[dict]:
-    """One row for each case and reading: statistics, differences from the printed ones, and how near they are together."""
+    """Return one row per case and reading: statistics and differences from the printed ones.
+
+    `apart` is the root of the summed squares of the differences [deg].
+    """
     rows = []
     for name in cases:
         ours = setup(CASES[name])
         readings = [(OURS, ours)]
         if hypotheses:
-            readings += [(h.name, h.change(name, ours)) for h in HYPOTHESES if name.startswith(h.cases)]
+            readings += [
+                (h.name, h.change(name, ours)) for h in HYPOTHESES if name.startswith(h.cases)
+            ]
         for reading, flown in readings:
-            found = statistics(name, flown, flights if flown.gust or reading == OURS else 1)
+            summary = statistics(name, flown, flights if flown.gust or reading == OURS else 1)
             printed = dict(zip(STATISTICS, PRINTED[name], strict=True))
             kind = "measured" if reading == OURS else "true"
-            differences = {k: found[kind][k] - v for k, v in printed.items() if v is not None}
-            row = {"case": name, "reading": reading, **found, "printed": printed, "difference": differences}
+            differences = {k: summary[kind][k] - v for k, v in printed.items() if v is not None}
+            row = {
+                "case": name,
+                "reading": reading,
+                **summary,
+                "printed": printed,
+                "difference": differences,
+            }
             rows.append(row | {"apart": math.hypot(*differences.values()) if differences else None})
     return rows
 
 
 def table(rows: list[dict]) -> str:
-    """Our cases in columns, what the report prints below each."""
+    """Return a table of our statistics, with the printed ones below each case."""
     lines = [f"{'case':<16} {'deg':<9} {'alpha mean':>12} {'sd':>12} {'beta mean':>12} {'sd':>12}"]
     for row in rows:
         if row["reading"] != OURS:
@@ -312,55 +372,90 @@ def table(rows: list[dict]) -> str:
         lines.append(f"{'':<16} {'+-':<9} " + _numbers(row["spread"]))
         lines.append(f"{'':<16} {'report':<9} " + _numbers(row["printed"]))
         lines.append(f"{'':<16} {'differs':<9} " + _numbers(row["difference"]))
-        lines += textwrap.wrap(EXPLANATIONS[row["case"]], 112, initial_indent="    ", subsequent_indent="    ")
+        lines += textwrap.wrap(
+            EXPLANATIONS[row["case"]], 112, initial_indent="    ", subsequent_indent="    "
+        )
     return "\n".join(lines)
 
 
 def hypothesis_table(rows: list[dict]) -> str:
-    """The true statistics of each reading, nearest to the report first."""
+    """Return a table of the true statistics of each reading, nearest to the report first."""
     lines = []
     for case in dict.fromkeys(row["case"] for row in rows):
         of_case = [row for row in rows if row["case"] == case]
         if len(of_case) == 1:
             continue
-        lines += ["", f"{case:<30} {'alpha mean':>12} {'sd':>12} {'beta mean':>12} {'sd':>12} {'apart':>8}"]
+        lines += [
+            "",
+            f"{case:<30} {'alpha mean':>12} {'sd':>12} {'beta mean':>12} {'sd':>12} {'apart':>8}",
+        ]
         lines.append(f"{'  the report':<30} " + _numbers(of_case[0]["printed"]))
         for row in sorted(of_case, key=lambda row: row["apart"]):
-            lines.append(f"{'  ' + row['reading']:<30} " + _numbers(row["true"]) + f" {row['apart']:>8.2f}")
+            lines.append(
+                f"{'  ' + row['reading']:<30} " + _numbers(row["true"]) + f" {row['apart']:>8.2f}"
+            )
     return "\n".join(lines)
 
 
 def _numbers(values: dict) -> str:
-    return " ".join(f"{'-' if values.get(k) is None else format(values[k], '.3f'):>12}" for k in STATISTICS)
+    return " ".join(
+        f"{'-' if values.get(k) is None else format(values[k], '.3f'):>12}" for k in STATISTICS
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the benchmark; 0 where every flight is finite."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.report_cases", description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
-    parser.add_argument(
-        "--hypotheses", action="store_true", help="fly again what the report leaves open, read otherwise"
+    """Run the benchmark; return 0 if every flight is finite."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.report_cases", description=__doc__.splitlines()[0]
     )
-    parser.add_argument("--flights", type=int, default=50, help="flights with their own errors (default: 50)")
     parser.add_argument(
-        "--cases", nargs="+", default=list(CASES), choices=CASES, metavar="CASE", help="which (default: all)"
+        "--json", action="store_true", help="print one JSON object and nothing else"
+    )
+    parser.add_argument(
+        "--hypotheses",
+        action="store_true",
+        help="also fly other readings of the unprinted conditions",
+    )
+    parser.add_argument(
+        "--flights", type=int, default=50, help="flights with their own errors (default: 50)"
+    )
+    parser.add_argument(
+        "--cases",
+        nargs="+",
+        default=list(CASES),
+        choices=CASES,
+        metavar="CASE",
+        help="which (default: all)",
     )
     options = parser.parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
     rows = measure(options.cases, options.flights, options.hypotheses)
-    finite = all(math.isfinite(v) for row in rows for v in (*row["true"].values(), *row["measured"].values()))
+    finite = all(
+        math.isfinite(v) for row in rows for v in (*row["true"].values(), *row["measured"].values())
+    )
     if options.json:
-        told = {name: EXPLANATIONS[name] for name in options.cases}
+        explanations = {name: EXPLANATIONS[name] for name in options.cases}
         status = "flown" if finite else "not finite"
-        print(json.dumps({"status": status, "flights": options.flights, "rows": rows, "explanations": told}))
+        print(
+            json.dumps(
+                {
+                    "status": status,
+                    "flights": options.flights,
+                    "rows": rows,
+                    "explanations": explanations,
+                }
+            )
+        )
     else:
         print(table(rows))
         print(
-            f"\nMeans over {options.flights} flights, each with its own errors (and gusts); +- from flight to flight."
+            f"\nMeans over {options.flights} flights, each with its own errors (and gusts); +- "
+            "from flight to flight."
         )
         if options.hypotheses:
             print(
-                "\nOne thing read otherwise, true signals; apart: root of the summed squares of the differences, deg."
+                "\nOne condition read otherwise, true signals; apart: root of the summed squares "
+                "of the differences, deg."
             )
             print(hypothesis_table(rows))
     return 0 if finite else 1

@@ -1,8 +1,10 @@
-"""Which rule finds the right terms: `python -m benchmarks.structure [--json] [--draws 500] [--figure FILE]`.
+"""Share of right terms selected by each rule: `python -m benchmarks.structure [--json]
+[--draws 500] [--figure FILE]`.
 
-Polynomials of two to six terms are planted among twenty candidates, in the signals of five short manoeuvres, and noise is added
-to the response. Each rule of `jaxid.structure` then selects terms from the same data. A model counts as exactly recovered when it
-has all of the planted terms and no other.
+Polynomials of two to six terms are planted among twenty candidates, in the signals of five short
+manoeuvres, and noise is added to the response. Each rule of `jaxid.structure` then selects terms
+from the same data. A model counts as exactly recovered when it has all of the planted terms and no
+other.
 """
 
 import argparse
@@ -38,17 +40,26 @@ CANDIDATES = (
 )
 SIGNALS = ("alpha", "beta", "p", "q", "r", "elevator")
 MANOEUVRES, SAMPLES = 5, 50
-NOISE = (0.01, 0.05, 0.2, 0.5)  # standard deviation of the noise over that of the response without it
+# standard deviation of the noise over that of the response without it
+NOISE = (0.01, 0.05, 0.2, 0.5)
 SEED = 1974
-WHOLE = SubsetOptions(direction="there and back")
-CEILINGS = {"limit: right model on the path that only adds": "forward", "limit: right model on the whole path": "whole"}
-NOTES = """Levels of F make paths of their own; the criteria choose from the whole path, there and back. PRESS, AIC and
-cross-validation aim at prediction, which extra terms hardly hurt. At 1 % noise the report's path ends at its R2 of 0.999,
-before chance terms enter."""
+FORWARD_AND_BACKWARD = SubsetOptions(direction="there and back")
+CEILINGS = {
+    "limit: right model on the path that only adds": "forward",
+    "limit: right model on the whole path": "whole",
+}
+NOTES = """\
+Each level of F has its own path; the criteria choose from the full path, which adds and then
+removes terms. PRESS, AIC and cross-validation minimise the prediction error, which extra terms
+hardly increase. At 1 % noise the report's path ends at its R2 of 0.999, before chance terms
+enter."""
 
 
 class Method(NamedTuple):
-    """A path and the rule that picks a model of it; the rule may need the labels of the manoeuvres."""
+    """A path and the rule that selects a model of it.
+
+    The rule is made from the manoeuvre of each sample.
+    """
 
     path: str
     rule: Callable[[np.ndarray], AbstractRule]
@@ -71,19 +82,27 @@ METHODS = {
 
 
 def paths(problem: Problem, noise_variance: float) -> dict[str, Selection]:
-    """The paths from which the rules choose."""
+    """Return the paths from which the rules select a model."""
     levels = {"5 %": 0.05, "1 %": 0.01, "0.1 %": 0.001}
-    found = {"report": path(problem, REPORT)}
-    found |= {name: path(problem, SubsetOptions(level_in=level)) for name, level in levels.items()}
-    found["whole"] = path(problem, WHOLE)
-    found["forward"] = Selection(problem, tuple(step for step in found["whole"].steps if step.action == "enter"))
+    selections = {"report": path(problem, REPORT)}
+    selections |= {
+        name: path(problem, SubsetOptions(level_in=level)) for name, level in levels.items()
+    }
+    selections["whole"] = path(problem, FORWARD_AND_BACKWARD)
+    selections["forward"] = Selection(
+        problem, tuple(step for step in selections["whole"].steps if step.action == "enter")
+    )
     bound = min(25.0 * noise_variance, problem.SST / problem.samples)
-    found["noise known"] = path(problem, dataclasses.replace(WHOLE, PSE_bound=bound))
-    return found
+    selections["noise known"] = path(
+        problem, dataclasses.replace(FORWARD_AND_BACKWARD, PSE_bound=bound)
+    )
+    return selections
 
 
 class Planted(NamedTuple):
-    """One draw: candidates, the right terms, the response without noise, and noise of unit variance."""
+    """One draw: candidates, the right terms, the response without noise, and noise of unit
+    variance.
+    """
 
     X: np.ndarray
     terms: frozenset[str]
@@ -92,7 +111,9 @@ class Planted(NamedTuple):
 
 
 def plant(draws: int) -> list[Planted]:
-    """Polynomials in the signals of manoeuvres. The planted terms move the response by like amounts, within a factor of four."""
+    """Polynomials in the signals of manoeuvres. The planted terms move the response by like
+    amounts, within a factor of four.
+    """
     generator = np.random.default_rng(SEED)
     shape = (draws, MANOEUVRES, SAMPLES)
     signals = {name: _manoeuvres(generator, shape).reshape(-1) for name in SIGNALS}
@@ -100,7 +121,9 @@ def plant(draws: int) -> list[Planted]:
     planted = []
     for X in every:
         chosen = generator.choice(len(CANDIDATES), size=generator.integers(2, 7), replace=False)
-        size = 4.0 ** generator.uniform(-0.5, 0.5, size=len(chosen)) * generator.choice([-1.0, 1.0], size=len(chosen))
+        size = 4.0 ** generator.uniform(-0.5, 0.5, size=len(chosen)) * generator.choice(
+            [-1.0, 1.0], size=len(chosen)
+        )
         response = X[:, chosen] @ (size / np.std(X[:, chosen], axis=0))
         noise = generator.normal(size=len(X))
         planted.append(Planted(X, frozenset(CANDIDATES[i] for i in chosen), response, noise))
@@ -108,7 +131,9 @@ def plant(draws: int) -> list[Planted]:
 
 
 def _manoeuvres(generator: np.random.Generator, shape: tuple[int, int, int]) -> np.ndarray:
-    """Sums of three sines of random frequency and phase, at most one in size, about a random mean in each manoeuvre."""
+    """Sums of three sines of random frequency and phase, at most one in size, about a random mean
+    in each manoeuvre.
+    """
     t = np.linspace(0.0, 1.0, shape[-1])
     turns = generator.uniform(0.5, 4.0, size=(*shape[:2], 3, 1))
     phase = generator.uniform(0.0, 2 * np.pi, size=(*shape[:2], 3, 1))
@@ -117,7 +142,7 @@ def _manoeuvres(generator: np.random.Generator, shape: tuple[int, int, int]) -> 
 
 
 class Score(NamedTuple):
-    """How one model of one draw compares with the right one."""
+    """Comparison of one model of one draw with the right model."""
 
     exact: bool
     false: int
@@ -126,38 +151,53 @@ class Score(NamedTuple):
 
 
 def score(model, truth: Planted, noise: float) -> Score:
-    """Compare a step's terms with those planted; the misfit is the residual's standard deviation over the noise's."""
-    found = frozenset(model.terms)
-    return Score(found == truth.terms, len(found - truth.terms), len(truth.terms - found), model.s / noise)
+    """Return the score of a step's terms against the planted terms.
+
+    The misfit is the standard deviation of the residual over that of the noise.
+    """
+    terms = frozenset(model.terms)
+    return Score(
+        terms == truth.terms, len(terms - truth.terms), len(truth.terms - terms), model.s / noise
+    )
 
 
 def measure(draws: int) -> list[dict]:
-    """For each noise level and rule: share of models exactly recovered, false and missed terms per model, misfit."""
+    """Return one row per noise level and rule.
+
+    A row has the share of models exactly recovered, false and missed terms per model, and misfit.
+    """
     groups = np.repeat(np.arange(MANOEUVRES), SAMPLES)
     rules = {name: method.rule(groups) for name, method in METHODS.items()}
     planted, rows = plant(draws), []
     for level in NOISE:
         scores: dict[str, list[Score]] = {name: [] for name in METHODS}
-        seen = dict.fromkeys(CEILINGS, 0)
+        attained = dict.fromkeys(CEILINGS, 0)
         for truth in planted:
             noise = level * float(np.std(truth.response))
             problem = prepare(truth.X, truth.response + noise * truth.noise, CANDIDATES)
-            found = paths(problem, noise**2)
+            selections = paths(problem, noise**2)
             for name, method in METHODS.items():
-                selection = found[method.path]
-                scores[name].append(score(selection.models[rules[name].pick(selection)], truth, noise))
+                selection = selections[method.path]
+                scores[name].append(
+                    score(selection.models[rules[name].pick(selection)], truth, noise)
+                )
             for name, which in CEILINGS.items():
-                seen[name] += any(frozenset(model.terms) == truth.terms for model in found[which].models)
+                attained[name] += any(
+                    frozenset(model.terms) == truth.terms for model in selections[which].models
+                )
         for name, all_ in scores.items():
             exact, false, missed, misfit = np.array(all_, float).T.mean(axis=1)
             numbers = {"exact": exact, "false": false, "missed": missed, "misfit": misfit}
             rows.append({"rule": name, "noise": level, **numbers})
-        rows += [{"rule": name, "noise": level, "exact": count / draws} for name, count in seen.items()]
+        rows += [
+            {"rule": name, "noise": level, "exact": count / draws}
+            for name, count in attained.items()
+        ]
     return rows
 
 
 def table(rows: list[dict]) -> str:
-    """Rules in rows, noise levels in columns, one block for each of the three numbers."""
+    """Return a table of rules by noise levels, one block for each of the three numbers."""
     lines = []
     heads = {
         "exact": "share of models exactly recovered, %",
@@ -176,7 +216,7 @@ def table(rows: list[dict]) -> str:
 
 
 def draw(rows: list[dict], draws: int, file: str) -> None:
-    """One figure: for each rule a dot at each noise level, and the three numbers side by side."""
+    """Draw the three numbers side by side, one dot for each rule and noise level."""
     from jaxid.report.style import BEFORE, FONT, INK, canvas, key, plain
 
     shades = dict(zip(NOISE, ("#9ecae1", "#4292c6", "#2171b5", "#08306b"), strict=True))
@@ -189,7 +229,14 @@ def draw(rows: list[dict], draws: int, file: str) -> None:
         for row in (row for row in rows if column in row):
             value = 100 * row["exact"] if column == "exact" else row[column]
             lower = 0.17 * (NOISE.index(row["noise"]) - 1.5)  # so that no dot hides another
-            panel.plot(value, names.index(row["rule"]) - lower, "o", color=shades[row["noise"]], ms=5, clip_on=False)
+            panel.plot(
+                value,
+                names.index(row["rule"]) - lower,
+                "o",
+                color=shades[row["noise"]],
+                ms=5,
+                clip_on=False,
+            )
         plain(panel, x=head)
         panel.grid(False, axis="y")
         for k in range(0, len(names), 2):
@@ -201,15 +248,28 @@ def draw(rows: list[dict], draws: int, file: str) -> None:
     for label in panels[0].get_yticklabels():
         label.set_color(BEFORE if "report" in label.get_text() else INK)
     panels[0].set_ylim(-0.5, len(names) - 0.5)
-    key(figure, [(f"{level:.0%}", shades[level]) for level in NOISE], title=f"noise over response, {draws} draws each:")
+    key(
+        figure,
+        [(f"{level:.0%}", shades[level]) for level in NOISE],
+        title=f"noise over response, {draws} draws each:",
+    )
     figure.savefig(file, dpi=150)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the benchmark; 0 where it ran."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.structure", description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
-    parser.add_argument("--draws", type=int, default=500, help="planted polynomials at each noise level (default: 500)")
+    """Run the benchmark; return 0."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.structure", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object and nothing else"
+    )
+    parser.add_argument(
+        "--draws",
+        type=int,
+        default=500,
+        help="planted polynomials at each noise level (default: 500)",
+    )
     parser.add_argument("--figure", metavar="FILE", help="write the figure to this file")
     options = parser.parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
@@ -219,7 +279,11 @@ def main(arguments: list[str] | None = None) -> int:
     if options.figure:
         draw(rows, options.draws, options.figure)
     if options.json:
-        print(json.dumps({"status": "measured", "draws": options.draws, "seconds": seconds, "rows": rows}))
+        print(
+            json.dumps(
+                {"status": "measured", "draws": options.draws, "seconds": seconds, "rows": rows}
+            )
+        )
     else:
         print(table(rows))
         size = f"{len(CANDIDATES)} candidates, {MANOEUVRES} manoeuvres of {SAMPLES} samples"

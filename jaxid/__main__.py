@@ -1,4 +1,4 @@
-"""The main job on the command line: find what a model lacks, add it, and report the error before and after."""
+"""Command line: find the effect that a model lacks, add it, and report the errors."""
 
 import dataclasses
 import os
@@ -15,23 +15,21 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from ._foundation.quickly import FLAGS
-
-# Most of a first run is compilation, that of the small programs too.
-os.environ.setdefault("XLA_FLAGS", " ".join(f"--{name}={str(value).lower()}" for name, value in FLAGS.items()))
 jax.config.update("jax_enable_x64", True)
-# A second run finds the compilation done.
+# A second run reuses the compiled functions.
 CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "jaxid"
-jax.config.update("jax_compilation_cache_dir", os.environ.get("JAX_COMPILATION_CACHE_DIR", str(CACHE)))
+jax.config.update(
+    "jax_compilation_cache_dir", os.environ.get("JAX_COMPILATION_CACHE_DIR", str(CACHE))
+)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 from ._foundation.checks import InputError  # noqa: E402
 from ._foundation.types import Array  # noqa: E402
 from .aircraft import model_of  # noqa: E402
-from .aircraft.coupled_flight import coupled_flight  # noqa: E402
-from .aircraft.longitudinal_flight import longitudinal_flight  # noqa: E402
-from .aircraft.simulated_flight import SimulatedFlight, realised_noise  # noqa: E402
-from .data.io_study import read_study  # noqa: E402
+from .aircraft.flight.coupled_flight import coupled_flight  # noqa: E402
+from .aircraft.flight.longitudinal_flight import longitudinal_flight  # noqa: E402
+from .aircraft.flight.simulated_flight import SimulatedFlight, realised_noise  # noqa: E402
+from .data.io.study import read_study  # noqa: E402
 from .estimation import OutputError  # noqa: E402
 from .measured import emps, silverbox, tanks  # noqa: E402
 
@@ -41,7 +39,10 @@ except ModuleNotFoundError as missing:
     package = str(missing.name).partition(".")[0]
     if package not in ("matplotlib", "jinja2"):
         raise
-    print(f"jaxid: the report needs {package}. Install what draws it: pip install 'jaxid[report]'", file=sys.stderr)
+    print(
+        f"jaxid: the report needs {package}. Install it: pip install 'jaxid[report]'",
+        file=sys.stderr,
+    )
     raise SystemExit(2) from None
 from .study import Study, close_loop  # noqa: E402
 from .study.from_file import BuiltIn, case_of  # noqa: E402
@@ -49,7 +50,7 @@ from .study.from_file import BuiltIn, case_of  # noqa: E402
 app = typer.Typer(add_completion=False, no_args_is_help=False, pretty_exceptions_enable=False)
 console = Console(stderr=True)
 
-# What a study file may set of `aircraft.model_of`: all that TOML can write.
+# The arguments of `aircraft.model_of` that a study file may set: all that TOML can express.
 SETTINGS = (
     "mass",
     "Ix",
@@ -67,7 +68,8 @@ SETTINGS = (
     "held",
 )
 BUILT_IN = {"aircraft": BuiltIn(model_of, (*SETTINGS, "outputs", "airspeed", "beta"))}
-FLIGHT_WINDOW = 50  # samples, two seconds, in which a flight's initial state is fitted
+# Samples, two seconds, from which the initial state of a flight is fitted (chosen).
+FLIGHT_WINDOW = 50
 
 
 class Set(StrEnum):
@@ -79,11 +81,15 @@ class Set(StrEnum):
 
 
 Json = Annotated[
-    Path | None, typer.Option("--json", help="Also write the figures to this JSON file, which must not exist.")
+    Path | None,
+    typer.Option("--json", help="Also write the figures to this JSON file, which must not exist."),
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(help="Folder for the report, which must not exist; by default a new jaxid-study folder here."),
+    typer.Option(
+        help="Folder for the report, which must not exist; by default a new jaxid-study "
+        "folder here."
+    ),
 ]
 
 
@@ -97,10 +103,11 @@ def flight(
     out: Out = None,
     seed: Seed = 0,
 ) -> None:
-    """Find the effect that a model lacks, add it, and report the error before and after on records that were not used.
+    """Find the effect that a model lacks, add it, and report the error before and after on records
+    that were not used.
 
-    Without a command: an embedded simulated flight of an F-4-like aircraft in six degrees of freedom, with look-up tables,
-    noise and an undeclared effect in it.
+    Without a command: an embedded simulated flight of an F-4-like aircraft in six degrees of
+    freedom, with look-up tables, noise and an undeclared effect in it.
     """
     if context.invoked_subcommand is None:
         _fly(coupled_flight, seed, json, out)
@@ -109,7 +116,8 @@ def flight(
     early = [f"--{name}" for name, source in sources.items() if source and source.name != "DEFAULT"]
     if early:
         raise InputError(
-            f"{early[0]} stands before {context.invoked_subcommand!r}, which would not see it. Write it behind."
+            f"{early[0]} stands before {context.invoked_subcommand!r} and would have no effect. "
+            "Write it after the command."
         )
 
 
@@ -119,10 +127,12 @@ def longitudinal(json: Json = None, out: Out = None, seed: Seed = 0) -> None:
     _fly(longitudinal_flight, seed, json, out)
 
 
-def _fly(make: Callable[[Array], SimulatedFlight], seed: int, json: Path | None, out: Path | None) -> None:
+def _fly(
+    make: Callable[[Array], SimulatedFlight], seed: int, json: Path | None, out: Path | None
+) -> None:
     """Close the loop on a simulated flight, whose noise is known."""
     _require_new(json, out)
-    with _told() as progress:
+    with _show_progress() as progress:
         progress("simulated flight")
         case = make(jax.random.key(seed))
         study = close_loop(
@@ -136,20 +146,24 @@ def _fly(make: Callable[[Array], SimulatedFlight], seed: int, json: Path | None,
             progress=progress,
         )
     noise = realised_noise(case, case.test, skip=FLIGHT_WINDOW)
-    study = dataclasses.replace(study, noise=dict(zip(study.outputs, map(float, noise), strict=True)))
+    study = dataclasses.replace(
+        study, noise=dict(zip(study.outputs, map(float, noise), strict=True))
+    )
     _deliver(study, "A simulated flight with an undeclared effect", json, out)
 
 
 @app.command()
 def dataset(
     name: Annotated[Set, typer.Argument(help="Which measured set.")],
-    path: Annotated[Path | None, typer.Argument(help="Its file or folder; by default the variable JAXID_DATA.")] = None,
+    path: Annotated[
+        Path | None, typer.Argument(help="Its file or folder; by default the variable JAXID_DATA.")
+    ] = None,
     json: Json = None,
     out: Out = None,
 ) -> None:
     """The same on measured data: a simple physical model is declared, and the rest is found."""
     _require_new(json, out)
-    with _told() as progress:
+    with _show_progress() as progress:
         progress("reading")
         case = {Set.silverbox: silverbox, Set.emps: emps, Set.tanks: tanks}[name](path)
         study = close_loop(**case.parts, progress=progress)
@@ -159,15 +173,18 @@ def dataset(
 @app.command("close-loop")
 def study_file(
     path: Annotated[
-        Path, typer.Argument(metavar="STUDY.toml", help="The study file; docs/study_file.md has its keys.")
+        Path,
+        typer.Argument(
+            metavar="STUDY.toml", help="The study file; docs/study_file.md has its keys."
+        ),
     ],
     json: Json = None,
     out: Out = None,
 ) -> None:
     """The same on your own records and model, which a study file names."""
     _require_new(json, out)
-    sys.path.insert(0, str(path.resolve().parent))  # modules beside the file
-    with _told() as progress:
+    sys.path.insert(0, str(path.resolve().parent))  # modules in the folder of the file
+    with _show_progress() as progress:
         progress("reading")
         file = read_study(path)
         case = case_of(file, BUILT_IN, progress)
@@ -187,17 +204,18 @@ def study_file(
 
 
 def _require_new(*paths: Path | None) -> None:
-    """Refuse a taken name before the long run, not after it."""
+    """Check before the long run that no output path exists."""
     for path in paths:
         if path is not None:
             require_new(path)
 
 
 @contextmanager
-def _told():
-    """A bar that moves while it works, with a few words beside it; on standard error, so that output can be piped.
+def _show_progress():
+    """Show progress on standard error, so that standard output can be piped.
 
-    Where that is no terminal but a log, each word is a line with its time.
+    A terminal shows a moving bar with a description. Otherwise each description is a line with the
+    elapsed time.
     """
     if not console.is_terminal:
         begin = time.monotonic()
@@ -212,16 +230,18 @@ def _told():
 
 
 def _deliver(study: Study, title: str, json: Path | None, out: Path | None) -> None:
-    """Print the study, and write its figures, its page and, where asked, its JSON."""
+    """Print the study, and write its page, its figures and, if requested, its JSON."""
     print(study)
-    folder = write_study(study, out or Path("jaxid-study"), title, exist="refuse" if out else "number")
+    folder = write_study(
+        study, out or Path("jaxid-study"), title, exist="refuse" if out else "number"
+    )
     if json is not None:
         write_json(study, json)
     print(f"\nThe report is {folder / 'study.html'}")
 
 
 def main() -> None:
-    """Run the command line; bad input is one sentence, not a traceback."""
+    """Run the command line; invalid input gives one sentence instead of a traceback."""
     try:
         app()
     except InputError as error:

@@ -1,6 +1,8 @@
-"""What every test stands on: float64, a compile cache, ranks that never promote, annotations that execute, told seeds.
+"""What every test stands on: float64, a compile cache, ranks that never promote, annotations that
+execute, told seeds.
 
-The order matters: environment, then JAX and its settings, then the import hook, and jaxid after all of them.
+The order matters: environment, then JAX and its settings, then the import hook, and jaxid after all
+of them.
 """
 # ruff: noqa: E402
 
@@ -13,9 +15,9 @@ ROOT = Path(__file__).resolve().parent.parent
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".jax_cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
 os.environ["MPLBACKEND"] = "Agg"
-# Tests compile much and compute little: without XLA's optimisations the suite takes half the time, and says the same.
+# Tests compile much and compute little: without XLA's optimisations the suite takes half the time,
+# and says the same.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
 
 import jax
 
@@ -24,7 +26,8 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 
 from jaxtyping import install_import_hook
 
-install_import_hook("jaxid", "beartype.beartype")  # before any import of jaxid: shape annotations execute
+# before any import of jaxid: shape annotations execute
+install_import_hook("jaxid", "beartype.beartype")
 
 import hypothesis
 import pytest
@@ -42,14 +45,18 @@ def pytest_configure(config):
 
 @pytest.fixture(scope="module", autouse=True)
 def forget_compiled_programs():
-    """Programs that one module compiled are not kept for the next: a worker would grow by several gigabytes."""
+    """Programs that one module compiled are not kept for the next: a worker would grow by several
+    gigabytes.
+    """
     yield
     jax.clear_caches()
 
 
 @pytest.fixture
 def seed() -> int:
-    """The seed of a test's random numbers; JAXID_TEST_SEED gives another one. A failing test shows it."""
+    """The seed of a test's random numbers; JAXID_TEST_SEED gives another one. A failing test shows
+    it.
+    """
     value = int(os.environ.get("JAXID_TEST_SEED", "1974"))
     print(f"seed = {value} (JAXID_TEST_SEED)")  # noqa: T201
     return value
@@ -63,22 +70,30 @@ def key(seed) -> jax.Array:
 
 @pytest.fixture(scope="session")
 def data_folder() -> Path:
-    """The folder of measured data: JAXID_DATA, else `../shared/data` beside the repository, else a skip."""
+    """The folder of measured data: JAXID_DATA, else `../shared/data` beside the repository, else a
+    skip.
+    """
     given = os.environ.get("JAXID_DATA")
     folder = Path(given) if given else ROOT.parent / "shared" / "data"
     if given and not folder.is_dir():
         pytest.fail(f"JAXID_DATA is {given!r}, which is not a folder.")
     if not folder.is_dir():
         pytest.skip(
-            "No measured data here. Fetch Silverbox, EMPS and the cascaded tanks (https://www.nonlinearbenchmark.org) "
-            "into folders silverbox, emps and cascaded_tanks, and set JAXID_DATA to the folder that holds the three."
+            "No measured data here. Fetch Silverbox, EMPS and the cascaded tanks "
+            "(https://www.nonlinearbenchmark.org) "
+            "into folders silverbox, emps and cascaded_tanks, and set JAXID_DATA to the folder "
+            "that holds the three."
         )
     return folder
 
 
 @pytest.fixture
 def user_environment() -> dict[str, str]:
-    """Environment of a program run as a user runs it: this package found, precision not set from outside."""
+    """Environment of a program run as a user runs it: this package found, precision not set from
+    outside.
+    """
     environment = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"}
-    environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    environment["PYTHONPATH"] = os.pathsep.join(
+        filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])
+    )
     return environment

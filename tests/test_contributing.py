@@ -1,4 +1,6 @@
-"""What CONTRIBUTING.md tells people to write runs as printed: a model, an effect, a likelihood, and their tests."""
+"""What CONTRIBUTING.md tells people to write runs as printed: a model, an effect, a likelihood, and
+their tests.
+"""
 
 import re
 import sys
@@ -10,8 +12,8 @@ import numpy as np
 import pytest
 
 import jaxid
+from jaxid.effects import Term
 from jaxid.estimation import likelihoods
-from jaxid.models import Term
 
 GUIDE = Path(__file__).resolve().parent.parent / "CONTRIBUTING.md"
 
@@ -55,7 +57,9 @@ def torque(t):
 
 @pytest.fixture
 def measure():
-    """Ten seconds of pushes that turn the pendulum by a radian and more, with noise of 2 mrad on its angle."""
+    """Ten seconds of pushes that turn the pendulum by a radian and more, with noise of 2 mrad on
+    its angle.
+    """
 
     def record(model, seed):
         rng, t = np.random.default_rng(seed), 0.05 * jnp.arange(200)
@@ -88,6 +92,6 @@ def test_the_test_of_the_likelihood_passes(pendulum, measure):
     # The block stands in that module, and uses what it imports.
     known = _defined(vars(likelihoods))
     told = run(likelihood, "jaxid.estimation", **known)
-    run(test, "tests", jaxid=jaxid, np=np, jnp=jnp, RememberingNoise=told["RememberingNoise"])[
-        "test_no_memory_is_output_error"
-    ](pendulum, measure)
+    run(
+        test, "tests", jaxid=jaxid, np=np, jnp=jnp, AutoregressiveNoise=told["AutoregressiveNoise"]
+    )["test_no_memory_is_output_error"](pendulum, measure)

@@ -1,4 +1,6 @@
-"""docs/effects.md names every effect of the package, and the parameters of each that are estimated once it is in."""
+"""docs/effects.md names every effect of the package, and the parameters of each that are estimated
+once it is in.
+"""
 
 import inspect
 import re
@@ -10,14 +12,24 @@ import jax.numpy as jnp
 import jaxid
 from jaxid import AbstractModel
 from jaxid.aircraft import Aircraft, aircraft_effects, f4
-from jaxid.models import Acting, Effect, InputBias, InputHysteresis, InputScale, Saturating, parameter_effects
+from jaxid.effects import (
+    Effect,
+    InputBias,
+    InputHysteresis,
+    InputScale,
+    Placement,
+    Saturating,
+    parameter_effects,
+)
 from jaxid.study.columns import own_parameters
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "effects.md"
 
 
 class Rig(AbstractModel):
-    """Two masses, driven by one force, seen by two instruments of one unit: a little of everything."""
+    """Two masses, driven by one force, seen by two instruments of one unit: a little of
+    everything.
+    """
 
     k: object
     states, inputs, outputs = ("x1", "v1", "x2", "v2"), ("force",), ("x1", "x2")
@@ -49,9 +61,18 @@ class Tank(AbstractModel):
 def known() -> tuple[Effect, ...]:
     rig, tank = Rig(jnp.array(1.0)), Tank(jnp.array(1.0))
     of_inputs = (InputBias("u"), InputScale("u"), InputHysteresis("u"))
-    by_hand = (*of_inputs, Saturating(Acting.equation("h"), "h"), *parameter_effects(tank, ("a",)))
+    by_hand = (
+        *of_inputs,
+        Saturating(Placement.equation("h"), "h"),
+        *parameter_effects(tank, ("a",)),
+    )
     everything = aircraft_effects(Aircraft(f4()), ground=0.0)
-    return (*jaxid.general_effects(rig), *jaxid.general_effects(tank), *by_hand, *everything)
+    return (
+        *jaxid.effects.general_effects(rig),
+        *jaxid.effects.general_effects(tank),
+        *by_hand,
+        *everything,
+    )
 
 
 def rows() -> dict[str, str]:
@@ -66,7 +87,8 @@ def rows() -> dict[str, str]:
 def concrete(kind: type) -> set[str]:
     """Names of the final classes of effects in the package."""
     below = kind.__subclasses__()
-    ours = kind.__module__.startswith("jaxid.") and kind.__module__ in sys.modules  # not what a test runs as if it were
+    # not what a test runs as if it were
+    ours = kind.__module__.startswith("jaxid.") and kind.__module__ in sys.modules
     own = {kind.__name__} if ours and not below and not inspect.isabstract(kind) else set()
     return own.union(*map(concrete, below))
 

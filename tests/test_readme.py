@@ -10,7 +10,11 @@ README = Path(__file__).resolve().parent.parent / "README.md"
 
 def blocks(language: str) -> list[str]:
     """The fenced blocks of a language, in order."""
-    return re.findall(rf"^```{language}\n(.*?)^```", README.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    return re.findall(
+        rf"^```{language}\n(.*?)^```",
+        README.read_text(encoding="utf-8"),
+        flags=re.MULTILINE | re.DOTALL,
+    )
 
 
 def commands() -> list[str]:
@@ -23,7 +27,9 @@ def test_one_command_line_installs_and_runs_the_main_job():
 
 def test_one_command_line_installs_and_tests():
     """`.ci/run` takes this line out of the README, so there is one of it."""
-    assert len([line for line in commands() if re.fullmatch(r"pip install .+ && pytest", line)]) == 1
+    assert (
+        len([line for line in commands() if re.fullmatch(r"pip install .+ && pytest", line)]) == 1
+    )
 
 
 def test_the_quick_start_runs_as_printed(tmp_path, user_environment):
@@ -32,6 +38,12 @@ def test_the_quick_start_runs_as_printed(tmp_path, user_environment):
     quick_start.write_text(blocks("python")[0], encoding="utf-8")
     command = [sys.executable, "-W", "error", str(quick_start)]
     done = subprocess.run(
-        command, cwd=tmp_path, env=user_environment, capture_output=True, text=True, timeout=300, check=False
+        command,
+        cwd=tmp_path,
+        env=user_environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
     )
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"

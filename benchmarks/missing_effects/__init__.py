@@ -1,5 +1,6 @@
-"""Does the loop find what a model lacks: scenarios with a planted effect, with two, with none, and with gusts.
+"""Detection of missing effects by the loop: `python -m benchmarks.missing_effects`.
 
-`python -m benchmarks.missing_effects`; a scenario says what is planted and how it is flown, a system flies it (`spring`, `ship`,
-`longitudinal`, `f4`, `f16`), `measure` holds one study against its truth, `judge` puts many studies together.
+Scenarios have one planted effect, two, none, or gusts. A scenario holds the planted effects and the
+flight conditions, a system flies it (`spring`, `ship`, `longitudinal`, `f4`, `f16`), `measure`
+compares one study with its truth, and `judge` summarises many studies.
 """

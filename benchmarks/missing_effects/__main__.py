@@ -1,4 +1,6 @@
-"""Does the loop find what a model lacks: `python -m benchmarks.missing_effects [--json] [--systems spring,ship] [--log FILE]`."""
+"""Detection of missing effects by the loop: `python -m benchmarks.missing_effects
+[--json] [--systems spring,ship] [--log FILE]`.
+"""
 
 import argparse
 import importlib
@@ -22,9 +24,16 @@ Task = tuple[System, Scenario, int, bool]
 
 
 def tasks(systems: list[System], options: argparse.Namespace) -> Iterator[Task]:
-    """Every study that is asked for: seeds outside, so that a run that is broken off has a bit of everything."""
+    """Yield all requested studies.
+
+    Seeds are the outer loop, so that an interrupted run has studies of every scenario.
+    """
     for system in systems:
-        chosen = [one for one in system.scenarios if not options.scenarios or one.name in options.scenarios]
+        chosen = [
+            one
+            for one in system.scenarios
+            if not options.scenarios or one.name in options.scenarios
+        ]
         for seed in range(options.seeds):
             for one in chosen:
                 yield system, one, seed, False
@@ -34,14 +43,25 @@ def tasks(systems: list[System], options: argparse.Namespace) -> Iterator[Task]:
 
 
 def _controls(systems: list[System], options: argparse.Namespace) -> Iterator[Task]:
-    """The many controls, drawn in turn over the cheap systems, beyond the seeds of the others."""
+    """Yield further control studies, in turn over the cheap systems, with new seeds."""
     kinds = [
-        [(system, one) for one in system.scenarios if one.kind == "control" and _wanted(one, options)]
+        [
+            (system, one)
+            for one in system.scenarios
+            if one.kind == "control" and _wanted(one, options)
+        ]
         for system in systems
         if system.cheap
     ]
-    everywhere = [pair for group in itertools.zip_longest(*kinds) for pair in group if pair is not None]
-    total = sum(1 for system in systems for one in system.scenarios if one.kind == "control" and _wanted(one, options))
+    everywhere = [
+        pair for group in itertools.zip_longest(*kinds) for pair in group if pair is not None
+    ]
+    total = sum(
+        1
+        for system in systems
+        for one in system.scenarios
+        if one.kind == "control" and _wanted(one, options)
+    )
     for number in range(max(options.controls - total * options.seeds, 0) if everywhere else 0):
         system, one = everywhere[number % len(everywhere)]
         yield system, one, options.seeds + number // len(everywhere), False
@@ -52,30 +72,42 @@ def _wanted(one: Scenario, options: argparse.Namespace) -> bool:
 
 
 def key_of(one: dict[str, Any]) -> tuple:
-    """What tells one study from another."""
+    """Return the key that identifies a study."""
     return one["system"], one["scenario"], one["seed"], one["removed"]
 
 
 def logged(log: Path | None) -> list[dict[str, Any]]:
-    """The studies that a log holds; a last line that was broken off is left out."""
+    """Return the studies of a log; an incomplete last line is left out."""
     lines = log.read_text().splitlines() if log and log.exists() else []
     return [json.loads(line) for line in lines if line.endswith("}")]
 
 
 def run(options: argparse.Namespace) -> list[dict[str, Any]]:
-    """Do every study that the log does not hold yet, system by system."""
+    """Run all studies that the log does not hold yet, system by system."""
     log = Path(options.log) if options.log else None
     done = {key_of(one): one for one in logged(log)}
-    systems = [importlib.import_module(f"benchmarks.missing_effects.{name}").system() for name in options.systems]
+    systems = [
+        importlib.import_module(f"benchmarks.missing_effects.{name}").system()
+        for name in options.systems
+    ]
     wanted = sorted(tasks(systems, options), key=lambda task: options.systems.index(task[0].name))
     results, begin = [], time.perf_counter()
     for number, (system, scenario, seed, removed) in enumerate(wanted, 1):
         result = done.get((system.name, scenario.name, seed, removed))
         if result is None:
             result = measure(system, scenario, seed, removed=removed)
-            told = result["failed"] or f"{result['outcome']}: {', '.join(result['effects']) or '-'}"
-            where = f"{number}/{len(wanted)} {time.perf_counter() - begin:.0f} s, {system.name}, {scenario.name}"
-            print(f"{where}{', removed' if removed else ''}, seed {seed}: {told}", file=sys.stderr, flush=True)
+            summary = (
+                result["failed"] or f"{result['outcome']}: {', '.join(result['effects']) or '-'}"
+            )
+            where = (
+                f"{number}/{len(wanted)} {time.perf_counter() - begin:.0f} s, "
+                f"{system.name}, {scenario.name}"
+            )
+            print(
+                f"{where}{', removed' if removed else ''}, seed {seed}: {summary}",
+                file=sys.stderr,
+                flush=True,
+            )
             if log:
                 with log.open("a") as file:
                     file.write(json.dumps(result) + "\n")
@@ -84,33 +116,47 @@ def run(options: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the benchmark; 0 where every study ran."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.missing_effects", description=__doc__.splitlines()[0])
+    """Run the benchmark; return 0 if no study failed."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.missing_effects", description=__doc__.splitlines()[0]
+    )
 
     def names(value: str) -> list[str]:
         return value.split(",")
 
-    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object and nothing else"
+    )
     parser.add_argument("--seeds", type=int, default=10, help="of each scenario (default: 10)")
-    parser.add_argument("--systems", type=names, default=list(SYSTEMS), help=f"(default: {','.join(SYSTEMS)})")
+    parser.add_argument(
+        "--systems", type=names, default=list(SYSTEMS), help=f"(default: {','.join(SYSTEMS)})"
+    )
     parser.add_argument("--scenarios", nargs="+", metavar="NAME", help="only these (default: all)")
-    parser.add_argument("--controls", type=int, default=500, help="control studies in all (default: 500)")
-    parser.add_argument("--no-removed", action="store_true", help="not also with the effect left out of the library")
-    parser.add_argument("--log", metavar="FILE", help="append each study here, and skip those that it holds")
+    parser.add_argument(
+        "--controls", type=int, default=500, help="control studies in all (default: 500)"
+    )
+    parser.add_argument(
+        "--no-removed",
+        action="store_true",
+        help="skip studies without the effect in the library",
+    )
+    parser.add_argument(
+        "--log", metavar="FILE", help="append each study here, and skip those that it holds"
+    )
     options = parser.parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
     begin = time.perf_counter()
     results = run(options)
     if options.json:
         status = "measured" if not any(one["failed"] for one in results) else "some studies failed"
-        told = {
+        output = {
             "status": status,
             "seconds": time.perf_counter() - begin,
             "goals": [one._asdict() | {"interval": one.share.interval} for one in goals(results)],
             "scenarios": [one._asdict() for one in rows(results)],
             "studies": results,
         }
-        print(json.dumps(told))
+        print(json.dumps(output))
     else:
         print(text(results))
     return int(any(one["failed"] for one in results))

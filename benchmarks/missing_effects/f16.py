@@ -1,10 +1,12 @@
-"""The F-16 of the wind tunnel (NASA TP-1538), its centre of gravity forward, the report's dampers on."""
+"""The F-16 of the wind tunnel (NASA TP-1538), its centre of gravity forward, the report's dampers
+on.
+"""
 
 from benchmarks.missing_effects import sixdof
 from benchmarks.missing_effects.scenarios import System
 from jaxid.aircraft.airframes import f16
-from jaxid.aircraft.augmentation import ALWAYS, Augmentation, Switch
-from jaxid.aircraft.controls import ControlSystem, standard_actuators
+from jaxid.aircraft.vehicle.augmentation import ALWAYS, Augmentation, Switch
+from jaxid.aircraft.vehicle.controls import ControlSystem, standard_actuators
 
 TERMS = {
     "moment in sideslip": ("Cm", "beta^2", -0.5),
@@ -16,10 +18,14 @@ TERMS = {
 
 
 def system() -> System:
-    """At 150 m/s and 6 km, some 8 deg of angle of attack; at 0.35 chord it would be unstable in pitch."""
+    """At 150 m/s and 6 km, some 8 deg of angle of attack; at 0.35 chord it would be unstable in
+    pitch.
+    """
 
     def controls(frame):
-        return ControlSystem(standard_actuators(frame.limits), augmentation=Augmentation(Switch(on=ALWAYS)))
+        return ControlSystem(
+            standard_actuators(frame.limits), augmentation=Augmentation(Switch(on=ALWAYS))
+        )
 
     return sixdof.system(
         sixdof.Type(

@@ -1,9 +1,9 @@
-"""The F-4-like aircraft with its tables, as in the main job."""
+"""The F-4-like aircraft with its tables, as in `python -m jaxid`."""
 
 from benchmarks.missing_effects import sixdof
 from benchmarks.missing_effects.scenarios import System
 from jaxid.aircraft.airframes import f4
-from jaxid.aircraft.controls import ControlSystem, standard_actuators
+from jaxid.aircraft.vehicle.controls import ControlSystem, standard_actuators
 
 TERMS = {
     "moment in sideslip": ("Cm", "beta^2", -0.8),

@@ -1,4 +1,4 @@
-"""From the results of many studies to the figures that are held against the goals."""
+"""Summary of many studies: shares that are compared with the goals, and one row per scenario."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
@@ -6,10 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import beta
 
+from jaxid.study.outcome import Outcome
+
 Result = dict[str, Any]
 FALSE = 0.01  # stated level: share of studies with a false effect
-WITHIN = 1.05  # error on the test records over what the true model attains
-REFUTED = 25.0  # chi-square by which a cause must fit worse than the truth to be refuted: five standard deviations
+WITHIN = 1.05  # chosen: error on the test records over the error of the true model
+# Chi-square by which a cause must fit worse than the truth to be refuted: five standard deviations.
+REFUTED = 25.0
 
 
 class Share(NamedTuple):
@@ -20,25 +23,31 @@ class Share(NamedTuple):
 
     @property
     def value(self) -> float:
-        """The share itself, NaN of nothing."""
+        """The share; NaN if `of` is zero."""
         return self.count / self.of if self.of else float("nan")
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lower and upper end."""
+        """Lower and upper end of the 95 % interval."""
         low = float(beta.ppf(0.025, self.count, self.of - self.count + 1)) if self.count else 0.0
-        high = float(beta.ppf(0.975, self.count + 1, self.of - self.count)) if self.count < self.of else 1.0
+        high = (
+            float(beta.ppf(0.975, self.count + 1, self.of - self.count))
+            if self.count < self.of
+            else 1.0
+        )
         return low, high
 
 
 class Goal(NamedTuple):
-    """A figure beside its goal.
+    """A share and its goal.
 
     Attributes:
-        name: what is counted.
-        share: how often it was so.
-        goal: the share that is asked for; `at_most` where less is better.
-        met: whether it is, by the plain share; for false discoveries, whether the interval reaches down to the level.
+        name: name of the counted property.
+        share: share of the studies with it.
+        goal: required share.
+        at_most: True if the goal is an upper limit.
+        met: True if the share reaches the goal; for false discoveries, True if the interval of the
+            share reaches down to the level.
     """
 
     name: str
@@ -49,13 +58,13 @@ class Goal(NamedTuple):
 
 
 def share(results: Iterable[Result], is_so: Callable[[Result], bool]) -> Share:
-    """How many of the results are so; a failed study never is."""
-    told = [not one["failed"] and bool(is_so(one)) for one in results]
-    return Share(sum(told), len(told))
+    """Return the share of results for which `is_so` is True; a failed study never counts."""
+    flags = [not one["failed"] and bool(is_so(one)) for one in results]
+    return Share(sum(flags), len(flags))
 
 
 def split(results: Sequence[Result]) -> dict[str, list[Result]]:
-    """The results by what they count for."""
+    """Return the results by kind; studies with the effect left out are `removed`."""
     parts: dict[str, list[Result]] = {"removed": [one for one in results if one["removed"]]}
     for kind in ("single", "double", "control", "process"):
         parts[kind] = [one for one in results if one["kind"] == kind and not one["removed"]]
@@ -63,12 +72,15 @@ def split(results: Sequence[Result]) -> dict[str, list[Result]]:
 
 
 def identifiable(one: Result) -> bool:
-    """Whether the true model's fit finds everything that is planted significant; so counts a failed study too."""
+    """Return True if all planted effects are significant in the true model's fit.
+
+    A failed study counts as identifiable, so that it lowers the shares.
+    """
     return bool(one["failed"]) or all(one["identifiable"])
 
 
 def goals(results: Sequence[Result]) -> list[Goal]:
-    """Every figure that has a goal, where there are studies for it."""
+    """Return all shares with a goal for which there are studies."""
     parts = split(results)
     placed, no_cause = _without(parts["removed"], results)
     singles = [one for one in parts["single"] if identifiable(one)]
@@ -76,49 +88,97 @@ def goals(results: Sequence[Result]) -> list[Goal]:
     both = singles + doubles
     wanted = [
         ("right effect first", share(singles, lambda one: one["first_right"]), 0.95),
-        ("right effect named in the top three", share(singles, lambda one: all(one["top_three"])), 1.0),
-        ("error on test records within 5 % of the true model's", share(both, lambda one: one["ratio"] < WITHIN), 1.0),
+        (
+            "right effect named in the top three",
+            share(singles, lambda one: all(one["top_three"])),
+            1.0,
+        ),
+        (
+            "error on test records within 5 % of the true model's",
+            share(both, lambda one: one["ratio"] < WITHIN),
+            1.0,
+        ),
         ("both effects of a double found", share(doubles, lambda one: all(one["in"])), 0.9),
         ("effect not in the library: place right", placed, 0.9),
         ("effect not in the library: no cause named", no_cause, 0.9),
-        ("the same, or one that fits no worse than the truth", share(parts["removed"], _unrefuted(results)), 0.9),
-        ("gusts told as such", share(parts["process"], lambda one: one["outcome"] == "process noise"), 0.95),
+        (
+            "the same, or one that fits no worse than the truth",
+            share(parts["removed"], _unrefuted(results)),
+            0.9,
+        ),
+        (
+            "gusts told as such",
+            share(parts["process"], lambda one: outcome_of(one) is Outcome.PROCESS_NOISE),
+            0.95,
+        ),
         ("gusts: no cause named", share(parts["process"], names_no_cause), 0.95),
     ]
-    told = [Goal(name, found, goal, False, found.value >= goal) for name, found, goal in wanted if found.of]
+    figures = [
+        Goal(name, counted, goal, False, counted.value >= goal)
+        for name, counted, goal in wanted
+        if counted.of
+    ]
     controls = [one for one in parts["control"] if not one["failed"]]
     false = share(controls, lambda one: bool(one["effects"]))
     if false.of:
-        told.append(Goal("false effect where nothing is missing", false, FALSE, True, false.interval[0] <= FALSE))
+        figures.append(
+            Goal(
+                "false effect where nothing is missing",
+                false,
+                FALSE,
+                True,
+                false.interval[0] <= FALSE,
+            )
+        )
     failed = share(results, lambda one: False)
     failed = Share(sum(bool(one["failed"]) for one in results), failed.of)
-    return [*told, Goal("studies that failed", failed, 0.0, True, failed.count == 0)]
+    return [*figures, Goal("studies that failed", failed, 0.0, True, failed.count == 0)]
+
+
+def outcome_of(one: Result) -> Outcome:
+    """Return the outcome of a study as an `Outcome`."""
+    return Outcome(one["outcome"])
 
 
 def names_no_cause(one: Result, unseen: bool = False) -> bool:
-    """Whether a study claims nothing that is not so, and says that no term is missing at most where none can be seen."""
+    """Return True if a study makes no false claim.
+
+    "Nothing missing" is a false claim unless the planted effect is not significant (`unseen`).
+    """
     if unseen:
         return not one["effects"]
-    unpredictable = () if one["kind"] == "process" else ("process noise", "coloured noise")
-    return one["outcome"] not in ("explained", "nothing missing", *unpredictable)
+    outcome = outcome_of(one)
+    if outcome.is_noise_alone:
+        return one["kind"] == "process"
+    return outcome not in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING)
 
 
 def unseen_in(results: Sequence[Result]) -> Callable[[Result], bool]:
-    """Whether a study is of a flight in which not even the true model's fit finds anything of what is planted significant."""
-    whole = [one for one in results if not one["removed"] and one.get("identifiable")]
-    flights = {_flight(one) for one in whole if not any(one["identifiable"])}
+    """Return a predicate: the true model's fit of the flight has no significant planted effect."""
+    with_library = [one for one in results if not one["removed"] and one.get("identifiable")]
+    flights = {_flight(one) for one in with_library if not any(one["identifiable"])}
     return lambda one: _flight(one) in flights
 
 
 def _unrefuted(results: Sequence[Result]) -> Callable[[Result], bool]:
-    """Whether a study names no cause, or one that its records do not refute even where the truth is known."""
-    truths = {_flight(one): one["chi_square"] for one in results if not one["removed"] and "chi_square" in one}
+    """Return a predicate: a study names no cause, or one that fits almost as well as the truth."""
+    truths = {
+        _flight(one): one["chi_square"]
+        for one in results
+        if not one["removed"] and "chi_square" in one
+    }
     unseen = unseen_in(results)
-    return lambda one: names_no_cause(one, unseen(one)) or truths.get(_flight(one), np.inf) - one["fall"] < REFUTED
+    return lambda one: (
+        names_no_cause(one, unseen(one)) or truths.get(_flight(one), np.inf) - one["fall"] < REFUTED
+    )
 
 
 def _without(removed: Sequence[Result], results: Sequence[Result]) -> tuple[Share, Share]:
-    """Of the studies without their effect in the library: where the place is right, if there is one, and no cause named."""
+    """Return the shares of studies without their effect in the library that meet two conditions.
+
+    The first share is of studies with the right place, among those with a significant effect; the
+    second is of studies that name no cause.
+    """
     unseen = unseen_in(results)
     place = share([one for one in removed if not unseen(one)], lambda one: one["place_right"])
     return place, share(removed, lambda one: names_no_cause(one, unseen(one)))
@@ -129,20 +189,21 @@ def _flight(one: Result) -> tuple:
 
 
 class Row(NamedTuple):
-    """One scenario over its seeds.
+    """Results of one scenario over its seeds.
 
     Attributes:
-        system, scenario, kind: which.
-        studies, failed: how many.
-        chi_square: median fall of the cost with the true model.
-        identifiable, first, top, found: shares; of the latter three, of the studies that are identifiable.
-        wrong: mean number of effects that are none of the planted ones.
-        ratio: median error over what the true model attains, and of the declared model over the same.
-        outcomes: how often the loop said what.
+        system, scenario, kind: names of the scenario.
+        studies, failed: numbers of studies.
+        chi_square: median of twice the cost reduction by the true model.
+        identifiable, first, top, found: shares of the studies; the last three count identifiable
+            studies only.
+        wrong: mean number of added effects that were not planted.
+        ratio: median error over the error of the true model, after the loop and before.
+        outcomes: number of studies by outcome.
         place, no_cause: shares of the studies without the effect in the library.
         naive: share in which a regression of the residual begins with the right signal.
         naive_terms: mean number of its terms.
-        seconds: median of a study.
+        seconds: median time of a study [s].
     """
 
     system: str
@@ -166,16 +227,19 @@ class Row(NamedTuple):
 
 
 def rows(results: Sequence[Result]) -> list[Row]:
-    """One row for each scenario, in the order of its first result."""
+    """Return one row for each scenario, in the order of first results."""
     keys = dict.fromkeys((one["system"], one["scenario"]) for one in results)
-    return [_row(key, [one for one in results if (one["system"], one["scenario"]) == key]) for key in keys]
+    return [
+        _row(key, [one for one in results if (one["system"], one["scenario"]) == key])
+        for key in keys
+    ]
 
 
 def _row(key: tuple[str, str], results: list[Result]) -> Row:
-    whole = [one for one in results if not one["removed"]]
+    with_library = [one for one in results if not one["removed"]]
     removed = [one for one in results if one["removed"]]
-    good = [one for one in whole if not one["failed"]]
-    seen = [one for one in whole if identifiable(one)]
+    good = [one for one in with_library if not one["failed"]]
+    identifiable_studies = [one for one in with_library if identifiable(one)]
     place, no_cause = _without(removed, results)
     outcomes: dict[str, int] = {}
     for one in good:
@@ -184,13 +248,13 @@ def _row(key: tuple[str, str], results: list[Result]) -> Row:
     return Row(
         *key,
         kind=results[0]["kind"],
-        studies=len(whole),
+        studies=len(with_library),
         failed=sum(bool(one["failed"]) for one in results),
         chi_square=_median(one["chi_square"] for one in good),
-        identifiable=share(whole, lambda one: all(one["identifiable"])),
-        first=share(seen, lambda one: one["first_right"]),
-        top=share(seen, lambda one: all(one["top_three"])),
-        found=share(seen, lambda one: all(one["in"])),
+        identifiable=share(with_library, lambda one: all(one["identifiable"])),
+        first=share(identifiable_studies, lambda one: one["first_right"]),
+        top=share(identifiable_studies, lambda one: all(one["top_three"])),
+        found=share(identifiable_studies, lambda one: all(one["in"])),
         wrong=_mean(one["wrong"] for one in good),
         ratio=(_median(one["ratio"] for one in good), _median(before)),
         outcomes=outcomes,
@@ -203,10 +267,10 @@ def _row(key: tuple[str, str], results: list[Result]) -> Row:
 
 
 def _median(values: Iterable[float]) -> float:
-    found = list(values)
-    return float(np.median(found)) if found else float("nan")
+    numbers = list(values)
+    return float(np.median(numbers)) if numbers else float("nan")
 
 
 def _mean(values: Iterable[float]) -> float:
-    found = list(values)
-    return float(np.mean(found)) if found else float("nan")
+    numbers = list(values)
+    return float(np.mean(numbers)) if numbers else float("nan")

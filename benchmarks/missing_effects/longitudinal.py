@@ -1,4 +1,5 @@
-"""An aircraft of an F-4's size in its plane of symmetry, with polynomials for coefficients (`jaxid.aircraft.Longitudinal`).
+"""An aircraft of an F-4's size in its plane of symmetry, with polynomials for coefficients
+(`jaxid.aircraft.Longitudinal`).
 
 The truth is integrated by an adaptive method of order five.
 """
@@ -8,25 +9,43 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.missing_effects.scenarios import CHECK, TEST, TRAIN, Flown, Scenario, System, planted, scenario
+from benchmarks.missing_effects.scenarios import (
+    CHECK,
+    TEST,
+    TRAIN,
+    Flown,
+    Scenario,
+    System,
+    planted,
+    scenario,
+)
 from benchmarks.missing_effects.truth import noise_of
 from benchmarks.missing_effects.truth_effects import recorded
-from jaxid import AbstractModel, Augmented, free, record
-from jaxid.aircraft.effects import CoefficientTerm
-from jaxid.aircraft.longitudinal import MOVED
-from jaxid.aircraft.longitudinal_flight import (
+from jaxid import AbstractModel, free, record
+from jaxid.aircraft.effects.coefficient_term import CoefficientTerm
+from jaxid.aircraft.flight.longitudinal import MOVED_STATES
+from jaxid.aircraft.flight.longitudinal_flight import (
+    FLIGHT_SAMPLE_TIME,
+    LONGITUDINAL_SPEED,
     NOISE_DEG,
     NOISE_SI,
-    SAMPLE_TIME,
     SAMPLES,
-    SPEED,
     declared,
     level_trim,
     manoeuvres,
     true_aircraft,
 )
-from jaxid.models import InputDelay, InputLag, SensorBias, SensorDelay, SensorScale
-from jaxid.models.names import read
+from jaxid.effects import (
+    Augmented,
+    InputDelay,
+    InputLag,
+    Location,
+    LocationKind,
+    SensorBias,
+    SensorDelay,
+    SensorScale,
+)
+from jaxid.models.names import read_parameters
 from jaxid.simulation.simulate import simulate
 from jaxid.simulation.steppers import Adaptive
 
@@ -35,7 +54,9 @@ GUST_TIME = 1.0  # s, of the memory of a vertical gust
 
 
 class Gusty(AbstractModel):
-    """The aircraft in vertical gusts, a second input [m/s]: its coefficients feel the air, its vane and its pitot tube too."""
+    """The aircraft in vertical gusts, a second input [m/s]: its coefficients feel the air, its vane
+    and its pitot tube too.
+    """
 
     model: AbstractModel
     states: tuple[str, ...] = eqx.field(static=True)
@@ -44,10 +65,14 @@ class Gusty(AbstractModel):
 
     def __init__(self, model: AbstractModel):
         self.model = model
-        self.states, self.inputs, self.outputs = model.states, (*model.inputs, "gust"), model.outputs
+        self.states, self.inputs, self.outputs = (
+            model.states,
+            (*model.inputs, "gust"),
+            model.outputs,
+        )
 
     def rhs(self, t, x, u):
-        # The rate in moving axes turns the velocity over ground, not that through the air.
+        # The rotation term in moving axes uses the velocity over ground, not the airspeed.
         rates = self.model.rhs(t, x.at[1].add(u[1]), u[:1])
         return rates.at[0].add(x[2] * u[1])
 
@@ -61,28 +86,57 @@ class Gusty(AbstractModel):
 def fly(wanted: Scenario, seed: int) -> Flown:
     """Seven manoeuvres of 20 s, each larger or smaller by up to a third, to either side.
 
-    Settings: `memory` colours the noise, `weak` scales the elevator, `thrust` is the share of the trimmed one that is left,
-    known, `gaps` is the share of missing samples, and `gust` the size of vertical gusts [m/s].
+    Settings: `memory` colours the noise, `weak` scales the elevator, `thrust` is the share of the
+    trimmed one that is left, known, `gaps` is the share of missing samples, and `gust` the size of
+    vertical gusts [m/s].
     """
     have, generator = wanted.setting, wanted.generator(seed)
     count = TRAIN + CHECK + TEST
-    size = generator.uniform(0.7, 1.3, count) * generator.choice([-1.0, 1.0], count) * have.get("weak", 1.0)
-    gust = have.get("gust", 0.0) * noise_of(generator, (count, SAMPLES), np.exp(-SAMPLE_TIME / GUST_TIME))
-    truth, t, u, y = _flown(wanted.effects, jnp.asarray(size), jnp.asarray(gust), jnp.array(have.get("thrust", 1.0)))
-    noise = np.array([np.radians(NOISE_DEG[c]) if c in NOISE_DEG else NOISE_SI[c] for c in truth.outputs])
+    size = (
+        generator.uniform(0.7, 1.3, count)
+        * generator.choice([-1.0, 1.0], count)
+        * have.get("weak", 1.0)
+    )
+    gust = have.get("gust", 0.0) * noise_of(
+        generator, (count, SAMPLES), np.exp(-FLIGHT_SAMPLE_TIME / GUST_TIME)
+    )
+    truth, t, u, y = _flown(
+        wanted.effects, jnp.asarray(size), jnp.asarray(gust), jnp.array(have.get("thrust", 1.0))
+    )
+    noise = np.array(
+        [np.radians(NOISE_DEG[c]) if c in NOISE_DEG else NOISE_SI[c] for c in truth.outputs]
+    )
     z = np.asarray(y) + noise * noise_of(generator, y.shape, have.get("memory", 0.0))
     z = recorded(wanted.effects, z, truth.outputs)
     if "gaps" in have:
         z[generator.uniform(size=z.shape) < have["gaps"]] = np.nan
-    units = {name: unit for name, unit in truth.units().items() if name in truth.inputs + truth.outputs}
+    units = {
+        name: unit for name, unit in truth.units().items() if name in truth.inputs + truth.outputs
+    }
     flown = [
-        record(t, one, seen, inputs=truth.inputs, outputs=truth.outputs, units=units, name=f"record {i}")
-        for i, (one, seen) in enumerate(zip(np.asarray(u), z, strict=True))
+        record(
+            t,
+            one,
+            readings,
+            inputs=truth.inputs,
+            outputs=truth.outputs,
+            units=units,
+            name=f"record {i}",
+        )
+        for i, (one, readings) in enumerate(zip(np.asarray(u), z, strict=True))
     ]
     model = declared(truth)
     chosen = free(model, "CX", "CZ", "Cm", per_record=("initial_state",))
-    true = dict(zip(chosen.shared, np.asarray(read(truth.model, chosen.shared)).tolist(), strict=True))
-    return Flown(model, chosen, flown[:TRAIN], flown[TRAIN : TRAIN + CHECK], flown[TRAIN + CHECK :], true)
+    true = dict(
+        zip(
+            chosen.shared,
+            np.asarray(read_parameters(truth.model, chosen.shared)).tolist(),
+            strict=True,
+        )
+    )
+    return Flown(
+        model, chosen, flown[:TRAIN], flown[TRAIN : TRAIN + CHECK], flown[TRAIN + CHECK :], true
+    )
 
 
 @eqx.filter_jit
@@ -90,17 +144,19 @@ def _flown(effects, size, gust, thrust):
     """The trimmed truth, sample times, inputs and outputs of all manoeuvres."""
     aircraft = true_aircraft()
     steady = tuple(one for one in effects if isinstance(one, CoefficientTerm))
-    trimmed, elevator, needed = level_trim(Augmented(aircraft, steady), SPEED)
+    trimmed, elevator, needed = level_trim(Augmented(aircraft, steady), LONGITUDINAL_SPEED)
     aircraft = eqx.tree_at(lambda model: model.thrust, aircraft, thrust * needed)
     truth = Augmented(aircraft, effects)
-    t = SAMPLE_TIME * jnp.arange(SAMPLES)
+    t = FLIGHT_SAMPLE_TIME * jnp.arange(SAMPLES)
     u = elevator + (size[:, None] * jnp.stack(list(manoeuvres(t).values())))[..., None]
     moving = Gusty(truth)
-    actuators = jnp.full(len(truth.states) - trimmed.size, elevator)  # what lags begins at rest
+    actuators = jnp.full(len(truth.states) - trimmed.size, elevator)  # lagged states start at rest
     start = jnp.concatenate([trimmed, actuators])
 
     def one(u, gust):
-        return simulate(moving, t, jnp.concatenate([u, gust[:, None]], axis=1), start, stepper=Adaptive()).y
+        return simulate(
+            moving, t, jnp.concatenate([u, gust[:, None]], axis=1), start, stepper=Adaptive()
+        ).y
 
     return truth, t, u, jax.vmap(one)(u, gust)
 
@@ -111,12 +167,18 @@ def system() -> System:
 
 
 def _term(coefficient: str, product: str, gain: float):
-    places = {"CX": (("equation", "u"),), "CZ": (("equation", "w"),), "Cm": (("equation", "q"),)}[coefficient]
-    return planted(CoefficientTerm, coefficient, product, MOVED[coefficient], gain=gain, places=places)
+    places = {
+        "CX": (Location(LocationKind.EQUATION, "u"),),
+        "CZ": (Location(LocationKind.EQUATION, "w"),),
+        "Cm": (Location(LocationKind.EQUATION, "q"),),
+    }[coefficient]
+    return planted(
+        CoefficientTerm, coefficient, product, MOVED_STATES[coefficient], gain=gain, places=places
+    )
 
 
 def _singles() -> tuple[Scenario, ...]:
-    elevator = (("input", "elevator"), ("equation", "q"))
+    elevator = (Location(LocationKind.INPUT, "elevator"), Location(LocationKind.EQUATION, "q"))
     return (
         scenario("cubic moment, faint", _term("Cm", "alpha^3", -0.5)),
         scenario("cubic moment", _term("Cm", "alpha^3", -8.0)),
@@ -125,16 +187,37 @@ def _singles() -> tuple[Scenario, ...]:
         scenario("elevator loses effect", _term("Cm", "alpha elevator", 2.0)),
         scenario("lift bends over", _term("CZ", "alpha^2", 3.0)),
         scenario("elevator delay", planted(InputDelay, "elevator", gain=0.03, places=elevator)),
-        scenario("elevator actuator", planted(InputLag, "elevator", gain=1.0, time=0.1, places=elevator)),
-        scenario("scale of the vane", planted(SensorScale, "alpha", gain=0.05, places=(("output", "alpha"),))),
-        scenario("late vane", planted(SensorDelay, "alpha", gain=0.05, places=(("output", "alpha"),))),
-        scenario("bias of the pitch gyro", planted(SensorBias, "q", gain=0.001, places=(("output", "q"),))),
+        scenario(
+            "elevator actuator", planted(InputLag, "elevator", gain=1.0, time=0.1, places=elevator)
+        ),
+        scenario(
+            "scale of the vane",
+            planted(
+                SensorScale, "alpha", gain=0.05, places=(Location(LocationKind.SENSOR, "alpha"),)
+            ),
+        ),
+        scenario(
+            "late vane",
+            planted(
+                SensorDelay, "alpha", gain=0.05, places=(Location(LocationKind.SENSOR, "alpha"),)
+            ),
+        ),
+        scenario(
+            "bias of the pitch gyro",
+            planted(SensorBias, "q", gain=0.001, places=(Location(LocationKind.SENSOR, "q"),)),
+        ),
     )
 
 
 def _doubles() -> tuple[Scenario, ...]:
-    actuator = planted(InputLag, "elevator", gain=1.0, time=0.1, places=(("input", "elevator"), ("equation", "q")))
-    gyro = planted(SensorBias, "q", gain=0.001, places=(("output", "q"),))
+    actuator = planted(
+        InputLag,
+        "elevator",
+        gain=1.0,
+        time=0.1,
+        places=(Location(LocationKind.INPUT, "elevator"), Location(LocationKind.EQUATION, "q")),
+    )
+    gyro = planted(SensorBias, "q", gain=0.001, places=(Location(LocationKind.SENSOR, "q"),))
     return (
         scenario("cubic moment and actuator", _term("Cm", "alpha^3", -8.0), actuator),
         scenario("lift bends over and biased gyro", _term("CZ", "alpha^2", 3.0), gyro),

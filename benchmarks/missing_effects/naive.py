@@ -1,4 +1,4 @@
-"""The naive way: stepwise regression of the residual itself on the signals of the same candidates."""
+"""Naive method: stepwise regression of the residual on the signals of the same candidates."""
 
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
@@ -9,21 +9,22 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.missing_effects.reference import Reference
+from jaxid.effects.base import Effect
 from jaxid.estimation.problem import Problem
-from jaxid.models.effects import Effect
 from jaxid.models.free import Parameters, with_values
 from jaxid.structure import SubsetOptions, columns, stepwise
 
-LEVEL = 0.01  # of one false term among all, as in the loop
+LEVEL = 0.01  # probability of one false term among all candidates, as in the loop
 
 
 class Naive(NamedTuple):
-    """What a regression of the residual says.
+    """Result of a regression of the residual.
 
     Attributes:
-        first: the signal that enters first, in the channel in which its F is the largest; None where nothing enters.
+        first: signal that enters first, in the channel with its largest F; None if no signal
+            enters.
         names: candidates that have this signal.
-        terms: how many signals enter, all channels together.
+        terms: number of signals that enter, summed over channels.
     """
 
     first: str | None
@@ -31,27 +32,28 @@ class Naive(NamedTuple):
     terms: int
 
 
-def naive(found: Reference, library: Iterable[Effect]) -> Naive:
-    """Regress each channel's training residual of the declared model on the signals of all candidates.
+def naive(reference: Reference, library: Iterable[Effect]) -> Naive:
+    """Regress each channel's training residual of the declared model on the signals of all
+    candidates.
 
-    Terms have their product, a sensor's scale its output, what is late or lags a rate of change; a constant is a bias. The
-    signals are those of the declared model's own simulation.
+    The signal of a term is its product, of a sensor's scale its output, of a delay or lag a rate of
+    change, and of a bias a constant. Signals are simulated by the declared model.
     """
-    signals, residuals, mask, steps = _simulated(found)
+    signals, residuals, mask, steps = _simulated(reference)
     named: dict[str, list[tuple[str, str]]] = {}
     table: dict[str, np.ndarray] = {}
     for effect in library:
         for key, column in _signal(effect, signals, steps):
             table[key] = column
-            named.setdefault(key, []).append((effect.name, effect.family))
+            named.setdefault(key, []).append((effect.name, effect.card.family))
     X = np.stack([table[key].reshape(-1) for key in table], axis=1)
     moving = np.ptp(X, axis=0) > 0
     keys, X = [key for key, varies in zip(table, moving, strict=True) if varies], X[:, moving]
     best, first, terms = 0.0, None, 0
     options = SubsetOptions(level_in=LEVEL / len(keys))
     for channel in range(residuals.shape[-1]):
-        seen = mask[..., channel].reshape(-1)
-        path = stepwise(X[seen], residuals[..., channel].reshape(-1)[seen], keys, options=options)
+        valid = mask[..., channel].reshape(-1)
+        path = stepwise(X[valid], residuals[..., channel].reshape(-1)[valid], keys, options=options)
         terms += len(path.models[-1].terms)
         entered = next((step for step in path.steps if step.action == "enter"), None)
         if entered is not None and entered.partial_F > best:
@@ -59,28 +61,43 @@ def naive(found: Reference, library: Iterable[Effect]) -> Naive:
     return Naive(first, tuple(named[first]) if first else (), terms)
 
 
-def _simulated(found: Reference):
-    """Signals by name, residuals, mask, each of shape (case, time, ...), and the time between samples."""
-    bench, declared = found.bench, found.declared
-    shared = jnp.asarray(declared.values[: len(bench.free.shared)])
-    model = with_values(bench.model.model, bench.free.shared, shared)
-    problem = Problem.of(model, bench.free, bench.records, bench.likelihood)
+def _simulated(reference: Reference):
+    """Return signals by name, residuals, mask, and the time between samples.
+
+    The first three have shape (case, time, ...).
+    """
+    workbench, declared = reference.workbench, reference.declared
+    shared = jnp.asarray(declared.values[: len(workbench.free.shared)])
+    model = with_values(workbench.model.model, workbench.free.shared, shared)
+    problem = Problem.of(model, workbench.free, workbench.records, workbench.likelihood)
     signals, y = _signals_of(problem, Parameters(shared, declared.fit.parameters.rows))
     signals = {name: np.asarray(signal) for name, signal in signals.items()}
-    signals |= {f"output {name}": np.asarray(y[..., i]) for i, name in enumerate(bench.records.outputs)}
-    signals |= {f"input {name}": np.asarray(bench.records.u[..., i]) for i, name in enumerate(bench.records.inputs)}
-    steps = np.diff(np.asarray(bench.records.t), axis=1)
-    return signals, np.asarray(declared.fit.residuals), np.asarray(bench.records.mask), float(np.median(steps))
+    signals |= {
+        f"output {name}": np.asarray(y[..., i]) for i, name in enumerate(workbench.records.outputs)
+    }
+    signals |= {
+        f"input {name}": np.asarray(workbench.records.u[..., i])
+        for i, name in enumerate(workbench.records.inputs)
+    }
+    steps = np.diff(np.asarray(workbench.records.t), axis=1)
+    return (
+        signals,
+        np.asarray(declared.fit.residuals),
+        np.asarray(workbench.records.mask),
+        float(np.median(steps)),
+    )
 
 
 @eqx.filter_jit
 def _signals_of(problem: Problem, parameters: Parameters):
     solutions = problem.solve(parameters)
-    return jax.vmap(jax.vmap(problem.model.signals))(solutions.t, solutions.x, problem.records.u), solutions.y
+    return jax.vmap(jax.vmap(problem.model.signals))(
+        solutions.t, solutions.x, problem.records.u
+    ), solutions.y
 
 
 def _signal(effect: Effect, signals: Mapping[str, np.ndarray], step: float):
-    """Key and history of the signal that a candidate goes by; none for one that has no such signal."""
+    """Yield key and history of the signal of a candidate; nothing for a candidate without one."""
     kind, channel = type(effect).__name__, getattr(effect, "channel", None)
     shape = next(iter(signals.values())).shape
     for _, product in effect.terms[:1]:
@@ -98,6 +115,9 @@ def _signal(effect: Effect, signals: Mapping[str, np.ndarray], step: float):
     elif kind == "SensorSaturation":
         output = signals[f"output {channel}"]
         at = 0.7 * (np.max(output) if effect.end == "upper" else np.min(output))
-        yield f"{effect.end} end of {channel}", np.maximum((output - at) * (1 if effect.end == "upper" else -1), 0.0)
+        yield (
+            f"{effect.end} end of {channel}",
+            np.maximum((output - at) * (1 if effect.end == "upper" else -1), 0.0),
+        )
     elif kind in ("InputDelay", "InputLag"):
         yield f"rate of {channel}", np.gradient(signals[f"input {channel}"], step, axis=1)

@@ -1,4 +1,7 @@
-"""What could be attained: the true model fitted to the same records, and whether they determine the planted effect at all."""
+"""Attainable error: the true model fitted to the records of a study.
+
+This fit also shows whether the records determine the planted effect.
+"""
 
 from typing import NamedTuple
 
@@ -7,11 +10,12 @@ import numpy as np
 from benchmarks.missing_effects.scenarios import Flown, Scenario
 from jaxid import LoopOptions, OutputError
 from jaxid.diagnosis.scores import critical
+from jaxid.effects.base import Effect
 from jaxid.estimation.estimate import as_stack
-from jaxid.models.effects import Effect
 from jaxid.study.close_loop import SOLVER
 from jaxid.study.columns import own_parameters
-from jaxid.study.workbench import Fitted, Workbench
+from jaxid.study.fit import Fitted
+from jaxid.study.workbench import Workbench
 
 
 class Reference(NamedTuple):
@@ -19,13 +23,13 @@ class Reference(NamedTuple):
 
     Attributes:
         bench, declared: the workbench, and the declared model's fit.
-        chi_square: by how much the effects together lower the training cost, twice.
+        chi_square: twice the reduction of the training cost by all planted effects.
         gains: chi-square of each planted gain, for coloured residuals.
         identifiable: whether each is significant at the study's threshold.
         error: mean over the channels of the logarithm of the error on the test records.
     """
 
-    bench: Workbench
+    workbench: Workbench
     declared: Fitted
     chi_square: float
     gains: tuple[float, ...]
@@ -33,38 +37,51 @@ class Reference(NamedTuple):
     error: float
 
 
-def reference(scenario: Scenario, flown: Flown, library: tuple[Effect, ...], window: int) -> Reference:
-    """Fit the declared model and the true one, the latter from the true values of everything.
+def reference(
+    scenario: Scenario, flown: Flown, library: tuple[Effect, ...], window: int
+) -> Reference:
+    """Fit the declared model and the true model, the latter from the true parameter values.
 
     Args:
-        scenario: with what is planted.
+        scenario: scenario with its planted effects.
         flown: its records.
-        library: the candidates of the study, so that nothing is compiled for the reference alone.
+        library: candidates of the study, so that the reference needs no further compilation.
         window: samples in which initial states are fitted.
     """
-    bench = Workbench(flown.model, flown.free, library, OutputError(), as_stack(list(flown.train)), SOLVER)
-    declared = bench.set_shapes(bench.base())
+    workbench = Workbench(
+        flown.model, flown.free, library, OutputError(), as_stack(list(flown.train)), SOLVER
+    )
+    declared = workbench.set_shapes(workbench.base())
     names, values = [], np.array(declared.values)
     for name in flown.free.shared if scenario.planted else ():
-        values[bench.columns.index[name]] = flown.true.get(name, values[bench.columns.index[name]])
+        values[workbench.columns.index[name]] = flown.true.get(
+            name, values[workbench.columns.index[name]]
+        )
     for one in scenario.planted:
-        name = next((effect.name for effect in library if effect.family == one.effect.family), None)
+        name = next(
+            (effect.name for effect in library if effect.card.family == one.effect.card.family),
+            None,
+        )
         if name is None:
-            raise ValueError(f"the library of candidates has no {one.effect.family}")
+            raise ValueError(f"the library of candidates has no {one.effect.card.family}")
         names.append(name)
-        for dotted in own_parameters(bench.effects[name]):
-            values[bench.columns.index[dotted]] = float(getattr(one.effect, dotted.rpartition(".")[2]))
-    fitted = bench.fit(names, values, declared.fit.parameters.rows) if names else declared
-    errors = bench.standard_errors(fitted)
+        for dotted in own_parameters(workbench.effects[name]):
+            values[workbench.columns.index[dotted]] = float(
+                getattr(one.effect, dotted.rpartition(".")[2])
+            )
+    fitted = workbench.fit(names, values, declared.fit.parameters.rows) if names else declared
+    errors = workbench.standard_errors(fitted)
     gains = tuple(_chi_square(*errors[f"{name}.gain"]) for name in names)
     threshold = critical(LoopOptions().level / len(library))
-    rms = bench.predict(fitted, as_stack(list(flown.test)), window).rms
+    rms = workbench.predict(fitted, as_stack(list(flown.test)), window).rms
     fall = 2.0 * (declared.cost - fitted.cost)
-    return Reference(bench, declared, fall, gains, tuple(one > threshold for one in gains), mean_log(rms))
+    return Reference(
+        workbench, declared, fall, gains, tuple(one > threshold for one in gains), mean_log(rms)
+    )
 
 
 def mean_log(rms) -> float:
-    """Mean over the channels of the logarithm of their errors."""
+    """Return the mean over the channels of the logarithm of their errors."""
     return float(np.mean(np.log(np.asarray(list(rms.values()) if isinstance(rms, dict) else rms))))
 
 

@@ -1,4 +1,4 @@
-"""What is planted, what counts as finding it, and what a system hands over."""
+"""Scenarios, their planted effects and accepted names, and the interface of a system."""
 
 import dataclasses
 import zlib
@@ -10,40 +10,40 @@ import numpy as np
 
 from jaxid import AbstractModel, Free
 from jaxid.data.record import Record
-from jaxid.models.effects import Effect
+from jaxid.effects import Location
+from jaxid.effects.base import Effect
 
 KINDS = ("single", "double", "control", "process")
 TRAIN, CHECK, TEST = 3, 2, 2  # records of each kind
-Place = tuple[str, str]  # kind and name, as in `jaxid.diagnosis.Where`
 
 
 class Planted(NamedTuple):
     """One effect of the truth.
 
     Attributes:
-        effect: with its true values.
-        places: where a free-form disturbance would stand for it.
-        also: names or families of effects that are the same to these records.
+        effect: effect with its true values.
+        places: places where a free-form disturbance would represent it.
+        also: names or families of effects that these records cannot distinguish from it.
     """
 
     effect: Effect
-    places: tuple[Place, ...]
+    places: tuple[Location, ...]
     also: tuple[str, ...] = ()
 
     def accepts(self, name: str, family: str) -> bool:
-        """Whether a candidate counts as this effect."""
-        return bool({name, family} & {self.effect.name, self.effect.family, *self.also})
+        """Return True if a candidate counts as this effect."""
+        return bool({name, family} & {self.effect.name, self.effect.card.family, *self.also})
 
 
 @dataclasses.dataclass(frozen=True)
 class Scenario:
-    """One situation.
+    """A scenario of a system.
 
     Attributes:
-        name: unique within its system.
+        name: unique name within its system.
         kind: one of `KINDS`.
-        planted: what is missing in the declared model.
-        setting: how it is flown otherwise than usually; each system says what it knows.
+        planted: effects missing in the declared model.
+        setting: deviations from the usual conditions; `fly` of each system lists its settings.
     """
 
     name: str
@@ -53,33 +53,37 @@ class Scenario:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """What is planted, without what counts as finding it."""
+        """The planted effects, without their accepted names."""
         return tuple(one.effect for one in self.planted)
 
     def generator(self, seed: int) -> np.random.Generator:
-        """Random numbers of their own for each scenario and seed."""
+        """Return the random generator of this scenario and seed."""
         return np.random.default_rng([seed, zlib.crc32(self.name.encode())])
 
 
-def planted(kind: type[Effect], *names, places: tuple[Place, ...], also: tuple[str, ...] = (), **values) -> Planted:
-    """An effect from its class, its names and its numbers.
+def planted(
+    kind: type[Effect], *names, places: tuple[Location, ...], also: tuple[str, ...] = (), **values
+) -> Planted:
+    """Return a planted effect from its class, names and numbers.
 
     Args:
-        kind: of effect.
-        names: its fields that are names, in order.
+        kind: class of the effect.
+        names: values of its fields that are names, in order.
         places, also: as in `Planted`.
-        values: its fields that are numbers.
+        values: values of its fields that are numbers.
     """
-    return Planted(kind(*names, **{key: jnp.array(value) for key, value in values.items()}), places, also)
+    return Planted(
+        kind(*names, **{key: jnp.array(value) for key, value in values.items()}), places, also
+    )
 
 
 def scenario(name: str, *effects: Planted, **setting) -> Scenario:
-    """A scenario with one effect, or with two."""
+    """Return a scenario with one or two effects."""
     return Scenario(name, "single" if len(effects) == 1 else "double", effects, setting)
 
 
 class Flown(NamedTuple):
-    """What a study is given: declared model, free parameters and records; and the truth, for the reference.
+    """Declared model, free parameters and records of a study; and the truth, for the reference.
 
     Attributes:
         true: true values of the free parameters that all records share, by name.
@@ -97,9 +101,9 @@ class System(NamedTuple):
     """A system with its scenarios.
 
     Attributes:
-        name: of the system.
-        cheap: whether a study takes a few seconds, so that the many controls are drawn over it.
-        tables: whether its truth has table aerodynamics.
+        name: name of the system.
+        cheap: True if a study takes a few seconds, so that the further controls use it.
+        tables: True if its truth has table aerodynamics.
         window: samples at the start of check and test records in which the initial state is fitted.
         scenarios: all of them.
         fly: records of a scenario for a seed.
@@ -113,5 +117,5 @@ class System(NamedTuple):
     fly: Callable[[Scenario, int], Flown]
 
     def scenario(self, name: str) -> Scenario:
-        """A scenario by its name."""
+        """Return the scenario with this name."""
         return next(one for one in self.scenarios if one.name == name)

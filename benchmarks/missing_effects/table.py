@@ -1,4 +1,4 @@
-"""The results as text: goals, scenarios, and what went wrong in each."""
+"""Results as text: goals, scenarios and shortfalls."""
 
 from collections.abc import Sequence
 
@@ -10,40 +10,50 @@ from benchmarks.missing_effects.judge import (
     goals,
     identifiable,
     names_no_cause,
+    outcome_of,
     rows,
     unseen_in,
 )
+from jaxid.study.outcome import Outcome
 
-NOTES = """chi2: median fall of twice the cost that the true model brings. id: the planted effect is significant in that fit;
-first, top 3 and found count these studies only. wrong: effects added that are none of the planted. ratio: error on test records
-over what the true model attains; before: that of the declared model. place, quiet: with the effect left out of the library,
-where it sits is right, and no cause is named. naive: a stepwise regression of the residual begins with the right signal; terms:
-how many it ends with."""
+NOTES = """\
+chi2: median reduction of twice the cost by the true model. id: the planted effect is significant in
+that fit; first, top 3 and found count these studies only. wrong: number of added effects that were
+not planted. ratio: error on test records over the error of the true model; before: the same ratio
+of the declared model. place, quiet: with the effect left out of the library, its place is right,
+and no cause is named. naive: a stepwise regression of the residual begins with the right signal;
+terms: number of terms at its end."""
 
 
 def text(results: Sequence[Result]) -> str:
-    """Everything, for reading."""
-    parts = [goal_table(goals(results)), row_table(rows(results)), NOTES, controls_table(rows(results))]
+    """Return all tables as one text."""
+    parts = [
+        goal_table(goals(results)),
+        row_table(rows(results)),
+        NOTES,
+        controls_table(rows(results)),
+    ]
     return "\n\n".join(part for part in (*parts, shortfalls(results)) if part)
 
 
-def goal_table(found: Sequence[Goal]) -> str:
-    """Figures beside their goals."""
+def goal_table(figures: Sequence[Goal]) -> str:
+    """Return the table of shares and their goals."""
     lines = [f"{'':<54} {'found':>7} {'95 % interval':>16} {'goal':>8}"]
-    for one in found:
+    for one in figures:
         low, high = one.share.interval
         sign = "<=" if one.at_most else ">="
-        told = "" if one.met else "  SHORT"
+        mark = "" if one.met else "  SHORT"
         counts = f"({one.share.count} of {one.share.of})"
         lines.append(
-            f"{one.name:<54} {one.share.value:>7.1%} {f'{low:.1%} - {high:.1%}':>16} {sign:>3}{one.goal:>5.0%}"
-            f"{told} {counts}"
+            f"{one.name:<54} {one.share.value:>7.1%} {f'{low:.1%} - {high:.1%}':>16} "
+            f"{sign:>3}{one.goal:>5.0%}"
+            f"{mark} {counts}"
         )
     return "\n".join(lines)
 
 
-def row_table(found: Sequence[Row]) -> str:
-    """One line for each scenario with something in it."""
+def row_table(scenarios: Sequence[Row]) -> str:
+    """Return one line for each scenario with planted effects or gusts."""
     head = (
         "chi2",
         "id",
@@ -59,9 +69,12 @@ def row_table(found: Sequence[Row]) -> str:
         "terms",
         "s",
     )
-    width = max([len(one.scenario) for one in found] + [8])
-    lines = [f"{'system':<13}{'scenario':<{width}}" + "".join(f"{name:>8}" for name in head) + "  outcomes"]
-    for one in found:
+    width = max([len(one.scenario) for one in scenarios] + [8])
+    lines = [
+        f"{'system':<13}{'scenario':<{width}}" + "".join(f"{name:>8}" for name in head) + "  "
+        "outcomes"
+    ]
+    for one in scenarios:
         if one.kind == "control":
             continue
         cells = (
@@ -74,16 +87,23 @@ def row_table(found: Sequence[Row]) -> str:
             f"{one.naive_terms:.1f}",
             f"{one.seconds:.1f}",
         )
-        lines.append(f"{one.system:<13}{one.scenario:<{width}}" + "".join(f"{c:>8}" for c in cells) + _outcomes(one))
+        lines.append(
+            f"{one.system:<13}{one.scenario:<{width}}"
+            + "".join(f"{c:>8}" for c in cells)
+            + _outcomes(one)
+        )
     return "\n".join(lines)
 
 
-def controls_table(found: Sequence[Row]) -> str:
-    """One line for each control."""
-    controls = [one for one in found if one.kind == "control"]
+def controls_table(scenarios: Sequence[Row]) -> str:
+    """Return one line for each control."""
+    controls = [one for one in scenarios if one.kind == "control"]
     if not controls:
         return ""
-    lines = [f"{'system':<13}{'nothing missing':<34}{'studies':>8}{'wrong':>8}{'naive terms':>13}{'s':>7}  outcomes"]
+    lines = [
+        f"{'system':<13}{'nothing missing':<34}{'studies':>8}{'wrong':>8}{'naive terms':>13}"
+        f"{'s':>7}  outcomes"
+    ]
     for one in controls:
         numbers = f"{one.studies:>8}{one.wrong:>8.2f}{one.naive_terms:>13.1f}{one.seconds:>7.1f}"
         lines.append(f"{one.system:<13}{one.scenario:<34}{numbers}{_outcomes(one)}")
@@ -91,7 +111,7 @@ def controls_table(found: Sequence[Row]) -> str:
 
 
 def shortfalls(results: Sequence[Result]) -> str:
-    """Every study that falls short, with what won instead."""
+    """Return one line for each study that falls short, with the effects added instead."""
     lines, unseen = [], unseen_in(results)
     for one in results:
         why = shortfall(one, unseen(one))
@@ -102,35 +122,40 @@ def shortfalls(results: Sequence[Result]) -> str:
 
 
 def shortfall(one: Result, unseen: bool = False) -> str:
-    """Why a study falls short, empty where it does not; `unseen` where nothing of what is planted shows in its records."""
+    """Return the reason why a study falls short; empty if it does not.
+
+    `unseen` is True if no planted effect is significant in its records.
+    """
     if one["failed"]:
         return f"failed, {one['failed']}"
     added = ", ".join(one["effects"]) or "nothing"
     if one["removed"]:
         words = [f"{one['outcome']}: {added}"] * (not names_no_cause(one, unseen))
         misplaced = not (one["place_right"] or unseen)
-        return "; ".join(words + [f"place told: {', '.join(one['where'])}"] * misplaced)
+        return "; ".join(words + [f"place: {', '.join(one['where'])}"] * misplaced)
     if one["kind"] == "control":
         return f"false: {added} ({one['outcome']})" if one["effects"] else ""
     if one["kind"] == "process":
-        return "" if one["outcome"] == "process noise" else f"{one['outcome']}: {added}"
+        return "" if outcome_of(one) is Outcome.PROCESS_NOISE else f"{one['outcome']}: {added}"
     if not identifiable(one):
         return ""
     words = []
     if not all(one["in"]) or (one["kind"] == "single" and not one["first_right"]):
         words.append(f"{added} ({one['outcome']}; {_leading(one)})")
     if one["ratio"] >= 1.05:
-        words.append(f"ratio {one['ratio']:.3f}" + ("" if words else f" with {added} ({one['outcome']})"))
+        words.append(
+            f"ratio {one['ratio']:.3f}" + ("" if words else f" with {added} ({one['outcome']})")
+        )
     return "; ".join(words)
 
 
 def _leading(one: Result) -> str:
-    """The first round's leading candidates, with chi-squares of score and refit."""
-    told = []
+    """Return the leading candidates of the first round, with chi-squares of score and refit."""
+    leading = []
     for name, score, _, fall, check, verdict in one["rounds"][0]["candidates"]:
-        if fall is not None and len(told) < 4:
-            told.append(f"{name} {score:.0f}/{fall:.0f}, check {check:+.3f}, {verdict}")
-    return f"truth {one['chi_square']:.0f}; " + "; ".join(told)
+        if fall is not None and len(leading) < 4:
+            leading.append(f"{name} {score:.0f}/{fall:.0f}, check {check:+.3f}, {verdict}")
+    return f"truth {one['chi_square']:.0f}; " + "; ".join(leading)
 
 
 def _of(one: Share) -> str:

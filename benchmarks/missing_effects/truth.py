@@ -1,4 +1,4 @@
-"""The truth of the cheap systems: their equations in plain NumPy, integrated by SciPy's DOP853, all records side by side.
+"""Truth of the cheap systems: NumPy equations, integrated by SciPy's DOP853, all records at once.
 
 Nothing of `jaxid`'s equations, effects or steppers is used.
 """
@@ -10,7 +10,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import DOP853
 
-from benchmarks.missing_effects.truth_effects import Inputs, Signals, force, kind, memories, read, recorded
+from benchmarks.missing_effects.truth_effects import (
+    Inputs,
+    Signals,
+    force,
+    kind,
+    memories,
+    read,
+    recorded,
+)
 
 RTOL, ATOL = 1e-9, 1e-11
 
@@ -39,40 +47,57 @@ def fly(
     x0: Signals,
     disturbance: Mapping[str, np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Outputs without noise, shape (record, time, output).
+    """Return the outputs without noise, shape (record, time, output).
 
     Args:
         plant: the equations.
-        effects: what else acts.
+        effects: effects that act in addition.
         t: uniform sample times [s].
         u: inputs by name, shape (record, time).
-        x0: starts by state, shape (record,).
-        disturbance: forces that nobody recorded, by state, shape (record, time), in straight lines between samples.
+        x0: initial states by name, shape (record,).
+        disturbance: unrecorded forces by state, shape (record, time), linear between samples.
     """
-    inputs, hidden, carried = Inputs(t, u, effects), Inputs(t, dict(disturbance or {})), memories(effects, x0, u)
+    inputs, hidden, carried = (
+        Inputs(t, u, effects),
+        Inputs(t, dict(disturbance or {})),
+        memories(effects, x0, u),
+    )
     at = {id(one.effect): index for index, one in enumerate(carried)}
-    start = np.concatenate([np.stack([x0[name] for name in plant.states]), *(one.start for one in carried)])
+    start = np.concatenate(
+        [np.stack([x0[name] for name in plant.states]), *(one.start for one in carried)]
+    )
     ends = len(plant.states) + np.cumsum([0, *(len(one.start) for one in carried)])
 
     def parts(time, x):
-        """Signals, the effects' own states, the inputs on their way to the plant, and the plant's rates."""
-        own, on_the_way = [x[begin:end] for begin, end in itertools.pairwise(ends)], inputs.acting(time)
-        signals = dict(zip(plant.states, x, strict=False)) | on_the_way
-        for one, value in zip(carried, own, strict=True):
+        """Return signals, states of the effects, inputs of the plant, and rates of the plant."""
+        effect_states, plant_inputs = (
+            [x[begin:end] for begin, end in itertools.pairwise(ends)],
+            inputs.plant_input(time),
+        )
+        signals = dict(zip(plant.states, x, strict=False)) | plant_inputs
+        for one, value in zip(carried, effect_states, strict=True):
             if kind(one.effect) == "InputLag":
                 name = one.effect.channel
                 signals[name] = signals[name] + float(one.effect.gain) * (value[0] - signals[name])
         rates = dict(plant.rates(signals))
-        added = [force(one, signals, own[at[id(one)]][0] if id(one) in at else None) for one in effects]
+        added = [
+            force(one, signals, effect_states[at[id(one)]][0] if id(one) in at else None)
+            for one in effects
+        ]
         added += [(state, hidden.recorded(state, time)) for state in hidden.u]
         for state, addition in filter(None, added):
             rates[state] = rates[state] + addition
-        return signals, own, on_the_way, rates
+        return signals, effect_states, plant_inputs, rates
 
     def right_hand_side(time, flat):
-        signals, own, on_the_way, rates = parts(time, flat.reshape(start.shape))
-        memory = [one.rate(value, on_the_way, signals, rates) for one, value in zip(carried, own, strict=True)]
-        return np.concatenate([*(rates[name] for name in plant.states), *(row for one in memory for row in one)])
+        signals, effect_states, plant_inputs, rates = parts(time, flat.reshape(start.shape))
+        memory = [
+            one.rate(value, plant_inputs, signals, rates)
+            for one, value in zip(carried, effect_states, strict=True)
+        ]
+        return np.concatenate(
+            [*(rates[name] for name in plant.states), *(row for one in memory for row in one)]
+        )
 
     shown = []
     for time, flat in zip(t, integrated(right_hand_side, t, start.reshape(-1)), strict=True):
@@ -83,10 +108,15 @@ def fly(
 
 
 def integrated(right_hand_side: Callable, t: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """States at the sample times, the integration begun anew at each of them, as the inputs bend there."""
+    """Return the states at the sample times.
+
+    The integration restarts at each sample, because the slope of the inputs jumps there.
+    """
     states = [start]
     for begin, end in itertools.pairwise(t):
-        solver = DOP853(right_hand_side, begin, states[-1], end, rtol=RTOL, atol=ATOL, first_step=end - begin)
+        solver = DOP853(
+            right_hand_side, begin, states[-1], end, rtol=RTOL, atol=ATOL, first_step=end - begin
+        )
         while solver.status == "running":
             solver.step()
         if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
@@ -105,20 +135,23 @@ def measured(
     x0: Signals,
     noise: Sequence[float],
 ) -> np.ndarray:
-    """Outputs as they are recorded, shape (record, time, output), NaN where a sample is missing.
+    """Return the recorded outputs, shape (record, time, output), NaN where a sample is missing.
 
     Args:
         plant, effects, t, u, x0: as in `fly`.
-        generator: of noise, gusts and gaps.
-        setting: `memory` colours the noise, from sample to sample; `gust` has the sizes of forces that nobody recorded by
-            state, and `gust_time` their memory [s]; `bias` the sizes of offsets by output; `gaps` is the share of missing
-            samples.
-        noise: standard deviations.
+        generator: generator of noise, gusts and gaps.
+        setting: `memory` is the correlation of the noise from sample to sample; `gust` has the
+            sizes of unrecorded forces by state, and `gust_time` their correlation time [s]; `bias`
+            has the sizes of offsets by output; `gaps` is the share of missing samples.
+        noise: standard deviations of the outputs.
     """
     shape = (*next(iter(u.values())).shape, len(plant.outputs))
     error = noise_of(generator, shape, setting.get("memory", 0.0))
     keep = np.exp(-(t[1] - t[0]) / setting.get("gust_time", 1.0))
-    gusts = {name: size * noise_of(generator, shape[:2], keep) for name, size in setting.get("gust", {}).items()}
+    gusts = {
+        name: size * noise_of(generator, shape[:2], keep)
+        for name, size in setting.get("gust", {}).items()
+    }
     clean = fly(plant, effects, t, u, x0, gusts)
     for name, size in setting.get("bias", {}).items():
         clean[..., plant.outputs.index(name)] += size * generator.normal()
@@ -129,9 +162,9 @@ def measured(
 
 
 def noise_of(generator: np.random.Generator, shape: tuple[int, ...], memory: float) -> np.ndarray:
-    """Noise of unit variance that remembers itself from sample to sample, along the second axis."""
+    """Return first-order autoregressive noise of unit variance along the second axis."""
     white = generator.normal(size=shape)
-    found = np.array(white)
+    coloured = np.array(white)
     for i in range(1, shape[1] if memory else 0):
-        found[:, i] = memory * found[:, i - 1] + np.sqrt(1.0 - memory**2) * white[:, i]
-    return found
+        coloured[:, i] = memory * coloured[:, i - 1] + np.sqrt(1.0 - memory**2) * white[:, i]
+    return coloured

@@ -1,35 +1,45 @@
-"""What the report prints in Tables 3.3, 3.4, 5.1, 6.3 and 6.5 to 6.16, as tables to hold our own results against.
+"""Numbers of the report's Tables 3.3, 3.4, 5.1, 6.3 and 6.5 to 6.16, for comparison with our
+results.
 
-Each CSV file is one kind of number, each row says its table (Table 6.6 is in `jaxid.aircraft.noise_levels`, Figure 6.2 in
-`benchmarks.report_cases`). Cases are those of `jaxid.aircraft.flights`, terms are ours: `phat`, `qhat`, `rhat` where the report
-writes p, q, r, `1` for a constant; alpha and beta inside a term are differences from the record's means. Angles are in radians,
-and the report's signs are ours. A value is the one that two places agree on; where the scan has another, `note` says so, and
-`doubtful` marks what nothing decides, kept as scanned.
+Each CSV file holds one kind of number, and each row names its table (Table 6.6 is in
+`jaxid.aircraft.instruments.noise_levels`, Figure 6.2 in `benchmarks.report_cases`). Cases have the
+names of `jaxid.aircraft.flight.report_cases`. Terms are written in our notation: `phat`, `qhat`,
+`rhat` where the report writes p, q, r, and `1` for a constant; alpha and beta inside a term are
+differences from the record's means. Angles are in radians; signs are the report's, which are also
+ours. A value is printed in two places where possible, and the value on which both agree is kept;
+where the scan differs from it, `note` gives the scanned value. A value that no second place
+decides is kept as scanned and marked `doubtful`.
 
 How to read the report's numbers (each is checked in the test of this module):
 
-- A cost is that of Table 4.2, half of `log det R` plus half the number m of outputs: the negative log-likelihood of a sample at
-  the R of Eq. 4.4. The printed "noise covariances" are standard deviations sigma_i, for `J = sum ln(sigma_i) + m/2` then gives
-  every printed final cost but its minus sign, which only Table 6.12 has and all costs here have.
-- Of two-sigma bands, those of terms with F of 100 and more are printed ten times too large: `2 |value| / sqrt(F)` is right.
-- The 4 % rule gives the estimated sets of Tables 6.5 to 6.12, with a constant for each equation and, in the lateral ones, the
-  bias of beta. In Table 6.14 it does not: 12 of its 21 are there, those with F of 139 and more, and the bias is not.
+- A cost is the cost of Table 4.2, half of `log det R` plus half the number m of outputs: the
+  negative log-likelihood of a sample at the R of Eq. 4.4. The printed "noise covariances" are
+  standard deviations sigma_i: with them, `J = sum ln(sigma_i) + m/2` gives every printed final cost
+  except for its minus sign, which only Table 6.12 has. All costs here have the minus sign.
+- The two-sigma bands of terms with F of 100 and more are printed ten times too large:
+  `2 |value| / sqrt(F)` is right.
+- The 4 % rule gives the estimated sets of Tables 6.5 to 6.12, with a constant for each equation
+  and, in the lateral tables, the bias of beta. It does not give the set of Table 6.14, which
+  holds 12 of the rule's 21 terms, those with F of 139 and more, and not the bias.
 
-What the sections did that the tables show only in part:
+Steps of the sections that the tables show only in part:
 
-- 6.3.2, process noise: the estimator stays the output error's, without process noise, and the gusts count as noise of the
-  outputs, which their estimated sigma shows. Ten terms, three constants, the bias of beta. (It cites Table 6.8 for the gusts;
-  6.6 has them.)
-- 6.4.2, two experiments combined: not the parameters but a coefficient is averaged, point by point in alpha where both records
-  have been, with the inverse of its variance from each fit as weights (Eq. 4.15, whose sigma_i the text calls variances).
-  Elsewhere each estimate stands alone. The example is the slope of Cn in beta, from lateral 1 and 4.
-- 6.4.3, 22 parameters for the record of lateral 1: the twelve, started at their estimates; the six terms of Table 6.3 with the
-  next largest F, 50 and more, started at the regression's values; biases of ay, p and r; and alpha^5 in Cl, which Table 6.3 does
-  not have and which we cannot explain. (It cites Table 6.14; 6.15 it is.)
-- 6.4.4, coupled: seven outputs (all but ax), the equation of u left out, 24 terms and the seven sigma: 31. No regression is
-  printed; three terms have no value at the start. "30" for the two separate cases without u is 28 by our count (9 and 12 terms,
-  7 sigma).
-- Table 6.4 lists `alpha^2 stabilator` in Cm of longitudinal 1, fixed at the regression's value; Table 6.3 does not have it.
+- 6.3.2, process noise: the estimator is still output error, without process noise. The gusts count
+  as noise of the outputs, as their estimated sigma shows. Ten terms, three constants, the bias of
+  beta. (The section cites Table 6.8 for the gusts; Table 6.6 has them.)
+- 6.4.2, two experiments combined: a coefficient is averaged instead of the parameters, point by
+  point in the range of alpha that both records cover, with the inverse of its variance from each
+  fit as weights (Eq. 4.15, whose sigma_i the text calls variances). Elsewhere each estimate stands
+  alone. The example is the slope of Cn in beta, from lateral 1 and 4.
+- 6.4.3, 22 parameters for the record of lateral 1: the twelve, started at their estimates; the six
+  terms of Table 6.3 with the next largest F, 50 and more, started at the regression's values;
+  biases of ay, p and r; and alpha^5 in Cl, which Table 6.3 does not have and which we cannot
+  explain. (The section cites Table 6.14; the right one is Table 6.15.)
+- 6.4.4, coupled: seven outputs (all but ax), the equation of u left out, 24 terms and the seven
+  sigma: 31. No regression is printed; three terms have no value at the start. The "30" for the two
+  separate cases without u is 28 by our count (9 and 12 terms, 7 sigma).
+- Table 6.4 lists `alpha^2 stabilator` in Cm of longitudinal 1, fixed at the regression's value;
+  Table 6.3 does not have it.
 """
 
 import csv
@@ -64,7 +74,8 @@ class Selected(NamedTuple):
 
 
 class Refined(NamedTuple):
-    """A parameter that maximum likelihood estimated; the `response` of an output's bias is `bias`, its term the channel.
+    """A parameter that maximum likelihood estimated; the `response` of an output's bias is `bias`,
+    its term the channel.
 
     Attributes:
         start: value before the first iteration.
@@ -90,7 +101,9 @@ class Refined(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """A run of maximum likelihood: costs before and after, relative change in the last iteration."""
+    """A run of maximum likelihood: costs before and after, relative change in the last
+    iteration.
+    """
 
     table: str
     page: int
@@ -137,7 +150,9 @@ def regression(case: str | None = None) -> list[Selected]:
 
 
 def likelihood(case: str | None = None) -> list[Refined]:
-    """Parameters estimated by maximum likelihood (Tables 6.5, 6.8, 6.10, 6.12, 6.14 to 6.16), in the order printed."""
+    """Parameters estimated by maximum likelihood (Tables 6.5, 6.8, 6.10, 6.12, 6.14 to 6.16), in
+    the order printed.
+    """
     return _read("likelihood", Refined, case)
 
 
@@ -158,7 +173,10 @@ def examples(case: str | None = None) -> list[Example]:
 
 def _read(name: str, row, case: str | None) -> list:
     with (FOLDER / f"{name}.csv").open(newline="", encoding="utf-8") as file:
-        rows = [row(**{key: _cell(key, text) for key, text in line.items()}) for line in csv.DictReader(file)]
+        rows = [
+            row(**{key: _cell(key, text) for key, text in line.items()})
+            for line in csv.DictReader(file)
+        ]
     return [one for one in rows if case in (None, one.case)]
 
 

@@ -1,7 +1,9 @@
-"""The report's tables from our own flights, and whether its claims hold: `python -m benchmarks.report_tables`.
+"""The report's tables from our own flights, and verdicts on its claims: `python -m
+benchmarks.report_tables`.
 
-`run(case)` flies and identifies one of the eight cases, `fit` any flights; their results are plain named tuples that the
-notebooks use too. `settings` says what of a case is the report's and what is ours.
+`run(case)` flies and identifies one of the eight cases, `fit` any flights; their results are plain
+named tuples that the notebooks use too. `settings` separates the
+report's choices from ours.
 """
 
 from benchmarks.report_tables.cases import CaseResult, fit, fly_case, larger_set, run

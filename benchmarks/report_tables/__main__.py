@@ -1,4 +1,6 @@
-"""The report's tables of chapters III, V and VI, from our own flights: `python -m benchmarks.report_tables`."""
+"""The report's tables of chapters III, V and VI, from our own flights: `python -m
+benchmarks.report_tables`.
+"""
 
 import argparse
 import json
@@ -21,19 +23,21 @@ from benchmarks.report_tables.text import (
     verdict_lines,
 )
 from benchmarks.report_tables.verdicts import FIRST_10_S, JOINT, LARGER, verdicts
-from jaxid.aircraft.flights import CASES
+from jaxid.aircraft.flight.report_cases import CASES
 
-MORE = {LARGER: ("lateral 1",), JOINT: ("lateral 1", "lateral 4"), FIRST_10_S: ("coupled 1",)}  # what each needs
+# Cases that each further fit needs.
+MORE = {LARGER: ("lateral 1",), JOINT: ("lateral 1", "lateral 4"), FIRST_10_S: ("coupled 1",)}
 
-TABLES = {"lateral 1": "6.5", LARGER: "6.15", JOINT: ""}  # of the report's likelihood, where a case has several; none
+# Table of the report's likelihood, for a case with several tables or none.
+TABLES = {"lateral 1": "6.5", LARGER: "6.15", JOINT: ""}
 
 
 def more(name: str, results: dict[str, CaseResult]) -> CaseResult:
-    """One of the fits beside the eight cases.
+    """Return a fit that the claims need in addition to the eight cases.
 
     Args:
         name: one of `MORE`.
-        results: of the cases that it needs.
+        results: results of the cases that it needs.
     """
     cases = [results[case] for case in MORE[name]]
     flights = [case.flights[0] for case in cases]
@@ -45,14 +49,32 @@ def more(name: str, results: dict[str, CaseResult]) -> CaseResult:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the benchmark; 0 where every case converged."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.report_tables", description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
-    parser.add_argument(
-        "--seed", type=int, default=0, help="of the instruments' errors, the noise and the gusts (default: 0)"
+    """Run the benchmark; return 0 if every case converged."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.report_tables", description=__doc__.splitlines()[0]
     )
-    parser.add_argument("--part", choices=("report", "f16"), default="report", help="the report's cases, or the F-16's")
-    parser.add_argument("--cases", nargs="*", choices=[*CASES, "examples"], metavar="CASE", help="which (default: all)")
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object and nothing else"
+    )
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="of the instruments' errors, the noise and the gusts (default: 0)",
+    )
+    parser.add_argument(
+        "--part",
+        choices=("report", "f16"),
+        default="report",
+        help="the report's cases, or the F-16's",
+    )
+    parser.add_argument(
+        "--cases",
+        nargs="*",
+        choices=[*CASES, "examples"],
+        metavar="CASE",
+        help="which (default: all)",
+    )
     options = parser.parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
     if options.part == "f16":
@@ -63,42 +85,44 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def report(seed: int, cases: list[str], as_json: bool) -> int:
-    """The report's part: cases, what the claims need beside them, small manoeuvres, verdicts."""
+    """Run the report's part: cases, further fits for the claims, small manoeuvres, verdicts."""
     begin, results = time.perf_counter(), {}
     for case in CASES:
         if case in cases:
             results[case] = run(case, seed)
-            _say(as_json, case_table(results[case], TABLES.get(case)) + "\n")
+            _print_unless(as_json, case_table(results[case], TABLES.get(case)) + "\n")
     for name, needed in MORE.items():
         if set(needed) <= set(results):
             results[name] = more(name, results)
-            _say(as_json, case_table(results[name], TABLES.get(name)) + "\n")
+            _print_unless(as_json, case_table(results[name], TABLES.get(name)) + "\n")
     examples: dict[str, Small] = {}
     if "examples" in cases:
         examples = {one.case: small(one, seed) for one in report_numbers.examples()}
-        _say(as_json, example_table(examples.values()) + "\n")
-    found = verdicts(results, examples, seed)
+        _print_unless(as_json, example_table(examples.values()) + "\n")
+    claims = verdicts(results, examples, seed)
     for totals in (True, False):
-        _say(as_json, error_table(results, totals) + "\n")
-    _say(as_json, verdict_lines(found))
-    fine = all(bool(one.identified.estimate.successful) for name, one in results.items() if name in CASES)
+        _print_unless(as_json, error_table(results, totals) + "\n")
+    _print_unless(as_json, verdict_lines(claims))
+    fine = all(
+        bool(one.identified.estimate.successful) for name, one in results.items() if name in CASES
+    )
     if as_json:
-        told = {
+        output = {
             "status": "converged" if fine else "not converged",
             "seed": seed,
             "seconds": time.perf_counter() - begin,
             "cases": {name: as_numbers(one, TABLES.get(name)) for name, one in results.items()},
             "Cm over alpha": curves(results),
             "examples": examples,
-            "verdicts": found,
+            "verdicts": claims,
         }
-        print(json.dumps(plain(told)))
+        print(json.dumps(plain(output)))
     else:
         print(f"\nSeed {seed}, {time.perf_counter() - begin:.0f} s.")
     return 0 if fine else 1
 
 
-def _say(quiet: bool, words: str) -> None:
+def _print_unless(quiet: bool, words: str) -> None:
     if not quiet:
         print(words, flush=True)
 

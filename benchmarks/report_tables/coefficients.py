@@ -1,4 +1,7 @@
-"""Coefficients of a model beside the tables' true ones: whole, static, and their derivatives, with two-sigma bands."""
+"""Errors of a model's coefficients against the tables: whole, static and derivatives.
+
+Each has two-sigma bands.
+"""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -8,8 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxid.aircraft.aerodynamics import COEFFICIENTS, AbstractAerodynamics
-from jaxid.aircraft.fly import Flight
+from jaxid.aircraft.flight.simulate_flight import Flight
+from jaxid.aircraft.vehicle.aerodynamics import COEFFICIENTS, AbstractAerodynamics
 from jaxid.models.polynomial import Polynomial, monomials
 from jaxid.study import Identification
 
@@ -27,9 +30,9 @@ class Estimated(NamedTuple):
     """A coefficient or a derivative of it along some signals, each of shape (time,).
 
     Attributes:
-        value: what the model says.
-        deviation: its standard deviation, from those of the estimated parameters.
-        true: what the tables say.
+        value: value of the model.
+        deviation: its standard deviation, from the covariance of the estimated parameters.
+        true: value of the tables.
     """
 
     value: np.ndarray
@@ -38,12 +41,12 @@ class Estimated(NamedTuple):
 
 
 class Error(NamedTuple):
-    """How far a history of a coefficient is from the truth.
+    """Error of a history of a coefficient.
 
     Attributes:
-        coefficient: which.
-        part: "total" along the fitted motion, or "at the true motion"; "static", without controls and rates, or "d/d aileron"
-            and so on, both at the true angles.
+        coefficient: name of the coefficient.
+        part: "total" along the fitted motion, or "at the true motion"; "static", without controls
+            and rates, or "d/d aileron" and so on, both at the true angles.
         rms: root mean square of estimated minus true.
         range: largest minus smallest true value.
         relative: the first over the second.
@@ -60,58 +63,68 @@ class Error(NamedTuple):
     inside: float
 
 
-def error_of(coefficient: str, part: str, found: Estimated) -> Error:
-    """The error of one history."""
-    apart = found.value - found.true
-    rms, span = float(np.sqrt(np.mean(apart**2))), float(np.ptp(found.true))
-    relative, shape = (size / span if span > 0 else float("nan") for size in (rms, float(np.std(apart))))
-    inside = float(np.mean(np.abs(apart) <= 2.0 * found.deviation))
+def error_of(coefficient: str, part: str, history: Estimated) -> Error:
+    """Return the error of one history."""
+    apart = history.value - history.true
+    rms, span = float(np.sqrt(np.mean(apart**2))), float(np.ptp(history.true))
+    relative, shape = (
+        size / span if span > 0 else float("nan") for size in (rms, float(np.std(apart)))
+    )
+    inside = float(np.mean(np.abs(apart) <= 2.0 * history.deviation))
     return Error(coefficient, part, rms, span, relative, shape, inside)
 
 
 def kept(identified: Identification) -> tuple[str, ...]:
-    """The coefficients whose equations were kept."""
+    """Return the coefficients whose equations were kept."""
     return tuple(name for name, one in identified.equations.items() if one.kept)
 
 
 def total_errors(identified: Identification, flights: list[Flight]) -> list[list[Error]]:
-    """Errors of the whole coefficients along the fitted motion, by record."""
+    """Return the errors of the whole coefficients along the fitted motion, by record."""
     names = kept(identified)
-    bands = identified.bands(*names).signals
-    found = []
+    bands = identified.prediction_bands(*names).signals
+    by_record = []
     for row, flight in enumerate(flights):
         rows = []
         for name in names:
             true = np.asarray(flight.truth.channel(name))
-            value, deviation = (np.asarray(each)[row, : true.size] for each in bands[name].__dict__.values())
+            value, deviation = (
+                np.asarray(each)[row, : true.size] for each in bands[name].__dict__.values()
+            )
             rows.append(error_of(name, "total", Estimated(value, deviation, true)))
-        found.append(rows)
-    return found
+        by_record.append(rows)
+    return by_record
 
 
 def part_errors(identified: Identification, flight: Flight) -> list[Error]:
-    """Errors of static coefficients and control derivatives at the true angles of a flight."""
+    """Return errors of static coefficients and control derivatives at a flight's true angles."""
     true = angles(flight)
     aerodynamics = flight.aircraft.airframe.aerodynamics
     names = kept(identified)
     rows = [error_of(name, "static", part(identified, aerodynamics, name, true)) for name in names]
     for name in names:
         for control in CONTROLS[name]:
-            rows.append(error_of(name, f"d/d {control}", part(identified, aerodynamics, name, true, control)))
+            rows.append(
+                error_of(
+                    name, f"d/d {control}", part(identified, aerodynamics, name, true, control)
+                )
+            )
     return rows
 
 
 def motion_errors(identified: Identification, flight: Flight) -> list[Error]:
-    """Errors of the whole coefficients at the true motion of any flight, with its true controls and rates."""
-    true = {name: np.asarray(flight.truth.channel(name)) for name in ("alpha", "beta", *AT_REST[:3])}
+    """Return errors of the whole coefficients at a flight's true motion, controls and rates."""
+    true = {
+        name: np.asarray(flight.truth.channel(name)) for name in ("alpha", "beta", *AT_REST[:3])
+    }
     V, lengths = np.asarray(flight.truth.channel("V")), np.asarray(flight.aircraft.airframe.lengths)
     for rate, length in zip("pqr", lengths, strict=True):
         true[f"{rate}hat"] = np.asarray(flight.truth.channel(rate)) * length / (2.0 * V)
     rows = []
     for name in kept(identified):
         value, deviation = estimated(identified, name, true)
-        found = Estimated(value, deviation, np.asarray(flight.truth.channel(name)))
-        rows.append(error_of(name, "at the true motion", found))
+        history = Estimated(value, deviation, np.asarray(flight.truth.channel(name)))
+        rows.append(error_of(name, "at the true motion", history))
     return rows
 
 
@@ -143,24 +156,30 @@ def part(
 def estimated(
     identified: Identification, coefficient: str, at: Signals, by: str | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A coefficient or its derivative by a signal, and its standard deviation, each of shape (time,).
+    """A coefficient or its derivative by a signal, and its standard deviation, each of shape
+    (time,).
 
     Args:
         identified, coefficient, at, by: as in `part`; controls and rates that are given count.
     """
-    polynomial, found = getattr(identified.model.airframe.aerodynamics, coefficient), identified.estimate
-    X = _columns(polynomial, _whole(at), by)
-    own = [f"{coefficient}.{term}" for term in polynomial.terms]
-    free = [(k, found.names.index(name)) for k, name in enumerate(own) if name in found.names]
-    C = np.asarray(found.covariance)[np.ix_([i for _, i in free], [i for _, i in free])]
+    polynomial, fit = (
+        getattr(identified.model.airframe.aerodynamics, coefficient),
+        identified.estimate,
+    )
+    X = _columns(polynomial, _all_signals(at), by)
+    names = [f"{coefficient}.{term}" for term in polynomial.terms]
+    free = [(k, fit.names.index(name)) for k, name in enumerate(names) if name in fit.names]
+    C = np.asarray(fit.covariance)[np.ix_([i for _, i in free], [i for _, i in free])]
     X_free = X[:, [k for k, _ in free]]
     variance = np.einsum("ti,ij,tj->t", X_free, C, X_free)
     return X @ np.asarray(polynomial.coefficients), np.sqrt(np.maximum(variance, 0.0))
 
 
-def true_part(aerodynamics: AbstractAerodynamics, coefficient: str, at: Signals, by: str | None = None) -> np.ndarray:
+def true_part(
+    aerodynamics: AbstractAerodynamics, coefficient: str, at: Signals, by: str | None = None
+) -> np.ndarray:
     """A static coefficient of the tables, or its derivative by a signal, shape (time,)."""
-    return np.asarray(_true(aerodynamics, _whole(at), by))[:, COEFFICIENTS.index(coefficient)]
+    return np.asarray(_true(aerodynamics, _all_signals(at), by))[:, COEFFICIENTS.index(coefficient)]
 
 
 @eqx.filter_jit
@@ -168,7 +187,9 @@ def _true(aerodynamics: AbstractAerodynamics, signals: Signals, by: str | None):
     def one(signals):
         if by is None:
             return aerodynamics.coefficients(signals)
-        return jax.jvp(lambda x: aerodynamics.coefficients(signals | {by: x}), (signals[by],), (jnp.ones(()),))[1]
+        return jax.jvp(
+            lambda x: aerodynamics.coefficients(signals | {by: x}), (signals[by],), (jnp.ones(()),)
+        )[1]
 
     return jax.vmap(one)(signals)
 
@@ -179,14 +200,17 @@ def _columns(polynomial: Polynomial, signals: Signals, by: str | None) -> np.nda
     def one(signals):
         if by is None:
             return monomials(polynomial.terms, signals, polynomial.centre)
-        moved = lambda x: monomials(polynomial.terms, signals | {by: x}, polynomial.centre)  # noqa: E731
-        return jax.jvp(moved, (signals[by],), (jnp.ones(()),))[1]
+
+        def at_signal(x):
+            return monomials(polynomial.terms, signals | {by: x}, polynomial.centre)
+
+        return jax.jvp(at_signal, (signals[by],), (jnp.ones(()),))[1]
 
     return np.asarray(jax.vmap(one)(signals))
 
 
-def _whole(at: Signals) -> dict[str, jax.Array]:
-    """All signals of the coefficients, controls and rates at zero where they are not given."""
+def _all_signals(at: Signals) -> dict[str, jax.Array]:
+    """Return all signals of the coefficients; missing controls and rates are zero."""
     given = {name: jnp.asarray(value, float) for name, value in at.items()}
     zero = jnp.zeros_like(given["alpha"])
     return dict.fromkeys(AT_REST, zero) | given

@@ -1,4 +1,4 @@
-"""What several results say together: slopes of two experiments combined, prediction of another flight, curves over alpha."""
+"""Comparisons of results: combined slopes of two experiments, predictions, curves over alpha."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -6,8 +6,15 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.report_tables.cases import CaseResult, record_of
-from benchmarks.report_tables.coefficients import Error, Estimated, angles, motion_errors, part, part_errors
-from jaxid.aircraft.fly import Flight
+from benchmarks.report_tables.coefficients import (
+    Error,
+    Estimated,
+    angles,
+    motion_errors,
+    part,
+    part_errors,
+)
+from jaxid.aircraft.flight.simulate_flight import Flight
 from jaxid.diagnosis import statistics
 
 STEPS = 50
@@ -37,7 +44,8 @@ class Predicted(NamedTuple):
     Attributes:
         t, z, y: times, measured and predicted outputs by name.
         theil, theil_of_fit: Theil's coefficient by output, in the prediction and in the fit itself.
-        errors: of whole coefficients at the true motion of the flight, of static ones and control derivatives at its angles.
+        errors: of whole coefficients at the true motion of the flight, of static ones and control
+            derivatives at its angles.
     """
 
     t: np.ndarray
@@ -48,52 +56,67 @@ class Predicted(NamedTuple):
     errors: tuple[Error, ...]
 
 
-def combined(first: CaseResult, second: CaseResult, *beside: CaseResult) -> Combined:
-    """Average `dCn/dbeta` at beta = 0 of two fits, point by point in alpha where both records have been.
+def combined(first: CaseResult, second: CaseResult, *others: CaseResult) -> Combined:
+    """Return the average `dCn/dbeta` at beta = 0 of two fits, over the alpha of both records.
 
     Args:
-        first, second: the two.
-        beside: fits that are compared and do not enter the mean, such as a joint one.
+        first, second: results to average.
+        others: fits that are compared and do not enter the mean, such as a joint fit.
     """
     spans = [angles(one.flights[0])["alpha"] for one in (first, second)]
     alpha = np.linspace(max(map(np.min, spans)), min(map(np.max, spans)), STEPS)
     at = {"alpha": alpha, "beta": np.zeros(STEPS)}
     tables = first.flights[0].aircraft.airframe.aerodynamics
-    each = {one.name: part(one.identified, tables, "Cn", at, "beta") for one in (first, second, *beside)}
+    each = {
+        one.name: part(one.identified, tables, "Cn", at, "beta") for one in (first, second, *others)
+    }
     two = [each[one.name] for one in (first, second)]
     with np.errstate(divide="ignore"):
         weights = np.stack([one.deviation**-2.0 for one in two])
-    known = np.all(np.isfinite(weights), axis=0)  # a slope that nothing of is estimated has no variance
+    # A slope without estimated terms has zero variance, so its weight is infinite.
+    known = np.all(np.isfinite(weights), axis=0)
     total = np.where(known, np.sum(weights, axis=0), np.nan)
-    value = np.where(known, np.sum(weights * np.stack([one.value for one in two]), axis=0) / total, np.nan)
+    value = np.where(
+        known, np.sum(weights * np.stack([one.value for one in two]), axis=0) / total, np.nan
+    )
     true = two[0].true
     rms = {name: _rms(one.value - true) for name, one in each.items()}
     return Combined(alpha, each, value, total**-0.5, rms | {"combined": _rms(value - true)})
 
 
 def predicted(result: CaseResult, flight: Flight) -> Predicted:
-    """Simulate a flight with the parameters of a result, unchanged, from the flight's own measured start.
+    """Simulate a flight with the parameters of a result, unchanged, from the flight's own measured
+    start.
 
     Args:
         result: of another flight.
         flight: to predict.
     """
     identified = result.identified
-    found = identified.predict(record_of(flight, result.setting))
+    prediction = identified.predict(record_of(flight, result.setting))
     outputs = identified.records.outputs
-    theil = statistics(found.z, found.y, found.scored, outputs=outputs).theil
+    theil = statistics(prediction.z, prediction.y, prediction.scored, outputs=outputs).theil
     fit, v = identified.records, identified.estimate.residuals
-    own = statistics(fit.z, fit.z - v, fit.mask, outputs=outputs).theil
+    theil_of_fit = statistics(fit.z, fit.z - v, fit.mask, outputs=outputs).theil
     return Predicted(
-        np.asarray(found.t[0]),
-        *(dict(zip(outputs, np.asarray(each[0]).T, strict=True)) for each in (found.z, found.y)),
-        *(dict(zip(outputs, np.asarray(each).tolist(), strict=True)) for each in (theil, own)),
+        np.asarray(prediction.t[0]),
+        *(
+            dict(zip(outputs, np.asarray(each[0]).T, strict=True))
+            for each in (prediction.z, prediction.y)
+        ),
+        *(
+            dict(zip(outputs, np.asarray(each).tolist(), strict=True))
+            for each in (theil, theil_of_fit)
+        ),
         (*motion_errors(identified, flight), *part_errors(identified, flight)),
     )
 
 
-def curves(results: Mapping[str, CaseResult], coefficient: str = "Cm") -> dict[str, dict[str, np.ndarray]]:
-    """A static coefficient over alpha at beta = 0, of each result over the range of its record (Figs 6.9, 6.19).
+def curves(
+    results: Mapping[str, CaseResult], coefficient: str = "Cm"
+) -> dict[str, dict[str, np.ndarray]]:
+    """A static coefficient over alpha at beta = 0, of each result over the range of its record
+    (Figs 6.9, 6.19).
 
     Args:
         results: by name; those without this coefficient are left out.
@@ -102,7 +125,7 @@ def curves(results: Mapping[str, CaseResult], coefficient: str = "Cm") -> dict[s
     Returns:
         By name: `alpha` [rad], `value`, `deviation`, `true`.
     """
-    found = {}
+    histories = {}
     for name, result in results.items():
         equation = result.identified.equations.get(coefficient)
         if equation is None or not equation.kept:
@@ -110,13 +133,18 @@ def curves(results: Mapping[str, CaseResult], coefficient: str = "Cm") -> dict[s
         flown = angles(result.flights[0])["alpha"]
         alpha = np.linspace(flown.min(), flown.max(), STEPS)
         at = {"alpha": alpha, "beta": np.zeros(STEPS)}
-        one = part(result.identified, result.flights[0].aircraft.airframe.aerodynamics, coefficient, at)
-        found[name] = {"alpha": alpha, **one._asdict()}
-    return found
+        one = part(
+            result.identified, result.flights[0].aircraft.airframe.aerodynamics, coefficient, at
+        )
+        histories[name] = {"alpha": alpha, **one._asdict()}
+    return histories
 
 
-def on_common_angles(results: Mapping[str, CaseResult], coefficient: str = "Cm") -> dict[str, float]:
-    """Root mean square error of a static coefficient at beta = 0 over the angles of attack that all records cover.
+def on_common_angles(
+    results: Mapping[str, CaseResult], coefficient: str = "Cm"
+) -> dict[str, float]:
+    """Root mean square error of a static coefficient at beta = 0 over the angles of attack that all
+    records cover.
 
     Args:
         results: by name, each with this coefficient.
@@ -125,11 +153,13 @@ def on_common_angles(results: Mapping[str, CaseResult], coefficient: str = "Cm")
     spans = [angles(one.flights[0])["alpha"] for one in results.values()]
     alpha = np.linspace(max(map(np.min, spans)), min(map(np.max, spans)), STEPS)
     at = {"alpha": alpha, "beta": np.zeros(STEPS)}
-    found = {}
+    errors = {}
     for name, one in results.items():
-        history = part(one.identified, one.flights[0].aircraft.airframe.aerodynamics, coefficient, at)
-        found[name] = _rms(history.value - history.true)
-    return found
+        history = part(
+            one.identified, one.flights[0].aircraft.airframe.aerodynamics, coefficient, at
+        )
+        errors[name] = _rms(history.value - history.true)
+    return errors
 
 
 def _rms(error: np.ndarray) -> float:

@@ -1,15 +1,17 @@
-"""The F-16 of the wind tunnel at 15 to 45 deg: several flights identified together, and one that is predicted.
+"""The F-16 of the wind tunnel at 15 to 45 deg: a joint identification of flights, and a prediction.
 
-Tables of NASA TP-1538, measured to 90 deg, leading-edge flap fully down (where its schedule has it from 17 deg on), centre of
-gravity at 0.30 chord (at 0.35 it is unstable in pitch, and records of 15 s would need the aircraft's own control system). The
-report's yaw and roll dampers are on throughout, so that flights above 30 deg stay together for 15 s; surfaces are measured, so
-identification does not mind.
+Tables of NASA TP-1538, measured to 90 deg, leading-edge flap fully down (where its schedule has it
+from 17 deg on), centre of gravity at 0.30 chord (at 0.35 it is unstable in pitch, and records of 15
+s would need the aircraft's own control system). The report's yaw and roll dampers are on
+throughout, so that flights above 30 deg remain stable for 15 s; surfaces are measured, so
+the dampers do not affect the identification.
 
-What is asked here is what polynomials make of measured tables, so the instruments have the base level's noise and no
-constant errors: at 60 m/s those of V alone would be worth 7 % in every coefficient. V is smoothed, for its noise alone hides
-what CX and CZ do. The thrust differs from flight to flight and is measured. Longitudinal and lateral motion are identified
-by themselves, each from three flights together, with the terms of Table 6.1. The step is that of the least BIC: the largest
-overall F would leave Cn with one term.
+The question is how well polynomials fit measured tables, so the instruments have the base
+level's noise and no constant errors: at 60 m/s those of V alone would be worth 7 % in every
+coefficient. V is smoothed, because its noise alone hides CX and CZ. The thrust differs from
+flight to flight and is measured. Longitudinal and lateral motion are identified by themselves, each
+from three flights together, with the terms of Table 6.1. The step is that of the least BIC: the
+largest overall F would leave Cn with one term.
 """
 
 import json
@@ -26,16 +28,16 @@ from benchmarks.report_tables.cases import CaseResult, fit
 from benchmarks.report_tables.comparisons import Predicted, predicted
 from benchmarks.report_tables.settings import Setting
 from benchmarks.report_tables.text import as_numbers, error_table, plain
-from jaxid.aircraft.aircraft import Aircraft
 from jaxid.aircraft.airframes import f16
-from jaxid.aircraft.augmentation import ALWAYS, Augmentation, Switch
-from jaxid.aircraft.controls import ControlSystem, standard_actuators
-from jaxid.aircraft.engine import ConstantThrust, Engine
-from jaxid.aircraft.flights import SAMPLE_TIME, hold_alpha
-from jaxid.aircraft.fly import Flight, fly
-from jaxid.aircraft.frames import quaternion, velocity
-from jaxid.aircraft.imperial import DEGREE, FOOT
-from jaxid.aircraft.noise_levels import BASE, NoiseLevel, draw, report_instruments
+from jaxid.aircraft.flight.aircraft import Aircraft
+from jaxid.aircraft.flight.report_cases import REPORT_SAMPLE_TIME, hold_alpha
+from jaxid.aircraft.flight.simulate_flight import Flight, simulate_flight
+from jaxid.aircraft.instruments.noise_levels import BASE, NoiseLevel, draw, report_instruments
+from jaxid.aircraft.physics.frames import quaternion, velocity
+from jaxid.aircraft.physics.imperial import DEGREE, FOOT
+from jaxid.aircraft.vehicle.augmentation import ALWAYS, Augmentation, Switch
+from jaxid.aircraft.vehicle.controls import ControlSystem, standard_actuators
+from jaxid.aircraft.vehicle.engine import ConstantThrust, Engine
 from jaxid.data.signals import pulses, sine
 from jaxid.structure import Minimum
 
@@ -45,7 +47,9 @@ FLAP_DEG, XCG = 25.0, 0.30
 NOISE = NoiseLevel({}, {}, BASE.noise, {}, {})
 COMMON = {"measured": ("thrust",), "smoothed": ("V",)}
 SETTINGS = {
-    "F-16 longitudinal": Setting("longitudinal", ("V", "alpha", "ax", "az", "q"), ("u", "w", "q", "pitch"), **COMMON),
+    "F-16 longitudinal": Setting(
+        "longitudinal", ("V", "alpha", "ax", "az", "q"), ("u", "w", "q", "pitch"), **COMMON
+    ),
     "F-16 lateral": Setting("lateral", ("beta", "ay", "p", "r"), ("v", "p", "r", "phi"), **COMMON),
 }
 
@@ -57,7 +61,8 @@ class Manoeuvre(NamedTuple):
         alpha: at the start [rad].
         seconds: length.
         stabilator, period: amplitude [rad] and period [s] of a sine.
-        lateral: amplitude of a doublet of the rudder at 0.5 s and one of the aileron at 4 s [rad], 1.5 s a half.
+        lateral: amplitude of a doublet of the rudder at 0.5 s and one of the aileron at 4 s [rad],
+            1.5 s a half.
     """
 
     alpha: float
@@ -85,22 +90,26 @@ def fly_f16(name: str, seed: int = 0) -> Flight:
     known = TRAIN | TEST
     chosen, number = known[name], list(known).index(name)
     aircraft = _aircraft(seed)
-    found = hold_alpha(aircraft, chosen.alpha, ALTITUDE)
-    trim = {"stabilator": found.value("stabilator"), "aileron": 0.0, "rudder": 0.0}
-    aircraft = aircraft.trimmed(trim, found.value("thrust"))
+    equilibrium = hold_alpha(aircraft, chosen.alpha, ALTITUDE)
+    trim = {"stabilator": equilibrium.value("stabilator"), "aileron": 0.0, "rudder": 0.0}
+    aircraft = aircraft.trimmed(trim, equilibrium.value("thrust"))
     place = jnp.array([0.0, 0.0, ALTITUDE])
     attitude = quaternion(0.0, chosen.alpha, 0.0)
-    state = aircraft.flight_state(velocity(found.value("V"), chosen.alpha, 0.0), jnp.zeros(3), attitude, place)
+    state = aircraft.flight_state(
+        velocity(equilibrium.value("V"), chosen.alpha, 0.0), jnp.zeros(3), attitude, place
+    )
     key = jax.random.fold_in(jax.random.key(seed), number)
-    t = SAMPLE_TIME * jnp.arange(round(chosen.seconds / SAMPLE_TIME), dtype=float)
+    t = REPORT_SAMPLE_TIME * jnp.arange(round(chosen.seconds / REPORT_SAMPLE_TIME), dtype=float)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Flight .* to be trusted")
-        return fly(aircraft, t, _inputs(chosen, t), state, key=key, name=name)
+        return simulate_flight(aircraft, t, _inputs(chosen, t), state, key=key, name=name)
 
 
 def _aircraft(seed: int) -> Aircraft:
     frame = f16(flap_deg=FLAP_DEG, xcg=XCG)
-    controls = ControlSystem(standard_actuators(frame.limits), augmentation=Augmentation(Switch(on=ALWAYS)))
+    controls = ControlSystem(
+        standard_actuators(frame.limits), augmentation=Augmentation(Switch(on=ALWAYS))
+    )
     engines = (Engine(ConstantThrust(0.0)),)
     instruments = draw(jax.random.key(seed), report_instruments(), NOISE)
     return Aircraft(frame, engines=engines, controls=controls, instruments=instruments)
@@ -135,28 +144,45 @@ def identify_f16(name: str, seed: int = 0) -> tuple[CaseResult, Flight, Predicte
 
 def main(seed: int, as_json: bool) -> int:
     """Run the second part; 0 where both fits converged."""
-    begin, told = time.perf_counter(), {}
+    begin, output = time.perf_counter(), {}
     for name in SETTINGS:
-        result, other, found = identify_f16(name, seed)
+        result, other, prediction = identify_f16(name, seed)
         flown = {flight.record.names[0]: spans(flight) for flight in (*result.flights, other)}
-        told[name] = {"flights": flown, "result": as_numbers(result), "prediction": found}
+        output[name] = {"flights": flown, "result": as_numbers(result), "prediction": prediction}
         if not as_json:
-            print(_words(result, found, flown), flush=True)
-    fine = all(one["result"]["fit"]["status"] == "converged" for one in told.values())
+            print(_words(result, prediction, flown), flush=True)
+    fine = all(one["result"]["fit"]["status"] == "converged" for one in output.values())
     if as_json:
-        print(json.dumps(plain({"status": "converged" if fine else "not converged", "seed": seed} | told)))
+        print(
+            json.dumps(
+                plain({"status": "converged" if fine else "not converged", "seed": seed} | output)
+            )
+        )
     else:
         print(f"Seed {seed}, {time.perf_counter() - begin:.0f} s.")
     return 0 if fine else 1
 
 
-def _words(result: CaseResult, found: Predicted, flown: Mapping[str, Mapping[str, tuple[float, float]]]) -> str:
+def _words(
+    result: CaseResult,
+    prediction: Predicted,
+    flown: Mapping[str, Mapping[str, tuple[float, float]]],
+) -> str:
     lines = [result.name, "=" * len(result.name)]
     for name, ranges in flown.items():
-        lines.append(f"{name}: " + ", ".join(f"{one} {low:.1f} to {high:.1f}" for one, (low, high) in ranges.items()))
-    theil = ", ".join(f"{name} {value:.2f} ({found.theil_of_fit[name]:.2f})" for name, value in found.theil.items())
-    whole = [one for one in found.errors if one.part == "at the true motion"]
-    said = ", ".join(f"{one.coefficient} {100 * one.relative:.1f} % ({100 * one.inside:.0f} % inside)" for one in whole)
+        lines.append(
+            f"{name}: "
+            + ", ".join(f"{one} {low:.1f} to {high:.1f}" for one, (low, high) in ranges.items())
+        )
+    theil = ", ".join(
+        f"{name} {value:.2f} ({prediction.theil_of_fit[name]:.2f})"
+        for name, value in prediction.theil.items()
+    )
+    total = [one for one in prediction.errors if one.part == "at the true motion"]
+    errors = ", ".join(
+        f"{one.coefficient} {100 * one.relative:.1f} % ({100 * one.inside:.0f} % inside)"
+        for one in total
+    )
     (test,) = TEST
     return "\n".join(
         [
@@ -164,15 +190,15 @@ def _words(result: CaseResult, found: Predicted, flown: Mapping[str, Mapping[str
             f"\n{result.identified}\n",
             error_table({result.name: result}, totals=True),
             f"\n{test}, predicted; Theil's coefficient (of the fit): {theil}",
-            f"errors of whole coefficients there: {said}\n",
+            f"errors of whole coefficients there: {errors}\n",
         ]
     )
 
 
 def spans(flight: Flight) -> dict[str, tuple[float, float]]:
     """Smallest and largest true angle [deg] and speed [m/s] of a flight."""
-    found = {}
+    ranges = {}
     for name, unit in (("alpha", DEGREE), ("beta", DEGREE), ("V", 1.0)):
         values = np.asarray(flight.truth.channel(name)) / unit
-        found[name] = (float(values.min()), float(values.max()))
-    return found
+        ranges[name] = (float(values.min()), float(values.max()))
+    return ranges

@@ -1,4 +1,4 @@
-"""A case's numbers beside the report's: the rows of Tables 6.3 and 6.5 to 6.16."""
+"""Numbers of a case and of the report: the rows of Tables 6.3 and 6.5 to 6.16."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ NONE = float("nan")
 
 
 class Numbers(NamedTuple):
-    """What both stages say of a parameter; NaN where one does not have the number.
+    """Numbers of both stages for a parameter; NaN where a stage does not have the number.
 
     Attributes:
         regression, F_regression: value and F of the regression.
@@ -51,21 +51,48 @@ def parameter_rows(result: CaseResult, table: str | None = None) -> list[Row]:
     ours = {_key(one.name): one for one in result.identified.parameters}
     case = result.flights[0].record.names[0]
     chosen = {(one.response, one.term): one for one in report_numbers.regression(case)}
-    refined = {(one.response, one.term): one for one in report_numbers.likelihood(case) if table in (None, one.table)}
+    refined = {
+        (one.response, one.term): one
+        for one in report_numbers.likelihood(case)
+        if table in (None, one.table)
+    }
     order = [*result.identified.equations, "bias"]
     keys = [key for key in dict.fromkeys((*ours, *chosen, *refined)) if key[0] in order]
     rows = []
     for key in sorted(keys, key=lambda key: (order.index(key[0]), *_rank(ours.get(key)))):
-        mine, first, last = ours.get(key), chosen.get(key), refined.get(key)
-        own = Numbers(mine.regression, mine.regression_F, mine.start_F, mine.value, mine.F) if mine else Numbers()
-        begin = (first.estimate, first.F) if first else (last.start, last.F_regression) if last else (None, None)
-        theirs = Numbers(*map(_number, (*begin, *((last.F_start, last.final, last.F_final) if last else (None,) * 3))))
-        rows.append(Row(*key, own, theirs))
+        estimate, first, last = ours.get(key), chosen.get(key), refined.get(key)
+        our_numbers = (
+            Numbers(
+                estimate.regression,
+                estimate.regression_F,
+                estimate.start_F,
+                estimate.value,
+                estimate.F,
+            )
+            if estimate
+            else Numbers()
+        )
+        begin = (
+            (first.estimate, first.F)
+            if first
+            else (last.start, last.F_regression)
+            if last
+            else (None, None)
+        )
+        printed_numbers = Numbers(
+            *map(
+                _number,
+                (*begin, *((last.F_start, last.final, last.F_final) if last else (None,) * 3)),
+            )
+        )
+        rows.append(Row(*key, our_numbers, printed_numbers))
     return rows
 
 
 def estimated(result: CaseResult) -> dict[str, tuple[float, float, float]]:
-    """By name, F of the regression, F at the start, and final F of each estimated term, constants and biases aside."""
+    """By name, F of the regression, F at the start, and final F of each estimated term, constants
+    and biases aside.
+    """
     return {
         one.name: (one.regression_F, one.start_F, one.F)
         for one in result.identified.parameters
@@ -73,7 +100,7 @@ def estimated(result: CaseResult) -> dict[str, tuple[float, float, float]]:
     }
 
 
-def strongest(result: CaseResult, response: str, count: int = 1) -> tuple[str, ...]:
+def strongest_terms(result: CaseResult, response: str, count: int = 1) -> tuple[str, ...]:
     """The terms of the largest F in an equation's regression."""
     regression = result.identified.equations[response].regression
     order = np.argsort(-regression.F)

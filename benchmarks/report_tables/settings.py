@@ -1,20 +1,22 @@
-"""How each of the report's cases is identified: what the report says of it, and what it leaves to us.
+"""Identification settings of each of the report's cases: the report's choices and our own.
 
-From the report: which motion is propagated (section 6.2.3.1), which outputs are fitted (those whose noise its tables list), that
-the equation of u is left out of the coupled case (6.4.4), and the bias of beta in lateral cases 1 to 3 (Tables 6.5, 6.8, 6.10;
-Tables 6.14 and 6.16 have none). Levels, rules and constants are those of `IdentifyOptions`, which are the report's.
+From the report: the propagated motion (section 6.2.3.1), the fitted outputs (those whose noise its
+tables list), the omission of the equation of u in the coupled case (6.4.4), and the bias of beta in
+lateral cases 1 to 3 (Tables 6.5, 6.8, 6.10; Tables 6.14 and 6.16 have none). Levels, rules and
+constants are those of `IdentifyOptions`, which are the report's.
 
-Ours, for the report does not say:
+Our own, because the report gives no setting:
 
-- Initial states are estimated, but for the speed along x and the heading: the outputs hardly tell these, and they start as
-  measured.
-- The instruments of the model are the report's before a flight draws its errors: the analyst knows that the vanes are 34 ft ahead
-  of the centre of gravity, and nothing of a flight's own errors of scale, bias, place and axis. The speed is measured with a
-  scale error of 1 %, a bias of 5 ft/s and as much noise, so that every coefficient shares an unknown factor of several per cent;
+- Initial states are estimated, except for the speed along x and the heading: the outputs hardly
+  depend on these, and they start at the measured values.
+- The instruments of the model are the report's before a flight draws its errors: the analyst knows
+  that the vanes are 34 ft ahead of the centre of gravity, and does not know a flight's errors of
+  scale, bias, place and axis. The speed is measured with a scale error of 1 %, a bias of 5 ft/s and
+  noise of the same size, so that every coefficient shares an unknown factor of several per cent;
   the axes of accelerometers and gyros are off by 0.6 deg, which puts 1 % of CZ into CX.
-- Surfaces, thrust and altitude are known: Table 6.6 has no errors of theirs. Angular accelerations are recorded, as the report
-  has them.
-- Each flight draws its instruments' errors anew, from the seed and its own number.
+- Surfaces, thrust and altitude are known: Table 6.6 has no errors for them. Angular accelerations
+  are recorded, as in the report.
+- Each flight draws new errors of its instruments, from the seed and the number of its case.
 """
 
 from typing import NamedTuple
@@ -22,21 +24,22 @@ from typing import NamedTuple
 import jax
 from jaxtyping import Array
 
-from jaxid.aircraft.flights import CASES, EXAMPLES
+from jaxid.aircraft.flight.report_cases import CASES, EXAMPLES
 
 BIAS = "instruments.bias."
 
 
 class Setting(NamedTuple):
-    """What is propagated, fitted and estimated.
+    """Propagated states, fitted outputs and estimated parameters of a case.
 
     Attributes:
         states: group of states of `IdentificationModel`.
         outputs: channels that maximum likelihood fits.
         initial: states whose initial value is estimated.
-        add: parameters beside terms and constants.
+        add: parameters in addition to terms and constants.
         leave_out: responses whose equation is left out.
-        measured: inputs beside those that `from_aircraft` takes, such as a thrust that differs from flight to flight.
+        measured: inputs in addition to those that `from_aircraft` takes, such as a thrust that
+            differs from flight to flight.
         smoothed: channels that a spline smooths first.
     """
 
@@ -66,7 +69,7 @@ SETTINGS = {
 
 
 def key_of(case: str, seed: int) -> Array:
-    """A flight's own random numbers.
+    """Return the random key of a flight.
 
     Args:
         case: name in `CASES` or `EXAMPLES`.

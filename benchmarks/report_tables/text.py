@@ -1,4 +1,4 @@
-"""Results as words: tables to print, and plain numbers for JSON."""
+"""Results as printed tables and as plain numbers for JSON."""
 
 import math
 import textwrap
@@ -17,7 +17,7 @@ WIDTH = 120
 
 
 def case_table(result: CaseResult, table: str | None = None) -> str:
-    """A case beside the report's: equations, terms of both stages, costs, noise.
+    """Return the table of a case and the report: equations, terms of both stages, costs, noise.
 
     Args:
         result: of a case.
@@ -25,24 +25,29 @@ def case_table(result: CaseResult, table: str | None = None) -> str:
     """
     case = result.flights[0].record.names[0]
     fits = [one for one in report_numbers.fits(case) if table in (None, one.table)]
-    title = f"{result.name}, beside Table {fits[0].table}" if fits else result.name
+    title = f"{result.name}, with Table {fits[0].table}" if fits else result.name
     lines = [title, "=" * len(title), ""]
     printed = {one.response: one.F for one in report_numbers.equations(case)}
     for name, one in result.identified.equations.items():
         theirs = f", the report's {printed[name]:g}" if name in printed else ""
-        lines.append(f"{name}: {one.why}{theirs}; R2 {one.regression.R2:.4f}, {len(one.regression.names)} terms")
+        lines.append(
+            f"{name}: {one.why}{theirs}; R2 {one.regression.R2:.4f}, "
+            f"{len(one.regression.names)} terms"
+        )
     lines += ["", f"{'':<20} {'ours':^52} | {'the report':^52}"]
     lines.append(f"{'term':<20} " + " | ".join([" ".join(f"{head:>10}" for head in HEADS)] * 2))
     for row in parameter_rows(result, table):
         both = (" ".join(map(_cell, each)) for each in (row.ours, row.printed))
         lines.append(f"{row.response + ' ' + row.term:<20} " + " | ".join(both))
     lines += ["", *_costs(result, fits), ""]
-    sigma = {one.channel: one.sigma for one in report_numbers.noise(case) if table in (None, one.table)}
-    said = [
+    sigma = {
+        one.channel: one.sigma for one in report_numbers.noise(case) if table in (None, one.table)
+    }
+    noise = [
         f"{name} {value:.2e}" + (f" ({sigma[name]:.2e})" if name in sigma else "")
         for name, value in result.sigma().items()
     ]
-    lines.append("noise (the report's), rad, rad/s, g: " + ", ".join(said))
+    lines.append("noise (the report's), rad, rad/s, g: " + ", ".join(noise))
     return "\n".join(lines)
 
 
@@ -50,12 +55,14 @@ def _costs(result: CaseResult, fits: Sequence[report_numbers.Fit]) -> list[str]:
     mine = result.fitted
     until = f", {mine.until} to the report's last relative change" if mine.until else ""
     lines = [
-        f"ours: {mine.parameters} parameters, cost {mine.J0:.3f} to {mine.Jf:.3f}, {mine.iterations} iterations{until}; "
+        f"ours: {mine.parameters} parameters, cost {mine.J0:.3f} to {mine.Jf:.3f}, "
+        f"{mine.iterations} iterations{until}; "
         f"{mine.status}"
     ]
     for one in fits:
         lines.append(
-            f"the report: {one.parameters} parameters, cost {one.J0:g} to {one.Jf:g}, {one.iterations} iterations"
+            f"the report: {one.parameters} parameters, cost {one.J0:g} to {one.Jf:g}, "
+            f"{one.iterations} iterations"
         )
     return lines
 
@@ -65,18 +72,31 @@ def error_table(results: Mapping[str, CaseResult], totals: bool) -> str:
 
     Args:
         results: by name.
-        totals: of the whole coefficients along the fitted motion; else of the static ones at the true angles.
+        totals: of the whole coefficients along the fitted motion; else of the static ones at the
+            true angles.
     """
     part = "total" if totals else "static"
     names = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
-    lines = [f"{part + ', error and share inside two sigma':<44}" + "".join(f"{name:>12}" for name in names)]
+    lines = [
+        f"{part + ', error and share inside two sigma':<44}"
+        + "".join(f"{name:>12}" for name in names)
+    ]
     for result in results.values():
         for flight, errors in zip(result.flights, result.errors, strict=True):
-            own = {one.coefficient: one for one in errors if one.part == part}
-            if not own:
+            by_coefficient = {one.coefficient: one for one in errors if one.part == part}
+            if not by_coefficient:
                 continue
-            label = result.name if len(result.flights) == 1 else f"{result.name}: {flight.record.names[0]}"
-            cells = [f"{100 * own[n].relative:5.1f}% {100 * own[n].inside:3.0f}%" if n in own else "" for n in names]
+            label = (
+                result.name
+                if len(result.flights) == 1
+                else f"{result.name}: {flight.record.names[0]}"
+            )
+            cells = [
+                f"{100 * by_coefficient[n].relative:5.1f}% {100 * by_coefficient[n].inside:3.0f}%"
+                if n in by_coefficient
+                else ""
+                for n in names
+            ]
             lines.append(f"{label:<44}" + "".join(f"{cell:>12}" for cell in cells))
     return "\n".join(lines)
 
@@ -84,7 +104,8 @@ def error_table(results: Mapping[str, CaseResult], totals: bool) -> str:
 def example_table(examples: Iterable[Small]) -> str:
     """Tables 3.3, 3.4 and 5.1."""
     lines = [
-        "Small manoeuvres (Tables 3.3, 3.4, 5.1): the terms that explain as much as the report's, ours and the report's"
+        "Small manoeuvres (Tables 3.3, 3.4, 5.1): the terms that explain as much as the report's, "
+        "ours and the report's"
     ]
     for one in examples:
         (a, b), (c, d) = one.alpha_deg, one.beta_deg
@@ -92,25 +113,28 @@ def example_table(examples: Iterable[Small]) -> str:
         lines.append(f"{one.table}  {one.case}, {one.response} ({flown})")
         lines.append(f"       ours   {one.explained:.4f}: {', '.join(one.terms)}")
         lines.append(
-            f"       report {one.printed_explained:.4f} on our data, printed {one.printed_share:g}: {', '.join(one.printed)}"
+            f"       report {one.printed_explained:.4f} on our data, printed "
+            f"{one.printed_share:g}: {', '.join(one.printed)}"
         )
     return "\n".join(lines)
 
 
-def verdict_lines(found: Iterable[Verdict]) -> str:
-    """A paragraph for each claim."""
+def verdict_lines(claims: Iterable[Verdict]) -> str:
+    """Return one paragraph for each claim."""
     lines = []
-    for one in found:
-        said = "not run" if one.holds is None else "holds" if one.holds else "does not hold"
-        words = f"{said.upper()}: {one.name} ({one.section}, page {one.page}). {one.numbers}."
+    for one in claims:
+        status = "not run" if one.holds is None else "holds" if one.holds else "does not hold"
+        words = f"{status.upper()}: {one.name} ({one.section}, page {one.page}). {one.numbers}."
         lines += textwrap.wrap(words, WIDTH, subsequent_indent="    ")
         if one.reason:
-            lines += textwrap.wrap(f"Why: {one.reason}", WIDTH, initial_indent="    ", subsequent_indent="    ")
+            lines += textwrap.wrap(
+                f"Why: {one.reason}", WIDTH, initial_indent="    ", subsequent_indent="    "
+            )
     return "\n".join(lines)
 
 
 def as_numbers(result: CaseResult, table: str | None = None) -> dict:
-    """A result as plain numbers."""
+    """Return a result as plain numbers."""
     equations = {
         name: {
             "overall_F": one.regression.overall_F,
@@ -125,14 +149,16 @@ def as_numbers(result: CaseResult, table: str | None = None) -> dict:
         "equations": equations,
         "parameters": [row._asdict() for row in parameter_rows(result, table)],
         "fit": result.fitted._asdict(),
-        "printed_fits": [one._asdict() for one in report_numbers.fits(result.flights[0].record.names[0])],
+        "printed_fits": [
+            one._asdict() for one in report_numbers.fits(result.flights[0].record.names[0])
+        ],
         "sigma": result.sigma(),
         "errors": [[one._asdict() for one in errors] for errors in result.errors],
     }
 
 
 def plain(value):
-    """Numbers that JSON knows: arrays as lists, what is no number as null."""
+    """Return a value of JSON types: arrays as lists, nonfinite numbers as None."""
     if isinstance(value, dict):
         return {key: plain(each) for key, each in value.items()}
     if hasattr(value, "_asdict"):

@@ -1,1 +1,1 @@
-"""What every floor uses: axis names, the status enumeration, checks of input, triangular factors."""
+"""Array types, status enumeration, input checks and linear algebra used by every folder."""

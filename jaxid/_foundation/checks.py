@@ -1,4 +1,7 @@
-"""Refusals: each names what was found, where, and what to do; all stand at the border, before any computation."""
+"""Checks of user input, made before any computation.
+
+Each message names the finding, its place and the remedy.
+"""
 
 import difflib
 from collections.abc import Iterable
@@ -24,8 +27,10 @@ def require_float64() -> None:
     """
     require(
         bool(jax.config.jax_enable_x64),  # pyright: ignore[reportAttributeAccessIssue]
-        "jaxid computes in float64, and JAX is set to float32. Switch it on before the first array is made: "
-        'jax.config.update("jax_enable_x64", True), or set the environment variable JAX_ENABLE_X64=1.',
+        "jaxid computes in float64, and JAX is set to float32. Switch it on before the first array "
+        "is made: "
+        'jax.config.update("jax_enable_x64", True), or set the environment variable '
+        "JAX_ENABLE_X64=1.",
     )
 
 
@@ -40,7 +45,10 @@ def require_known(kind: str, names: Iterable[str], available: Iterable[str]) -> 
         if name not in available:
             near = difflib.get_close_matches(name, available, n=3, cutoff=0.5)
             hint = f" Did you mean {' or '.join(map(repr, near))}?" if near else ""
-            raise InputError(f"There is no {kind} {name!r}.{hint} The names are: {', '.join(available) or '(none)'}.")
+            raise InputError(
+                f"There is no {kind} {name!r}.{hint} The names are: "
+                f"{', '.join(available) or '(none)'}."
+            )
 
 
 def require_unique(kind: str, names: Iterable[str]) -> None:
@@ -49,7 +57,9 @@ def require_unique(kind: str, names: Iterable[str]) -> None:
     Raises:
         InputError: when a name is repeated; it is named.
     """
-    seen: set[str] = set()
+    previous: set[str] = set()
     for name in names:
-        require(name not in seen, f"The {kind} name {name!r} occurs twice. Rename one of the two.")
-        seen.add(name)
+        require(
+            name not in previous, f"The {kind} name {name!r} occurs twice. Rename one of the two."
+        )
+        previous.add(name)

@@ -1,4 +1,4 @@
-"""How much of what Linux grants a process the compiled programs have taken, and room for more."""
+"""Memory maps used by compiled programs, and their release."""
 
 import sys
 from pathlib import Path
@@ -6,11 +6,12 @@ from pathlib import Path
 import jax
 
 
-def make_room() -> None:
-    """Let go of all that JAX has compiled in this process, where more than half of its memory maps are taken.
+def release_compiled_programs_if_needed() -> None:
+    """Clear JAX's compilation cache if more than half of the process's memory maps are in use.
 
-    Each program takes some hundreds of them, JAX gives none back by itself, and where none is left the compiler ends the process:
-    some three hundred studies of a spring, one after the other, did. What is needed again is compiled again.
+    Each compiled program takes some hundreds of memory maps, and JAX releases none by itself. If
+    none is left, the compiler aborts the process; about three hundred successive studies of a
+    spring did. Programs that are needed again are compiled again.
     """
     taken, granted = memory_maps()
     if taken > granted / 2:
@@ -18,7 +19,10 @@ def make_room() -> None:
 
 
 def memory_maps() -> tuple[int, int]:
-    """How many memory maps this process has taken, and how many it is granted; a system that does not count them grants all."""
+    """Return the number of memory maps that this process uses, and the system's limit.
+
+    On a system without such a limit the first number is zero and the second unbounded.
+    """
     taken, granted = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
     if not granted.exists():
         return 0, sys.maxsize

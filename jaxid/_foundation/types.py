@@ -7,6 +7,6 @@ Axis names: `case` one record of a stack, `time` one sample, `state`, `input`, `
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
-Numbers = Array | np.ndarray  # what an entry function takes from a user
+Numbers = Array | np.ndarray  # accepted by entry functions
 
 __all__ = ["Array", "Bool", "Float", "Int", "Numbers", "PyTree", "Scalar"]

@@ -1,4 +1,4 @@
-"""Record: what was measured in one manoeuvre, or in several of them padded to one length."""
+"""`Record`: measurements of one manoeuvre, or of several manoeuvres padded to one length."""
 
 import math
 import operator
@@ -12,23 +12,27 @@ import numpy as np
 from jax.core import Tracer
 
 from .._foundation.checks import require, require_known
+from .._foundation.grid import holes
 from .._foundation.types import Array, Bool, Float, Int
 
 
 class Record(eqx.Module):
     """One manoeuvre, or a stack of manoeuvres with a leading `case` axis.
 
-    Use `record(...)` to make one from measured numbers: it checks them and converts their units. This plain constructor
-    checks no values, so that it works under `jit` and `vmap`.
+    Use `record(...)` to make one from measured numbers: it checks them and converts their units.
+    This constructor does not check values, so that it works under `jit` and `vmap`.
 
-    Padding rows of a stack repeat the last time (so that `diff(t)` is zero there) and the last input; mask False.
+    Padding rows of a stack repeat the last time (so that `diff(t)` is zero there) and the last
+    input; their mask is False.
 
     Args:
         t: time, shape (*case, time) [s], strictly increasing up to the padding.
         u: inputs, shape (*case, time, input) [`input_units`].
-        z: measured outputs, shape (*case, time, output) [`output_units`]; 0 where the mask is False, never NaN.
+        z: measured outputs, shape (*case, time, output) [`output_units`]; 0 where the mask is
+            False, never NaN.
         mask: True where `z` is a valid sample, shape (*case, time, output).
-        constants: what is known and constant over the record, such as its mass; each of shape (*case,) [SI].
+        constants: known quantities that are constant over the record, such as its mass; each of
+            shape (*case,) [SI].
         inputs: names of the inputs.
         outputs: names of the outputs.
         input_units: SI units of the inputs, "" where unknown or without dimension.
@@ -54,16 +58,18 @@ class Record(eqx.Module):
 
     @property
     def n_cases(self) -> int:
-        """Number of records held: the length of the case axis, 1 without one."""
+        """Number of records: the length of the case axis, 1 without such an axis."""
         return math.prod(self.t.shape[:-1])
 
     @property
     def samples(self) -> Int[Array, "*case"]:
-        """Number of rows of real time in each case, padding left out, shape (*case,)."""
+        """Number of rows of each case without its padding, shape (*case,)."""
         return 1 + jnp.sum(jnp.diff(self.t, axis=-1) > 0, axis=-1)
 
     def anonymous(self) -> "Record":
-        """The same record without its name, so that compiled functions serve every record of its shape."""
+        """The same record without its name, so that a function compiled for it can be used for
+        every record of its shape.
+        """
         return _replace(self, names=("",) * len(self.names))
 
     def channel(self, name: str) -> Float[Array, "*case time"]:
@@ -85,7 +91,7 @@ class Record(eqx.Module):
         return jnp.where(self.mask[..., k], self.z[..., k], jnp.nan)
 
     def window(self, start: int, stop: int | None = None) -> "Record":
-        """Rows `start` to `stop` (left out) of a single record; time is kept as it is.
+        """Rows `start` to `stop - 1` of a single record, with their times unchanged.
 
         Args:
             start: first row, counted from 0.
@@ -97,37 +103,48 @@ class Record(eqx.Module):
         Raises:
             InputError: when this is a stack, or the rows are not inside the record.
         """
-        require(not self.is_stack, "A window is cut from one record, and this is a stack. Take `stack[i].window(...)`.")
+        require(
+            not self.is_stack,
+            "A window is cut from one record, and this is a stack. Take `stack[i].window(...)`.",
+        )
         rows = self.t.shape[-1]
         stop = rows if stop is None else stop
         require(
             0 <= start < stop <= rows,
-            f"Record {self.names[0]!r}: the window [{start}, {stop}) is empty or outside its {rows} samples. "
-            f"Choose 0 <= start < stop <= {rows}.",
+            f"Record {self.names[0]!r}: the window [{start}, {stop}) is empty or outside its "
+            f"{rows} samples. Choose 0 <= start < stop <= {rows}.",
         )
         return _rows(self, start, stop)
 
     def __getitem__(self, index: SupportsIndex) -> "Record":
-        """One record of a stack, its padding removed (under `jit`, where lengths are not known, it stays).
+        """One record of a stack without its padding.
+
+        Under `jit`, where its length is not known, the record keeps its padding.
 
         Raises:
             InputError: when this is not a stack, or it has no such case.
         """
         index = operator.index(index)
-        require(self.is_stack, f"Record {self.names[0]!r} is a single record and has no cases to choose from.")
+        require(
+            self.is_stack,
+            f"Record {self.names[0]!r} is a single record and has no cases to choose from.",
+        )
         count = self.t.shape[0]
-        require(-count <= index < count, f"There is no case {index} in a stack of {count}. Choose 0 to {count - 1}.")
+        require(
+            -count <= index < count,
+            f"There is no case {index} in a stack of {count}. Choose 0 to {count - 1}.",
+        )
         leaves = {key: getattr(self, key)[index] for key in ("t", "u", "z", "mask")}
         constants = {key: value[index] for key, value in self.constants.items()}
         case = _replace(self, **leaves, constants=constants, names=(self.names[index],))
         return case if isinstance(case.t, Tracer) else _rows(case, 0, int(case.samples))
 
     def __iter__(self) -> Iterator["Record"]:
-        """The records of a stack, one after the other."""
+        """The records of a stack in their order."""
         return (self[i] for i in range(self.n_cases))
 
     def __repr__(self) -> str:
-        """Names, samples, duration, channels with units, share of missing samples."""
+        """Names, numbers of samples, duration, channels with units, share of missing samples."""
         arrays = (self.t, self.u, self.z, self.mask)
         if not all(isinstance(x, jax.Array) and not isinstance(x, Tracer) for x in arrays):
             return eqx.tree_pformat(self)
@@ -142,30 +159,63 @@ def _replace(record: Record, **changes: object) -> Record:
 
 def _rows(record: Record, start: int, stop: int) -> Record:
     """Rows of a single record."""
-    return _replace(record, **{key: getattr(record, key)[start:stop] for key in ("t", "u", "z", "mask")})
+    return _replace(
+        record, **{key: getattr(record, key)[start:stop] for key in ("t", "u", "z", "mask")}
+    )
 
 
 def _describe(record: Record) -> str:
-    """Three lines of words for a record with concrete values."""
+    """Description, in three lines, of a record with concrete values."""
     samples = np.asarray(record.samples).reshape(-1)
     t = np.asarray(record.t).reshape(-1, record.t.shape[-1])
     mask = np.asarray(record.mask).reshape(t.shape[0], t.shape[1], -1)
     valid = sum(int(case[:n].sum()) for case, n in zip(mask, samples, strict=True))
     missing = 1 - valid / max(int(samples.sum()) * mask.shape[-1], 1)
-    title = f"Record {record.names[0]!r}" if not record.is_stack else f"Stack of {record.n_cases} records"
+    title = (
+        f"Record {record.names[0]!r}"
+        if not record.is_stack
+        else f"Stack of {record.n_cases} records"
+    )
     if record.is_stack and any(record.names):
-        title += " (" + ", ".join(record.names[:4]) + (", ..." if len(record.names) > 4 else "") + ")"
-    size = f"{samples.min()}" if samples.min() == samples.max() else f"{samples.min()} to {samples.max()}"
+        title += (
+            " (" + ", ".join(record.names[:4]) + (", ..." if len(record.names) > 4 else "") + ")"
+        )
+    size = (
+        f"{samples.min()}"
+        if samples.min() == samples.max()
+        else f"{samples.min()} to {samples.max()}"
+    )
     seconds = t[:, -1] - t[:, 0]
-    span = f"{seconds.min():.6g}" if seconds.min() == seconds.max() else f"{seconds.min():.6g} to {seconds.max():.6g}"
+    span = (
+        f"{seconds.min():.6g}"
+        if seconds.min() == seconds.max()
+        else f"{seconds.min():.6g} to {seconds.max():.6g}"
+    )
     constants = f", constants {', '.join(record.constants)}" if record.constants else ""
     return (
-        f"{title}: {size} samples, {span} s, {100 * missing:.3g} % of the samples missing{constants}\n"
+        f"{title}: {size} samples, {span} s, {100 * missing:.3g} % of the samples "
+        f"missing{constants}\n"
+        f"{_holes(record)}"
         f"  inputs:  {_channels(record.inputs, record.input_units)}\n"
         f"  outputs: {_channels(record.outputs, record.output_units)}"
     )
 
 
+def _holes(record: Record) -> str:
+    """Return a line on the holes of the time base, empty where there is none."""
+    gaps = holes(np.asarray(record.t))
+    if not gaps:
+        return ""
+    longest = max(gaps, key=lambda hole: hole.end - hole.start)
+    name = f" of {record.names[longest.case]!r}" if record.is_stack and any(record.names) else ""
+    count = "1 hole:" if len(gaps) == 1 else f"{len(gaps)} holes, the longest"
+    length = f"{longest.end - longest.start:.6g} s ({longest.ratio:.3g} median steps)"
+    return f"  time:    {count} {length} between rows {longest.row} and {longest.row + 1}{name}\n"
+
+
 def _channels(names: tuple[str, ...], units: tuple[str, ...]) -> str:
     """Names with their units in brackets."""
-    return ", ".join(f"{n} [{unit}]" if unit else n for n, unit in zip(names, units, strict=True)) or "(none)"
+    return (
+        ", ".join(f"{n} [{unit}]" if unit else n for n, unit in zip(names, units, strict=True))
+        or "(none)"
+    )

@@ -1,4 +1,4 @@
-"""Units at the border: what a user writes (deg, ft/s, kt, lbf) becomes coherent SI with angles in radians."""
+"""Conversion of users' units (deg, ft/s, kt, lbf) to coherent SI units, angles in radians."""
 
 import difflib
 import re
@@ -10,20 +10,66 @@ import numpy as np
 
 from .._foundation.checks import InputError, require
 
-# In the order in which they are printed, so that a torque reads N*m.
-_NAMED = ("N", "Pa", "J", "W", "V", "ohm", "F", "C", "T", "H", "Wb", "Hz")
-_BASE = {"kilogram": "kg", "ampere": "A", "meter": "m", "radian": "rad", "second": "s", "kelvin": "K"}
-_BASE |= {"mole": "mol", "candela": "cd"}
+# Derived SI units in the order in which they are printed: a torque is N*m.
+_DERIVED_UNITS = ("N", "Pa", "J", "W", "V", "ohm", "F", "C", "T", "H", "Wb", "Hz")
+_BASE_SYMBOLS = {
+    "kilogram": "kg",
+    "ampere": "A",
+    "meter": "m",
+    "radian": "rad",
+    "second": "s",
+    "kelvin": "K",
+}
+_BASE_SYMBOLS |= {"mole": "mol", "candela": "cd"}
 _NO_UNIT = ("", "-", "1", "dimensionless")
-# Words of the field that pint lacks, or reads as something else: to it `Nm` is nano-something, `kias` nothing.
-_OWN_WORDS = {"psf": "lbf/ft**2", "gee": "standard_gravity", "Nm": "newton*meter"}
-_OWN_WORDS |= dict.fromkeys(("kias", "kcas", "keas", "ktas", "KIAS", "KCAS", "KEAS", "KTAS"), "knot")
-_COMMON = ["deg", "deg/s", "rad", "rad/s", "m", "ft", "m/s", "ft/s", "kt", "m/s^2", "g0", "N", "lbf", "Pa"]
-_COMMON += ["psf", "psi", "N*m", "ft*lbf", "kg", "lb", "slug", "kg*m^2", "slug*ft^2", "s", "ms", "Hz", "rpm", "V", "mV"]
+# Units of the field that pint does not know (`kias`), or that it parses as another unit (`Nm`, with
+# the prefix nano).
+_ALIASES = {"psf": "lbf/ft**2", "gee": "standard_gravity", "Nm": "newton*meter"}
+_ALIASES |= dict.fromkeys(("kias", "kcas", "keas", "ktas", "KIAS", "KCAS", "KEAS", "KTAS"), "knot")
+_COMMON_UNITS = [
+    "deg",
+    "deg/s",
+    "rad",
+    "rad/s",
+    "m",
+    "ft",
+    "m/s",
+    "ft/s",
+    "kt",
+    "m/s^2",
+    "g0",
+    "N",
+    "lbf",
+    "Pa",
+]
+_COMMON_UNITS += [
+    "psf",
+    "psi",
+    "N*m",
+    "ft*lbf",
+    "kg",
+    "lb",
+    "slug",
+    "kg*m^2",
+    "slug*ft^2",
+    "s",
+    "ms",
+    "Hz",
+    "rpm",
+    "V",
+    "mV",
+]
 
 
-class _Meaning(NamedTuple):
-    """`si_value = factor * value + offset`, exact; `kind` are the base units with their powers."""
+class _Conversion(NamedTuple):
+    """Exact conversion of one unit to SI, `si_value = factor * value + offset`.
+
+    Attributes:
+        si: the SI unit.
+        factor: exact factor.
+        offset: exact offset [SI unit].
+        kind: base units with their powers.
+    """
 
     si: str
     factor: Fraction
@@ -34,22 +80,23 @@ class _Meaning(NamedTuple):
 def to_si(values: Any, unit: str, channel: str) -> tuple[np.ndarray, str]:
     """Convert the values of a channel to the coherent SI unit of their kind.
 
-    Named units stay named (lbf -> N, psf -> Pa, mV -> V), angles become radians (deg/s -> rad/s) and a unit that is
-    SI already leaves the values as they are, bit for bit. Units without dimension end as "".
+    Derived units remain derived units (lbf -> N, psf -> Pa, mV -> V), and angles become radians
+    (deg/s -> rad/s). Values whose unit is an SI unit stay unchanged, bit for bit. The SI unit of a
+    quantity without dimension is "".
 
     Args:
         values: numbers of any shape [`unit`].
-        unit: what they are measured in; "" for nothing known.
-        channel: name used in the refusal.
+        unit: unit of the values; "" when unknown.
+        channel: name of the channel, used in the error message.
 
     Returns:
-        The values [the SI unit] and that unit, written like `kg*m^2` or `rad/s^2`.
+        The values [the SI unit] and the SI unit, in the form `kg*m^2` or `rad/s^2`.
 
     Raises:
         InputError: when the unit is unknown, ambiguous or logarithmic.
     """
-    meaning = _understand(unit, channel)
-    return _affine(np.asarray(values, float), meaning.factor, meaning.offset), meaning.si
+    conversion = _checked_conversion(unit, channel)
+    return _affine(np.asarray(values, float), conversion.factor, conversion.offset), conversion.si
 
 
 def convert(values: Any, unit: str, to: str, channel: str = "") -> np.ndarray:
@@ -57,68 +104,112 @@ def convert(values: Any, unit: str, to: str, channel: str = "") -> np.ndarray:
 
     Args:
         values: numbers of any shape [`unit`].
-        unit: what they are measured in.
-        to: what they shall be measured in.
-        channel: name used in the refusal.
+        unit: unit of the values.
+        to: unit of the result.
+        channel: name of the channel, used in the error message.
 
     Returns:
         The values [`to`], of the same shape.
 
     Raises:
-        InputError: when a unit is unknown, or the two measure different things (rad/s and Hz do).
+        InputError: when a unit is unknown, or the units are of different kinds (as rad/s and Hz).
     """
-    a, b = _understand(unit, channel), _understand(to, channel)
+    a, b = _checked_conversion(unit, channel), _checked_conversion(to, channel)
     require(
         a.kind == b.kind,
-        f"{_subject(channel)}{unit!r} cannot be converted to {to!r}: one is [{a.si}], the other [{b.si}]. "
-        "Give a unit of the same kind.",
+        f"{_subject(channel)}{unit!r} cannot be converted to {to!r}: one is [{a.si}], the other "
+        f"[{b.si}]. Give a unit of the same kind.",
     )
     return _affine(np.asarray(values, float), a.factor / b.factor, (a.offset - b.offset) / b.factor)
 
 
 def _affine(values: np.ndarray, factor: Fraction, offset: Fraction) -> np.ndarray:
-    """`factor * value + offset`; what is one or zero is left out, so that signs of zero and last bits stay."""
+    """Return `factor * value + offset`.
+
+    A factor of one and an offset of zero are not applied, so that the values stay the same bit for
+    bit, including the sign of zero.
+    """
     scaled = values if factor == 1 else values * float(factor)
     return np.asarray(scaled if offset == 0 else scaled + float(offset))
 
 
 def _subject(channel: str) -> str:
-    """The words that open a refusal."""
+    """The first words of an error message."""
     return f"Channel {channel!r}: " if channel else ""
 
 
-def _understand(unit: str, channel: str) -> _Meaning:
-    """The meaning of a unit, or a refusal that names the channel."""
+def _checked_conversion(unit: str, channel: str) -> _Conversion:
+    """Return the conversion of a unit to SI.
+
+    Raises:
+        InputError: when the unit is unknown, ambiguous or not linear.
+    """
     text = unit.strip()
     require(
         not re.search(r"(?<![A-Za-z_])g(?![A-Za-z_0-9])", text),
-        f"{_subject(channel)}the unit {unit!r} is ambiguous. Write 'g0' for the acceleration of gravity, 'gram' for "
-        "the mass.",
+        f"{_subject(channel)}the unit {unit!r} is ambiguous. Write 'g0' for the acceleration of "
+        "gravity, 'gram' for the mass.",
+    )
+    prefixed = _prefixed_angle(text)
+    require(
+        not prefixed,
+        f"{_subject(channel)}the unit {unit!r} is parsed as {prefixed}, an angle with an SI "
+        "prefix. Write 'deg' for degrees, 'rad' for radians or 'gon' for 1/400 of a turn, and "
+        "scale the values where a prefix is meant.",
     )
     try:
-        return _meaning(text)
-    except Exception as error:  # pint's parser ends in many kinds of error, from its own to those of the tokenizer
-        words = [*_COMMON, *(word for word in _registry() if len(word) > 2 and not word.startswith("dB"))]
+        return _conversion(text)
+    # Pint raises many types of exception, from its own to those of the tokenizer.
+    except Exception as error:
+        words = [
+            *_COMMON_UNITS,
+            *(word for word in _registry() if len(word) > 2 and not word.startswith("dB")),
+        ]
         near = difflib.get_close_matches(text, words, n=3, cutoff=0.6)
-        hint = f"Did you mean {' or '.join(map(repr, near))}?" if near else f"Examples: {', '.join(_COMMON[:12])}."
+        hint = (
+            f"Did you mean {' or '.join(map(repr, near))}?"
+            if near
+            else f"Examples: {', '.join(_COMMON_UNITS[:12])}."
+        )
         raise InputError(
-            f"{_subject(channel)}the unit {unit!r} is not known, or not linear (as dB is). {hint} Write "
-            "products as 'kg*m^2' and quotients as 'm/s^2'; leave the unit out, or give '', where there is none."
+            f"{_subject(channel)}the unit {unit!r} is not known, or not linear (dB is not). {hint} "
+            "Write products as 'kg*m^2' and quotients as 'm/s^2'; leave the unit out, or give '', "
+            "where there is none."
         ) from error
 
 
 @cache
-def _meaning(unit: str) -> _Meaning:
-    """Translate factor by factor, so that a torque stays N*m and is not spelled out in kilograms."""
-    if unit in _NO_UNIT:
-        return _Meaning("", Fraction(1), Fraction(0), frozenset())
+def _prefixed_angle(unit: str) -> str:
+    """The first factor of a unit that is an angle with an SI prefix, or "".
+
+    Pint parses `Grad`, the German word for degree, as gigaradian.
+    """
     registry = _registry()
-    factors = registry.parse_units_as_container(_OWN_WORDS.get(unit, unit))
+    try:
+        words = list(registry.parse_units_as_container(_ALIASES.get(unit, unit)))
+    except Exception:  # `_conversion` refuses this unit, with the reason
+        return ""
+    for word in words:
+        parsed = registry.parse_unit_name(word)
+        if parsed and parsed[0][0] and dict(_kind({word: Fraction(1)})) == {"radian": 1}:
+            return word
+    return ""
+
+
+@cache
+def _conversion(unit: str) -> _Conversion:
+    """Convert a unit factor by factor, so that a torque stays N*m instead of base units."""
+    if unit in _NO_UNIT:
+        return _Conversion("", Fraction(1), Fraction(0), frozenset())
+    registry = _registry()
+    factors = registry.parse_units_as_container(_ALIASES.get(unit, unit))
     powers: dict[str, Fraction] = {}
     scale, offset = Fraction(1), Fraction(0)
     for word, power in factors.items():
         name, factor, zero = _simple(word)
-        if zero != 0:  # pint reads a temperature inside a product as a difference, so this one stands alone
+        # Only a temperature has an offset, and it is not part of a product: pint parses a
+        # temperature inside a product as a difference.
+        if zero != 0:
             offset = zero
         scale *= factor**power
         for base, exponent in name.items():
@@ -126,40 +217,56 @@ def _meaning(unit: str) -> _Meaning:
     powers = {base: power for base, power in powers.items() if power != 0}
     if powers == {"N": 1, "m": -2}:
         powers = {"Pa": Fraction(1)}
-    return _Meaning(_spell(powers), Fraction(scale), offset, _kind(powers))
+    return _Conversion(_unit_text(powers), Fraction(scale), offset, _kind(powers))
 
 
-def _simple(word: str) -> tuple[dict[str, Fraction], Fraction, Fraction]:
+class _Simple(NamedTuple):
+    """A simple unit in terms of SI units: `value_si = factor value + zero`.
+
+    Attributes:
+        powers: of the SI units, by name.
+        factor: SI units in one of it.
+        zero: its zero in SI units.
+    """
+
+    powers: dict[str, Fraction]
+    factor: Fraction
+    zero: Fraction
+
+
+def _simple(word: str) -> _Simple:
     """SI units with powers, factor and offset of one simple unit, such as `foot`."""
     registry = _registry()
     zero, one, two = (registry.Quantity(Fraction(k), word).to_base_units() for k in (0, 1, 2))
     if two.magnitude - one.magnitude != one.magnitude - zero.magnitude:
         raise ValueError("the scale is not linear")
     items = frozenset((str(base), Fraction(power)) for base, power in one.unit_items())
-    spelled = {_BASE.get(base, base): power for base, power in items}
-    powers = {_named()[items]: Fraction(1)} if items in _named() else spelled
-    return powers, Fraction(one.magnitude - zero.magnitude), Fraction(zero.magnitude)
+    symbols = {_BASE_SYMBOLS.get(base, base): power for base, power in items}
+    powers = {_derived_units()[items]: Fraction(1)} if items in _derived_units() else symbols
+    return _Simple(powers, Fraction(one.magnitude - zero.magnitude), Fraction(zero.magnitude))
 
 
 def _kind(powers: dict[str, Fraction]) -> frozenset[tuple[str, Fraction]]:
-    """Base units with powers; a hertz is no radian per second, so angles count."""
+    """Base units with powers. The radian is one of them: Hz and rad/s are different kinds."""
     if not powers:
         return frozenset()
     text = " * ".join(f"{base}**({power})" for base, power in powers.items())
     return frozenset(_registry().Quantity(Fraction(1), text).to_base_units().unit_items())
 
 
-def _spell(powers: dict[str, Fraction]) -> str:
-    """Write `{kg: 1, m: 2, s: -1}` as `kg*m^2/s`."""
-    order = [*_NAMED, *_BASE.values()]
-    ranked = sorted(powers.items(), key=lambda item: (order.index(item[0]) if item[0] in order else 99, item[0]))
+def _unit_text(powers: dict[str, Fraction]) -> str:
+    """Return `kg*m^2/s` for `{kg: 1, m: 2, s: -1}`."""
+    order = [*_DERIVED_UNITS, *_BASE_SYMBOLS.values()]
+    ranked = sorted(
+        powers.items(), key=lambda item: (order.index(item[0]) if item[0] in order else 99, item[0])
+    )
     above = [_power(base, power) for base, power in ranked if power > 0]
     below = [_power(base, -power) for base, power in ranked if power < 0]
     return "/".join(["*".join(above) or "1", *below]) if powers else ""
 
 
 def _power(base: str, power: Fraction) -> str:
-    """Write one factor."""
+    """Return one factor as text, such as `m^2`."""
     if power == 1:
         return base
     return f"{base}^{power}" if power.denominator == 1 else f"{base}^({power})"
@@ -167,14 +274,18 @@ def _power(base: str, power: Fraction) -> str:
 
 @cache
 def _registry() -> Any:
-    """The one registry; with fractions, so that a foot is 0.3048 m and not a bit less."""
-    import pint  # slow to import, and only units need it
+    """The registry of units, with exact fractions: a foot is 0.3048 m without rounding."""
+    import pint  # imported here because it is slow to import
 
-    return pint.UnitRegistry(non_int_type=Fraction)  # pyright: ignore[reportArgumentType]  (pint takes any number)
+    # pint accepts any type of number
+    return pint.UnitRegistry(non_int_type=Fraction)  # pyright: ignore[reportArgumentType]
 
 
 @cache
-def _named() -> dict[frozenset[tuple[str, Fraction]], str]:
-    """Derived SI units by their base units."""
+def _derived_units() -> dict[frozenset[tuple[str, Fraction]], str]:
+    """Names of the derived SI units, by their base units."""
     registry = _registry()
-    return {frozenset(registry.Quantity(Fraction(1), n).to_base_units().unit_items()): n for n in _NAMED}
+    return {
+        frozenset(registry.Quantity(Fraction(1), n).to_base_units().unit_items()): n
+        for n in _DERIVED_UNITS
+    }

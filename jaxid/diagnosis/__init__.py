@@ -1,30 +1,30 @@
-"""What the residual says: tests, statistics, prediction of records not used, and the score of absent effects."""
+"""Diagnosis of a fit: residual tests, statistics, prediction, localisation, scores of effects."""
 
-from .bands import Band, Bands, bands
+from .bands import Band, Bands, prediction_bands
+from .localise import LocalisationResult, Place, localise_residual
 from .maps import ResidualMaps, residual_maps
-from .reading import Reading, read
+from .residual_report import ResidualReport, analyse_residual
 from .residuals import ResidualTests, residual_tests
 from .scores import Scores
 from .statistics import FitStatistics, statistics
 from .validation import Prediction, predict
-from .where import Place, Where, where
 
 __all__ = [
     "Band",
     "Bands",
     "FitStatistics",
+    "LocalisationResult",
     "Place",
     "Prediction",
-    "Reading",
     "ResidualMaps",
+    "ResidualReport",
     "ResidualTests",
     "Scores",
-    "Where",
-    "bands",
+    "analyse_residual",
+    "localise_residual",
     "predict",
-    "read",
+    "prediction_bands",
     "residual_maps",
     "residual_tests",
     "statistics",
-    "where",
 ]

@@ -1,5 +1,8 @@
-"""A problem with forces on its model as further inputs: the trajectory under a force that was found is the place to look from."""
-# Pyright counts the arguments of functions that equinox and jaxtyping wrap in its own way; the tests execute them.
+"""A problem with forces on its model as further inputs: the trajectory under a force that was found
+is the place to look from.
+"""
+# Pyright counts the arguments of functions that equinox and jaxtyping wrap in its own way; the
+# tests execute them.
 # pyright: reportCallIssue=false
 
 from typing import ClassVar
@@ -8,17 +11,19 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.location import LocationKind
 from .._foundation.types import Array, Float
 from ..estimation.likelihoods import OutputError
 from ..estimation.problem import Problem
 from ..models.base import AbstractModel
-from ..simulation.beside import LinearBehind
+from ..simulation.mixed_hold import MixedHold
 from ..simulation.steppers import rate
-from .free_form import Places
+from .free_form import FORCES, Places
 
 
 class Driven(AbstractModel):
-    """A model with what moves in the air around it, and forces in some of its equations, as further inputs.
+    """A model with what moves in the air around it, and forces in some of its equations, as further
+    inputs.
 
     Attributes:
         model: what is driven.
@@ -27,7 +32,8 @@ class Driven(AbstractModel):
 
     model: AbstractModel
     forced: tuple[str, ...] = eqx.field(static=True)
-    transparent: ClassVar[tuple[str, ...]] = ("model",)  # a record's constants go by the parameters' names
+    # a record's constants go by the parameters' names
+    transparent: ClassVar[tuple[str, ...]] = ("model",)
 
     @property
     def states(self):
@@ -35,7 +41,7 @@ class Driven(AbstractModel):
 
     @property
     def inputs(self):
-        return (*self.model.gusty().inputs, *map(force_in, self.forced))
+        return (*self.model.with_disturbance_inputs().inputs, *map(force_in, self.forced))
 
     @property
     def outputs(self):
@@ -44,16 +50,16 @@ class Driven(AbstractModel):
     def rhs(self, t, x, u):
         u, force = self._apart(u)
         at = np.array([self.states.index(name) for name in self.forced], int)
-        return rate(self.model.gusty(), t, x, u).at[at].add(force)
+        return rate(self.model.with_disturbance_inputs(), t, x, u).at[at].add(force)
 
     def output(self, t, x, u):
         return self.output_given(t, x, u, self.rhs(t, x, u))
 
     def output_given(self, t, x, u, dx):
-        return self.model.gusty().output_given(t, x, self._apart(u)[0], dx)
+        return self.model.with_disturbance_inputs().output_given(t, x, self._apart(u)[0], dx)
 
-    def input_path(self, path):
-        return self.model.input_path(path)
+    def input_signal(self, path):
+        return self.model.input_signal(path)
 
     def observe(self, t, y):
         return self.model.observe(t, y)
@@ -73,7 +79,8 @@ def force_in(state: str) -> str:
 
 
 def driven(problem: Problem, places: Places) -> tuple[Problem, Places]:
-    """A problem whose model has forces at these places for further inputs, all of them zero, and the places as inputs of it.
+    """A problem whose model has forces at these places for further inputs, all of them zero, and
+    the places as inputs of it.
 
     The forces run in straight lines between the samples, whatever the inputs do.
 
@@ -81,14 +88,14 @@ def driven(problem: Problem, places: Places) -> tuple[Problem, Places]:
         problem: with output error for likelihood.
         places: equations by their states, and the air.
     """
-    forced, air = (dict(places).get(kind, ()) for kind in ("equation", "air"))
+    forced, air = (dict(places).get(kind, ()) for kind in FORCES)
     model, likelihood, u = Driven(problem.model, forced), problem.likelihood, problem.records.u
     assert isinstance(likelihood, OutputError)
-    hold = LinearBehind(likelihood.hold, u.shape[-1])
+    hold = MixedHold(likelihood.hold, u.shape[-1])
     still = jnp.zeros((*u.shape[:-1], len(model.inputs) - u.shape[-1]))
     parts = lambda one: (one.model, one.records.u, one.likelihood.hold)  # noqa: E731
     changed = eqx.tree_at(parts, problem, (model, jnp.concatenate([u, still], axis=-1), hold))
-    return changed, (("input", (*map(force_in, forced), *air)),)
+    return changed, ((LocationKind.INPUT, (*map(force_in, forced), *air)),)
 
 
 def under(problem: Problem, places: Places, force: Float[Array, "case time place"]) -> Problem:

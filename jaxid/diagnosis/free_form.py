@@ -1,38 +1,45 @@
-"""Free-form disturbances: what hat functions in an equation, an input, an output, a parameter or the air do to the outputs.
+"""Response of the outputs to free-form disturbances (linear B-splines in time).
 
-They follow from the linear model along a trajectory,
+A disturbance acts in an equation, an input, an output, a parameter or the air. The response follows
+from the linear model along a trajectory,
 
     dx_(i+1) = Phi_i dx_i + P_i d_i + Q_i d_(i+1),    dy_i = C_i dx_i + D_i d_i
 
-so that every place costs a linear recursion and no simulation. P and Q are what a push does over one step, straight in time from
-`d_i` at its beginning to `d_(i+1)` at its end.
+so that every place costs a linear recursion and no simulation. P and Q are the effect over one step
+of a disturbance that is linear in time, from `d_i` at the start of the step to `d_(i+1)` at its
+end.
 """
-# Pyright counts the arguments of functions that equinox and jaxtyping wrap in its own way; the tests execute them.
+# Pyright counts the arguments of functions that equinox and jaxtyping wrap in its own way; the
+# tests execute them.
 # pyright: reportCallIssue=false
 
 import itertools
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.location import LocationKind
 from .._foundation.types import Array, Float
 from ..estimation.likelihoods import OutputError
 from ..estimation.problem import Problem
 from ..models.base import AbstractModel
 from ..models.free import insert
-from ..simulation.simulate import arriving
+from ..simulation.simulate import effective_input
 from ..simulation.steppers import rate
 
-Kind = Literal["equation", "input", "output", "parameter", "air"]
-FORCES: tuple[Kind, ...] = ("equation", "air")  # in which a force can be one that nothing predicts
-Places = tuple[tuple[Kind, tuple[str, ...]], ...]  # names by kind, as programs can be compiled for
+# kinds of places at which a random force can act
+FORCES = (LocationKind.EQUATION, LocationKind.AIR)
+# names by kind, hashable, so that programs can be compiled for them
+Places = tuple[tuple[LocationKind, tuple[str, ...]], ...]
 
 
 class Linear(NamedTuple):
-    """The linear model along one trajectory: the trajectory, transitions, outputs, and how each place enters."""
+    """Linear model along one trajectory: the trajectory, transition, output and disturbance
+    matrices.
+    """
 
     x: Float[Array, "time state"]
     y: Float[Array, "time output"]
@@ -44,13 +51,14 @@ class Linear(NamedTuple):
     D: Float[Array, "time output place"]
 
 
-class Pushed(AbstractModel):
-    """A model with a force in each equation and a push on each input, straight in time over one step.
+class DisturbedModel(AbstractModel):
+    """A model with a disturbance in each equation and on each input, linear in time over a step.
 
     Attributes:
-        model: what is pushed.
-        begin, length: of the step [s].
-        first, last: forces, then pushes, at its beginning and at its end.
+        model: the disturbed model.
+        begin, length: start and length of the step [s].
+        first, last: disturbances of the equations, then of the inputs, at the start and the end of
+            the step.
     """
 
     model: AbstractModel
@@ -64,7 +72,13 @@ class Pushed(AbstractModel):
     outputs: tuple[str, ...] = eqx.field(static=True)
 
     def __init__(self, model: AbstractModel, begin, length, first, last):
-        self.model, self.begin, self.length, self.first, self.last = model, begin, length, first, last
+        self.model, self.begin, self.length, self.first, self.last = (
+            model,
+            begin,
+            length,
+            first,
+            last,
+        )
         self.states, self.inputs, self.outputs = model.states, model.inputs, model.outputs
 
     def rhs(self, t, x, u):
@@ -78,18 +92,21 @@ class Pushed(AbstractModel):
         return self.model.output_given(t, x, u + self._at(t)[1], dx)
 
     def _at(self, t):
-        share = jnp.where(self.length > 0, (t - self.begin) / jnp.where(self.length > 0, self.length, 1.0), 0.0)
+        share = jnp.where(
+            self.length > 0, (t - self.begin) / jnp.where(self.length > 0, self.length, 1.0), 0.0
+        )
         return jnp.split(self.first + share * (self.last - self.first), [len(self.states)])
 
 
 def linear_model(problem: Problem, own, shared, case, places: Places) -> Linear:
-    """The linear model along the trajectory of one case.
+    """Return the linear model along the trajectory of one record.
 
     Args:
-        problem: with output error for likelihood.
-        own, shared, case: as `Problem.solve_one` takes them.
-        places: in the order of their columns: equations by their states, the air by the further inputs of `model.gusty()`,
-            inputs and outputs by their names, and all shared parameters.
+        problem: estimation problem whose likelihood is output error.
+        own, shared, case: arguments of `Problem.solve_one`.
+        places: in the order of their columns: equations by their states, the air by the further
+            inputs of `model.with_disturbance_inputs()`, inputs and outputs by their names, and all
+            shared parameters.
     """
     flat, record = case
     likelihood = problem.likelihood
@@ -100,56 +117,62 @@ def linear_model(problem: Problem, own, shared, case, places: Places) -> Linear:
 
     model, x0 = made(shared)
     own_inputs = len(model.inputs)
-    if dict(places).get("air"):
-        model = model.gusty()
+    if dict(places).get(LocationKind.AIR):
+        model = model.with_disturbance_inputs()
     t, stepper = record.t, likelihood.stepper
     u = jnp.pad(record.u, ((0, 0), (0, len(model.inputs) - own_inputs)))
-    path, u = arriving(model, likelihood.hold, t, u)
+    path, u = effective_input(model, likelihood.hold, t, u)
     x, _ = stepper.states(model, t, path, x0)
-    spans = jnp.stack([t, jnp.append(t[1:], t[-1])], axis=1)  # one more step, of no length: the last sample's outputs
+    # a last step of zero length gives the outputs at the last sample
+    spans = jnp.stack([t, jnp.append(t[1:], t[-1])], axis=1)
 
     def step(span, x, u, first, last):
-        """State behind a step, and outputs before it, under a push."""
-        pushed = Pushed(model, span[0], span[1] - span[0], first, last)
+        """Return the state after a step and the outputs before it, under a disturbance."""
+        pushed = DisturbedModel(model, span[0], span[1] - span[0], first, last)
         later, rates = stepper.states(pushed, span, path, x)
         y = pushed.output_given(span[0], x, u, rates[0])
         return (later[1], y), y
 
     still = jnp.zeros(x.shape[1] + u.shape[1])
-    # All three derivatives at once: the model is compiled once for them.
+    # All three derivatives in one call, so that the model is compiled once.
     slopes = jax.jacfwd(step, argnums=(1, 3, 4), has_aux=True)
-    (moved, seen), y = jax.vmap(slopes, in_axes=(0, 0, 0, None, None))(spans, x, u, still, still)
-    goes_on = (jnp.diff(t) > 0)[:, None, None]
-    Phi = jnp.where(goes_on, moved[0][:-1], jnp.eye(x.shape[1]))
-    before, after = (jnp.where(goes_on, one[:-1], 0.0) for one in moved[1:])
+    (dx_later, dy), y = jax.vmap(slopes, in_axes=(0, 0, 0, None, None))(spans, x, u, still, still)
+    is_step = (jnp.diff(t) > 0)[:, None, None]
+    Phi = jnp.where(is_step, dx_later[0][:-1], jnp.eye(x.shape[1]))
+    before, after = (jnp.where(is_step, slope[:-1], 0.0) for slope in dx_later[1:])
 
     def entering(kind, names):
-        """P, Q and D of the places of a kind."""
-        if kind == "output":
+        """Return P, Q and D of the places of one kind."""
+        if kind is LocationKind.SENSOR:
             nothing = jnp.zeros((t.size - 1, x.shape[1], len(names)))
             D = jnp.eye(len(model.outputs))[:, [model.outputs.index(name) for name in names]]
             return nothing, nothing, jnp.broadcast_to(D, (t.size, *D.shape))
-        if kind == "parameter":
-            B, D = jax.vmap(lambda t, x, u: _by_parameter(made, t, x, u, shared))(t, x, u[:, :own_inputs])
+        if kind is LocationKind.PARAMETER:
+            B, D = jax.vmap(lambda t, x, u: _by_parameter(made, t, x, u, shared))(
+                t, x, u[:, :own_inputs]
+            )
             half = jnp.diff(t)[:, None, None] / 2
             return half * Phi @ B[:-1], half * B[1:], D
-        pushes = [(kind == "equation", name) for name in names]
+        pushes = [(kind is LocationKind.EQUATION, name) for name in names]
         columns = np.array([known.index(push) for push in pushes], int)
-        return before[..., columns], after[..., columns], seen[1][..., columns]
+        return before[..., columns], after[..., columns], dy[1][..., columns]
 
-    # What `Pushed` pushes; an equation and an input may have one name.
+    # Disturbances of `DisturbedModel`; an equation and an input may have the same name.
     known = [(True, name) for name in model.states] + [(False, name) for name in model.inputs]
-    P, Q, D = (jnp.concatenate(part, axis=2) for part in zip(*itertools.starmap(entering, places), strict=True))
-    return Linear(x, y, Phi, P, Q, seen[0], D)
+    P, Q, D = (
+        jnp.concatenate(part, axis=2)
+        for part in zip(*itertools.starmap(entering, places), strict=True)
+    )
+    return Linear(x, y, Phi, P, Q, dy[0], D)
 
 
 def gusts_of(model: AbstractModel) -> tuple[str, ...]:
-    """Names of the random motions that `model.gusty()` has for further inputs."""
-    return model.gusty().inputs[len(model.inputs) :]
+    """Return the names of the disturbance inputs (gusts) of a model."""
+    return model.with_disturbance_inputs().inputs[len(model.inputs) :]
 
 
 def _by_parameter(made, t, x, u, shared):
-    """How the rates and the outputs at a given state change with each shared parameter."""
+    """Derivatives of the rates and the outputs with respect to the shared parameters."""
 
     def both(theta):
         model: AbstractModel = made(theta)[0]
@@ -158,34 +181,42 @@ def _by_parameter(made, t, x, u, shared):
     return jax.jacfwd(both)(shared)
 
 
-def hats_of(t: Float[Array, " time"], knots: int) -> tuple[Float[Array, "time knot"], Float[Array, " knot"]]:
-    """Hat functions over one record, and the times of their tops."""
+def spline_basis(
+    t: Float[Array, " time"], knots: int
+) -> tuple[Float[Array, "time knot"], Float[Array, " knot"]]:
+    """Return linear B-splines over one record, and the times of their knots."""
     grid = jnp.linspace(t[0], t[-1], knots)
     return jnp.clip(1.0 - jnp.abs(t[:, None] - grid[None]) / (grid[1] - grid[0]), 0.0), grid
 
 
-def answers(linear: Linear, hats) -> Float[Array, "time output place knot"]:
-    """The outputs' answers to every hat at every place."""
+def answers(linear: Linear, splines) -> Float[Array, "time output place knot"]:
+    """Return the response of the outputs to every B-spline at every place."""
     dx = _carried(
-        linear.Phi, jnp.einsum("tsp,tk->tspk", linear.P, hats[:-1]) + jnp.einsum("tsp,tk->tspk", linear.Q, hats[1:])
+        linear.Phi,
+        jnp.einsum("tsp,tk->tspk", linear.P, splines[:-1])
+        + jnp.einsum("tsp,tk->tspk", linear.Q, splines[1:]),
     )
-    return jnp.einsum("tos,tspk->topk", linear.C, dx) + jnp.einsum("top,tk->topk", linear.D, hats)
+    return jnp.einsum("tos,tspk->topk", linear.C, dx) + jnp.einsum(
+        "top,tk->topk", linear.D, splines
+    )
 
 
 def answer(linear: Linear, disturbance: Float[Array, "time place"]) -> Float[Array, "time output"]:
-    """The outputs' answer to one disturbance, of all places together."""
+    """Return the response of the outputs to one disturbance at all places together."""
     dx = response(linear, disturbance)
     return jnp.einsum("tos,ts->to", linear.C, dx) + jnp.einsum("top,tp->to", linear.D, disturbance)
 
 
 def response(linear: Linear, disturbance: Float[Array, "time place"]) -> Float[Array, "time state"]:
-    """The states' answer to one disturbance, of all places together."""
-    pushed = jnp.einsum("tsp,tp->ts", linear.P, disturbance[:-1]) + jnp.einsum("tsp,tp->ts", linear.Q, disturbance[1:])
+    """Return the response of the states to one disturbance at all places together."""
+    pushed = jnp.einsum("tsp,tp->ts", linear.P, disturbance[:-1]) + jnp.einsum(
+        "tsp,tp->ts", linear.Q, disturbance[1:]
+    )
     return _carried(linear.Phi, pushed)
 
 
 def _carried(Phi: Float[Array, "step state state"], pushed: Float[Array, "step state *place"]):
-    """The state at every sample, from rest, that is pushed in every step."""
+    """State at every sample, from rest, under an increment in every step."""
 
     def step(dx, now):
         Phi, pushed = now

@@ -1,4 +1,4 @@
-"""Residual tests: is what the model misses noise, or does it remember itself or follow a signal?"""
+"""Residual tests: whiteness, and correlation with inputs, states or other signals."""
 
 import equinox as eqx
 import jax
@@ -9,8 +9,7 @@ from jax.scipy.stats import norm
 
 from .._foundation.checks import require
 from .._foundation.types import Array, Bool, Float, Int
-
-BAND = 1.959963984540054  # standard normal: 95 % of a white residual's correlations lie within BAND / sqrt(pairs)
+from .thresholds import BAND
 
 
 def autocorrelation(
@@ -18,9 +17,9 @@ def autocorrelation(
 ) -> Float[Array, "output lag"]:
     r"""Autocorrelation of residuals, pooled over the cases.
 
-        r_k = (1/n_k sum v_i v_(i+k)) / (1/N sum v_i^2),    n_k = the pairs of which both samples are valid
+        r_k = (1/n_k sum v_i v_(i+k)) / (1/N sum v_i^2),    n_k = number of pairs of valid samples
 
-    No mean is taken off: a residual with a mean is not white. Works under `jit` and `vmap`.
+    No mean is subtracted: a residual with a mean is not white. Works under `jit` and `vmap`.
 
     Args:
         v: residuals, shape (case, time, output) [output units].
@@ -28,7 +27,8 @@ def autocorrelation(
         lags: longest lag [samples].
 
     Returns:
-        `r_0 = 1` to `r_lags`, shape (output, lags + 1) [-]; zero where there is no pair, or the channel is all zero.
+        `r_0 = 1` to `r_lags`, shape (output, lags + 1) [-]; zero if there is no pair or the
+        channel is zero throughout.
     """
     return _autocorrelation(v, mask, lags)[0].T
 
@@ -43,19 +43,21 @@ def cross_correlation(
 
         r_k = (1/n_k sum v_i s_(i-k)) / (rms(v) rms(s)),    band 1.96 / sqrt(n_k)
 
-    At positive lags the signal comes first. The signals' means are taken off, the residual's are not. The band is
-    Bartlett's, `var r_k = 1/n_k sum_j rho_v(j) rho_s(j)`, for a white residual: the colour of the signal then drops out
-    (Bartlett, An Introduction to Stochastic Processes, 1955; Box, Jenkins & Reinsel, Time Series Analysis, chapter 12).
+    At positive lags the signal comes first. The means of the signals are subtracted, those of the
+    residual are not. The band is Bartlett's, `var r_k = 1/n_k sum_j rho_v(j) rho_s(j)`, for a white
+    residual: the colour of the signal then drops out (Bartlett, An Introduction to Stochastic
+    Processes, 1955; Box, Jenkins & Reinsel, Time Series Analysis, chapter 12).
 
     Args:
         v: residuals, shape (case, time, output) [output units].
         mask: valid samples, shape (case, time, output).
-        s: signals, shape (case, time, signal) [any]; values that are not finite do not count, nor do the rows behind a
-            case's last valid sample.
+        s: signals, shape (case, time, signal) [any]; values that are not finite are left out, and
+            so are the rows after the last valid sample of a case.
         lags: longest lag to both sides [samples].
 
     Returns:
-        `r_-lags` to `r_lags`, shape (output, signal, 2 lags + 1) [-], and the half width of the band.
+        `r_-lags` to `r_lags`, shape (output, signal, 2 lags + 1) [-], and the half width of the
+        band.
     """
     known = jnp.isfinite(s) & _recorded(mask)[..., None]
     s = _centred(s, known)
@@ -67,7 +69,9 @@ def cross_correlation(
 
 
 class Whiteness(eqx.Module):
-    """Ljung-Box statistic of each channel, its degrees of freedom, and how probable a larger one is in white noise."""
+    """Ljung-Box statistic of each channel, its degrees of freedom, and the probability of a larger
+    value under white noise.
+    """
 
     statistic: Float[Array, " output"]
     freedom: Int[Array, " output"]
@@ -75,20 +79,26 @@ class Whiteness(eqx.Module):
 
 
 def ljung_box(
-    v: Float[Array, "case time output"], mask: Bool[Array, "case time output"], lags: int, fitted: int = 0
+    v: Float[Array, "case time output"],
+    mask: Bool[Array, "case time output"],
+    lags: int,
+    fitted: int = 0,
 ) -> Whiteness:
-    r"""The Ljung-Box test of whiteness, channel by channel, pooled over the cases.
+    r"""Ljung-Box test of whiteness, channel by channel, pooled over the cases.
 
-        Q = (N + 2)/N sum_(k=1..lags) n_k r_k^2  ~  chi-square with `lags - fitted` degrees of freedom
+        Q = (N + 2)/N sum_(k=1..lags) n_k r_k^2  ~  chi-square with `lags - fitted` degrees of
+        freedom
 
-    with `r_k`, `n_k` as in `autocorrelation`; for one record without gaps it is the usual `N (N + 2) sum r_k^2/(N - k)`
-    with `r_k` over N instead of pairs (Ljung & Box, Biometrika 65(2), 1978). Works under `jit` and `vmap`.
+    with `r_k`, `n_k` as in `autocorrelation`; for one record without gaps it is the usual `N (N +
+    2) sum r_k^2/(N - k)` with `r_k` over N instead of pairs (Ljung & Box, Biometrika 65(2), 1978).
+    Works under `jit` and `vmap`.
 
     Args:
         v: residuals, shape (case, time, output) [output units].
         mask: valid samples, shape (case, time, output).
         lags: longest lag [samples].
-        fitted: parameters of a noise model that was fitted to these residuals; parameters of the dynamics do not count.
+        fitted: parameters of a noise model that was fitted to these residuals; parameters of the
+            dynamics do not count.
 
     Returns:
         Statistic, degrees of freedom and p-value, each of shape (output,) [-].
@@ -101,18 +111,19 @@ def ljung_box(
 
 
 class ResidualTests(eqx.Module):
-    """What the residuals of each channel remember, and what they follow.
+    """Autocorrelation of the residuals of each channel, and their correlation with signals.
 
     Attributes:
         outputs, signals: names of the channels and of the signals they are compared with.
-        level: probability of an alarm where nothing is missing, for all channels of one test together.
+        level: probability of a false alarm, for all channels of one test together.
         autocorrelation: `r_0` to `r_lags` of each channel.
         band: half width of its 95 % band.
         whiteness: the Ljung-Box test.
         cross_correlation: `r_-lags` to `r_lags` with each signal.
-        cross_band: half width of its 95 % band, wider where the residual is coloured.
-        cross_p: probability that white noise would follow the signal as closely at any lag from 0 on.
-        cross_lag: the lag of the closest correlation among these [samples].
+        cross_band: half width of its 95 % band, wider if the residual is coloured.
+        cross_p: probability of a correlation at least this large at any lag from 0 on, for a
+            residual independent of the signal.
+        cross_lag: lag of the largest correlation among these [samples].
     """
 
     outputs: tuple[str, ...] = eqx.field(static=True)
@@ -128,32 +139,41 @@ class ResidualTests(eqx.Module):
 
     @property
     def white(self) -> Bool[Array, " output"]:
-        """True for each channel whose residual does not remember itself (Bonferroni over the channels)."""
+        """True for each channel whose residual is white (Bonferroni over the channels)."""
         return self.whiteness.p_value >= self.level / len(self.outputs)
 
     @property
     def follows(self) -> Bool[Array, "output signal"]:
-        """True where a channel's residual follows a signal (Bonferroni over channels and signals)."""
+        """True if a channel's residual is correlated with a signal (Bonferroni over channels and
+        signals).
+        """
         return self.cross_p < self.level / max(self.cross_p.size, 1)
 
     @property
     def passed(self) -> Bool[Array, ""]:
-        """True when every channel is white and follows no signal."""
+        """True if every channel is white and correlated with no signal."""
         return jnp.all(self.white) & ~jnp.any(self.follows)
 
     def __str__(self) -> str:
         width = max(len(name) for name in (*self.outputs, "residual"))
-        lines = [f"{'residual':<{width}} {'Ljung-Box':>10} {'p':>9}  white  follows (correlation, lag)"]
+        lines = [
+            f"{'residual':<{width}} {'Ljung-Box':>10} {'p':>9}  white  follows (correlation, lag)"
+        ]
         middle, tests = self.autocorrelation.shape[1] - 1, self.whiteness
-        rows = zip(self.outputs, tests.statistic, tests.p_value, self.white, self.follows, strict=True)
+        rows = zip(
+            self.outputs, tests.statistic, tests.p_value, self.white, self.follows, strict=True
+        )
         for j, (name, Q, p, white, follows) in enumerate(rows):
-            found = [
+            correlations = [
                 f"{self.signals[k]} ({self.cross_correlation[j, k, middle + lag]:+.2f}, {lag})"
                 for k, lag in enumerate(np.asarray(self.cross_lag)[j])
                 if bool(follows[k])
             ]
             verdict = "yes" if bool(white) else "no"
-            lines.append(f"{name:<{width}} {float(Q):>10.4g} {float(p):>9.2g}  {verdict:<5}  {', '.join(found) or '-'}")
+            lines.append(
+                f"{name:<{width}} {float(Q):>10.4g} {float(p):>9.2g}  {verdict:<5}  "
+                f"{', '.join(correlations) or '-'}"
+            )
         lines.append(f"alarms at {100 * self.level:g} % over all channels")
         return "\n".join(lines)
 
@@ -169,35 +189,49 @@ def residual_tests(
 ) -> ResidualTests:
     """Test residuals for whiteness and for correlation with inputs, states or any other signals.
 
-    A signal is followed when the largest `|r_k|` from lag 0 on exceeds what a residual that is independent of it shows
-    (Bonferroni over the lags). Where a channel is not white, Bartlett's variance widens the band by its colour.
+    A residual is correlated with a signal if the largest `|r_k|` from lag 0 on exceeds the band of
+    an independent residual (Bonferroni over the lags). If a channel is not white, its
+    autocorrelation widens the band (Bartlett's variance).
 
     Args:
         residuals: `v = z - y`, shape (case, time, output) [output units].
         mask: valid samples, shape (case, time, output).
         signals: by name, shape (case, time) each [any].
         outputs: names of the channels.
-        level: probability of an alarm where nothing is missing, over all channels.
+        level: probability of a false alarm, over all channels.
         lags: longest lag [samples]; at most a fifth of the rows is used.
 
     Returns:
-        The tests with their verdicts; works under `jit` and `vmap`.
+        The tests with their results; works under `jit` and `vmap`.
 
     Raises:
-        InputError: when the names are not as many as the channels, or level or lags are out of range.
+        InputError: if the number of names differs from that of the channels, or level or lags are
+            out of range.
     """
-    rows, found = residuals.shape[1], residuals.shape[2]
-    require(len(outputs) == found, f"There are {found} residual channels and {len(outputs)} names. Name each once.")
-    require(0 < level < 1, f"The level is {level}; it is a probability of false alarm: choose one such as 0.01.")
+    rows, channels = residuals.shape[1], residuals.shape[2]
+    require(
+        len(outputs) == channels,
+        f"There are {channels} residual channels and {len(outputs)} names. Name each once.",
+    )
+    require(
+        0 < level < 1,
+        f"The level is {level}; it is a probability of false alarm: choose one such as 0.01.",
+    )
     require(lags >= 1, f"lags is {lags}; choose 1 or more.")
-    s = jnp.stack([jnp.asarray(x, float) for x in signals.values()], -1) if signals else jnp.zeros((*mask.shape[:2], 0))
-    numbers = _numbers(residuals, mask, s, jnp.asarray(level / found), min(lags, max(rows // 5, 1)))
+    s = (
+        jnp.stack([jnp.asarray(x, float) for x in signals.values()], -1)
+        if signals
+        else jnp.zeros((*mask.shape[:2], 0))
+    )
+    numbers = _numbers(
+        residuals, mask, s, jnp.asarray(level / channels), min(lags, max(rows // 5, 1))
+    )
     return ResidualTests(tuple(outputs), tuple(signals), level, *numbers)
 
 
 @eqx.filter_jit
 def _numbers(residuals, mask, s, level, lags):
-    """The arrays of `ResidualTests`, in their order; `level` is that of one channel."""
+    """Arrays of `ResidualTests`, in their order; `level` is the level of one channel."""
     white = ljung_box(residuals, mask, lags)
     r, r_s = autocorrelation(residuals, mask, lags), _signal_autocorrelation(s, mask, lags)
     colour = jnp.where((white.p_value < level)[:, None], _bartlett(r, r_s), 1.0)
@@ -210,10 +244,12 @@ def _numbers(residuals, mask, s, level, lags):
 
 
 def _autocorrelation(v, mask, lags):
-    """`r_k` and the number of pairs, each (lag, output)."""
+    """Return `r_k` and the number of pairs, each (lag, output)."""
     v, both = jnp.where(mask, v, 0.0), mask * 1.0
     # Channel by channel, so that a record with many channels does not form all their products.
-    by_channel = jax.vmap(lambda a: _lagged(a[..., None], a[..., None], lags)[lags:, 0, 0], in_axes=-1, out_axes=-1)
+    by_channel = jax.vmap(
+        lambda a: _lagged(a[..., None], a[..., None], lags)[lags:, 0, 0], in_axes=-1, out_axes=-1
+    )
     pairs = jnp.round(by_channel(both))
     return _ratio(_ratio(by_channel(v), pairs), _mean_square(v, mask)[None]), pairs
 
@@ -225,13 +261,19 @@ def _signal_autocorrelation(s, mask, lags):
 
 
 def _bartlett(r_v, r_s):
-    """`sum_j rho_v(j) rho_s(j)` over both sides under a triangular window, at least 1, (output, signal)."""
+    """`sum_j rho_v(j) rho_s(j)` over both sides under a triangular window, at least 1, (output,
+    signal).
+    """
     window = 1.0 - jnp.arange(r_v.shape[1]) / r_v.shape[1]
-    return jnp.maximum(1.0 + 2.0 * jnp.einsum("jk,sk->js", r_v[:, 1:] * window[None, 1:], r_s[:, 1:]), 1.0)
+    return jnp.maximum(
+        1.0 + 2.0 * jnp.einsum("jk,sk->js", r_v[:, 1:] * window[None, 1:], r_s[:, 1:]), 1.0
+    )
 
 
 def _lagged(a, b, lags):
-    """`sum_case sum_i a_i b_(i+k)` for k from -lags to lags, (lag, channel of b, channel of a), by FFT unwrapped."""
+    """`sum_case sum_i a_i b_(i+k)` for k from -lags to lags, (lag, channel of b, channel of a), by
+    FFT unwrapped.
+    """
     size = 1 << (a.shape[1] + lags).bit_length()
     spectra = jnp.fft.rfft(a, size, axis=1), jnp.fft.rfft(b, size, axis=1)
     sums = jnp.fft.irfft(jnp.einsum("cfs,cfj->fjs", jnp.conj(spectra[0]), spectra[1]), size, axis=0)
@@ -239,7 +281,7 @@ def _lagged(a, b, lags):
 
 
 def _recorded(mask):
-    """Rows up to the last one with a valid sample, (case, time): the padding of a stack lies behind them."""
+    """Rows up to the last one with a valid sample, (case, time), without the padding of a stack."""
     return jax.lax.cummax(jnp.any(mask, axis=-1).astype(int), axis=1, reverse=True) > 0
 
 
@@ -250,7 +292,9 @@ def _centred(s, known):
 
 
 def _mean_square(x, mask):
-    return jnp.sum(jnp.where(mask, x, 0.0) ** 2, axis=(0, 1)) / jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)
+    return jnp.sum(jnp.where(mask, x, 0.0) ** 2, axis=(0, 1)) / jnp.maximum(
+        jnp.sum(mask, axis=(0, 1)), 1
+    )
 
 
 def _ratio(a, b):

@@ -1,11 +1,17 @@
-"""The score test: how much of the residual each absent effect could explain, beyond what the free parameters already do.
+"""Score test of effects that are not in the model, from sensitivities at zero gain alone.
 
-With `S_phi` the sensitivities to the absent gains at zero, `S_perp` what is left of them when the columns of all free parameters,
-each record's own included, are projected out with the weight `R^-1`,
+`v` is the residual, `S_phi` the sensitivity of the outputs to the gain `phi` of one such effect at
+`phi = 0`. `S_perp` is the part of `S_phi` that is orthogonal (with the weight `R^-1`) to the
+sensitivities to all free parameters, shared and per record. Then
 
-    score = (S_perp' R^-1 v)^2 / (S_perp' R^-1 S_perp),    phi = S_perp' R^-1 v / (S_perp' R^-1 S_perp)
+    score = (S_perp' R^-1 v)^2 / (S_perp' R^-1 S_perp),
+    phi = S_perp' R^-1 v / (S_perp' R^-1 S_perp)
 
-are chi-square with one degree of freedom where the effect is absent and the residual white, and the gain to expect (Rao 1948).
+The score is chi-square distributed with one degree of freedom if the effect is absent from the data
+and the residual is white; `phi` is the estimated gain (Rao 1948).
+
+In the code a column is the sensitivity to one parameter; shared parameters have one value for all
+records, per-record parameters (`own`) one value per record.
 """
 
 import equinox as eqx
@@ -18,94 +24,119 @@ from ..estimation.problem import Problem
 from ..models.free import Parameters
 from ..sensitivity.information import Information, gather, record_triangles
 
-LEFT_OVER = (
-    1e-8  # of a column's squared length: less than this is rounding, and the effect cannot be told from what is free
-)
+# Share of a column's squared length, orthogonal to the columns of the free parameters, below which
+# the column counts as a linear combination of these (chosen: above the rounding error).
+IDENTIFIABLE = 1e-8
 
 
 class Scores(eqx.Module):
-    """Scores of all columns at once; those of columns that are free are zero.
+    """Score tests of all shared columns; the score of a column of a free parameter is zero.
 
     Attributes:
-        score: chi-square with one degree of freedom, were the residual white.
-        inflation: by how much the colour of the residual, the column's own share taken out, inflates the score's variance.
-        expected: the gain to expect.
-        left: share of the column's squared length that the free parameters cannot imitate; NaN where the column is not finite,
-            which then has no score and does the others no harm.
-        overlap: correlations between the columns' left-over parts.
+        score: chi-square with one degree of freedom if the residual is white.
+        variance_inflation: factor by which autocorrelation increases the variance of
+            `S_perp' R^-1 v`, from the residual after the column has been fitted to it.
+        estimated_gain: `phi`, the gain if the outputs were linear in it.
+        identifiable_fraction: share of the column's squared length that is orthogonal to the
+            columns of the free parameters. NaN if the column is not finite; its score is then zero,
+            and the other columns are not affected.
+        overlap: correlations between the orthogonal parts of the columns.
     """
 
     score: Float[Array, " column"]
-    inflation: Float[Array, " column"]
-    expected: Float[Array, " column"]
-    left: Float[Array, " column"]
+    variance_inflation: Float[Array, " column"]
+    estimated_gain: Float[Array, " column"]
+    identifiable_fraction: Float[Array, " column"]
     overlap: Float[Array, "column column"]
 
     @property
     def significance(self) -> Float[Array, " column"]:
-        """Chi-square with one degree of freedom, the colour of the residual accounted for."""
-        return self.score / self.inflation
+        """Score divided by the variance inflation: chi-square also for a coloured residual."""
+        return self.score / self.variance_inflation
 
 
 @eqx.filter_jit
 def sensitivities(
     problem: Problem, parameters: Parameters
 ) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
-    """Residuals and sensitivities, each record's own unknowns in the first columns: the one pass that all questions share."""
+    """Residuals and sensitivities; the first columns belong to the per-record parameters.
+
+    The sensitivities are computed once and used by all tests of a fit.
+    """
     return problem.sensitivities(parameters)
 
 
 @eqx.filter_jit
 def whitened(
-    problem: Problem, v: Float[Array, "case time output"], S: Float[Array, "case time output column"]
+    problem: Problem,
+    v: Float[Array, "case time output"],
+    S: Float[Array, "case time output column"],
 ) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
-    """The same in units of the noise."""
+    """Residuals and sensitivities divided by the square root of the noise covariance."""
     return problem.whiten(v, v), problem.whiten(v, S)
 
 
 @eqx.filter_jit
 def scores_of(
-    v: Float[Array, "case time output"], S: Float[Array, "case time output column"], is_free: Bool[Array, " shared"]
+    v: Float[Array, "case time output"],
+    S: Float[Array, "case time output column"],
+    mask: Bool[Array, "case time output"],
+    is_free: Bool[Array, " shared"],
 ) -> Scores:
-    """The score test of columns that are there already.
+    """Return the score tests of the shared columns of S.
 
     Args:
-        v, S: residuals and sensitivities whose noise is white with variance one, as `whitened` gives them.
-        is_free: of the last columns of S, the shared ones, which are free.
+        v, S: whitened residuals and sensitivities, from `whitened`.
+        mask: valid samples.
+        is_free: true for a shared column (the last ones of S) whose parameter is free in the fit.
     """
     count = S.shape[-1] - is_free.size
     S, finite = _finite(S, is_free)
     information = _information(S, v, is_free.size)
     columns, rhs = information.triangle, information.rhs
-    rest, coefficients = _perpendicular(columns, rhs, is_free)
-    left, toward = jnp.sum(rest[:, :-1] ** 2, axis=0), rest[:, :-1].T @ rest[:, -1]
-    whole = jnp.sum(columns**2, axis=0)
-    seen = (left > LEFT_OVER * whole) & (left > 0) & ~is_free
-    safe = jnp.where(seen, left, 1.0)
-    expected = jnp.where(seen, toward / safe, 0.0)
-    inflation = _inflation(S, v, count, is_free, coefficients, information, expected)
+    remainder, coefficients = _orthogonal_part(columns, rhs, is_free)
+    orthogonal, target = remainder[:, :-1], remainder[:, -1]
+    squared_length, product = jnp.sum(orthogonal**2, axis=0), orthogonal.T @ target
+    total_squared_length = jnp.sum(columns**2, axis=0)
+    identifiable = (
+        (squared_length > IDENTIFIABLE * total_squared_length) & (squared_length > 0) & ~is_free
+    )
+    safe = jnp.where(identifiable, squared_length, 1.0)
+    gain = jnp.where(identifiable, product / safe, 0.0)
+    inflation = _variance_inflation(S, v, mask, count, is_free, coefficients, information, gain)
     length = jnp.sqrt(safe)
     overlap = jnp.where(
-        seen[:, None] & seen[None], rest[:, :-1].T @ rest[:, :-1] / (length[:, None] * length[None]), 0.0
+        identifiable[:, None] & identifiable[None],
+        orthogonal.T @ orthogonal / (length[:, None] * length[None]),
+        0.0,
     )
-    share = jnp.where(seen, left / jnp.where(whole > 0, whole, 1.0), 0.0)
-    share = jnp.where(finite, share, jnp.nan)
-    return Scores(jnp.where(seen, toward**2 / safe, 0.0), jnp.where(seen, inflation, 1.0), expected, share, overlap)
+    share = jnp.where(
+        identifiable,
+        squared_length / jnp.where(total_squared_length > 0, total_squared_length, 1.0),
+        0.0,
+    )
+    return Scores(
+        score=jnp.where(identifiable, product**2 / safe, 0.0),
+        variance_inflation=jnp.where(identifiable, inflation, 1.0),
+        estimated_gain=gain,
+        identifiable_fraction=jnp.where(finite, share, jnp.nan),
+        overlap=overlap,
+    )
 
 
 @eqx.filter_jit
-def left_over(
+def unexplained_chi_square(
     v: Float[Array, "case time output"], S: Float[Array, "case time output column"], shared: int
 ) -> Float[Array, ""]:
-    """Chi-square that no value of any column takes away.
+    """Return the squared length of v orthogonal to all columns: the chi-square of a linear fit.
 
     Args:
-        v, S: as `scores_of` takes them.
-        shared: how many of the last columns are shared by all records.
+        v, S: as in `scores_of`.
+        shared: number of columns shared by all records, the last of S.
     """
     information = _information(S, v, shared)
-    rest, _ = _perpendicular(information.triangle, information.rhs, jnp.ones(shared, bool))
-    return jnp.sum(rest[:, -1] ** 2)
+    remainder, _ = _orthogonal_part(information.triangle, information.rhs, jnp.ones(shared, bool))
+    return jnp.sum(remainder[:, -1] ** 2)
 
 
 def exchange_falls(
@@ -115,80 +146,106 @@ def exchange_falls(
     out: Bool[Array, "set shared"],
     values: Float[Array, " shared"],
 ) -> Float[Array, "set shared"]:
-    """By how much chi-square falls with each column in the place of a set of free ones, as far as the linear model tells.
+    """Return the decrease of chi-square in the linear model if a column replaces free columns.
 
-    Without the columns that go out, whose values were phi, the residual is `v + S_out phi`.
+    Each set of free columns is replaced by each column in turn. The residual without a set `S_out`
+    with parameter values `phi` is `v + S_out phi`.
 
     Args:
-        v, S, is_free: as `scores_of` takes them, where the free columns have been estimated.
-        out: which columns go out, in each set.
-        values: of the shared columns.
+        v, S, is_free: as in `scores_of`, after the estimation of the free columns.
+        out: mask of the replaced columns, one row per set.
+        values: parameter values of the shared columns.
 
     Returns:
-        Falls; minus infinity where a column is free or no effect of its own.
+        Decreases; minus infinity for a new column that is free already, or is a linear combination
+        of the free columns that remain.
     """
     information = _information(_finite(S, is_free)[0], v, is_free.size)
-    return jnp.stack([_exchange_fall(information.triangle, information.rhs, is_free, one, values) for one in out])
+    return jnp.stack(
+        [
+            _exchange_fall(information.triangle, information.rhs, is_free, replaced, values)
+            for replaced in out
+        ]
+    )
 
 
 @eqx.filter_jit
 def _exchange_fall(columns, rhs, is_free, out, values) -> Float[Array, " shared"]:
-    """The same for one set."""
-    rest, _ = _perpendicular(columns, rhs + columns @ jnp.where(out, values, 0.0), is_free & ~out)
-    left, toward = jnp.sum(rest[:, :-1] ** 2, axis=0), rest[:, :-1].T @ rest[:, -1]
-    seen = (left > LEFT_OVER * jnp.sum(columns**2, axis=0)) & (left > 0) & ~is_free
-    score = jnp.where(seen, toward**2 / jnp.where(seen, left, 1.0), -jnp.inf)
-    return jnp.sum(rhs**2) - jnp.sum(rest[:, -1] ** 2) + score
+    """Decrease of chi-square for one set of replaced columns, by each column in turn."""
+    rhs_without = rhs + columns @ jnp.where(out, values, 0.0)
+    remainder, _ = _orthogonal_part(columns, rhs_without, is_free & ~out)
+    orthogonal, target = remainder[:, :-1], remainder[:, -1]
+    squared_length, product = jnp.sum(orthogonal**2, axis=0), orthogonal.T @ target
+    total_squared_length = jnp.sum(columns**2, axis=0)
+    identifiable = (
+        (squared_length > IDENTIFIABLE * total_squared_length) & (squared_length > 0) & ~is_free
+    )
+    score = jnp.where(
+        identifiable, product**2 / jnp.where(identifiable, squared_length, 1.0), -jnp.inf
+    )
+    return jnp.sum(rhs**2) - jnp.sum(target**2) + score
 
 
 @eqx.filter_jit
 def _finite(S, is_free):
-    """The columns with zeros in the place of those that are asked about and not finite, and which are."""
+    """Return S with zeros for candidate columns that are not finite, and a mask of finite ones."""
     finite = jnp.all(jnp.isfinite(S[..., S.shape[-1] - is_free.size :]), axis=(0, 1, 2)) | is_free
-    kept = jnp.concatenate([jnp.ones(S.shape[-1] - is_free.size, bool), finite])
-    return jnp.where(kept, S, 0.0), finite
+    is_kept = jnp.concatenate([jnp.ones(S.shape[-1] - is_free.size, bool), finite])
+    return jnp.where(is_kept, S, 0.0), finite
 
 
 @eqx.filter_jit
 def _information(S, v, shared: int) -> Information:
-    """All columns and the residual, each record's own unknowns eliminated."""
+    """Information on the shared parameters, with the per-record parameters eliminated."""
     count = S.shape[-1] - shared
     triangles = record_triangles(S[..., :count], S[..., count:], v)
-    nothing = jnp.zeros((1, shared + 1))
-    return gather(triangles, nothing, jnp.zeros((v.shape[0], count), bool), jnp.zeros(shared, bool))
+    no_prior = jnp.zeros((1, shared + 1))
+    is_held = jnp.zeros((v.shape[0], count), bool), jnp.zeros(shared, bool)
+    return gather(triangles, no_prior, *is_held)
 
 
-def _perpendicular(columns, rhs, is_free):
-    """What the free columns leave of all columns and, last, of a right-hand side; and with which coefficients."""
-    free, both = jnp.where(is_free, columns, 0.0), jnp.column_stack([columns, rhs])
-    coefficients = _least_squares(free, both)
-    return both - free @ coefficients, coefficients
+def _orthogonal_part(columns, rhs, is_free):
+    """Return the part of `[columns rhs]` orthogonal to the free columns, and the coefficients of
+    the projection on these.
+    """
+    free, extended = jnp.where(is_free, columns, 0.0), jnp.column_stack([columns, rhs])
+    coefficients = _least_squares(free, extended)
+    return extended - free @ coefficients, coefficients
 
 
-def _inflation(S, v, count, is_free, coefficients, information, expected):
-    """Variance of each score relative to white noise, from the residual without the column's share; column by column, to
-    keep memory small."""
+def _variance_inflation(S, v, mask, count, is_free, coefficients, information, gain):
+    """Return the factor by which autocorrelation of the residual increases each variance.
+
+    The residual of each column is the one left after that column has been fitted to it. The columns
+    are computed one after the other to save memory.
+    """
     own, shared = S[..., :count], S[..., count:]
     free = jnp.where(is_free, shared, 0.0)
-    turned = jnp.concatenate([information.own.coupling, information.own.rhs[..., None]], axis=-1)
-    turned_free = jnp.where(is_free, information.own.coupling, 0.0)
+    rotated = jnp.concatenate([information.own.coupling, information.own.rhs[..., None]], axis=-1)
+    rotated_free = jnp.where(is_free, information.own.coupling, 0.0)
 
     def perpendicular(rows, index):
         solution = coefficients[:, index]
-        mine = information.own.inverse @ (turned[..., index] - turned_free @ solution)[..., None]
-        return rows - free @ solution - jnp.squeeze(own @ mine[:, None], -1)
+        rhs = rotated[..., index] - rotated_free @ solution
+        own_part = information.own.inverse @ rhs[..., None]
+        return rows - free @ solution - jnp.squeeze(own @ own_part[:, None], -1)
 
     v_perp = perpendicular(v, is_free.size)
 
-    def one(index):
+    def inflation(index):
         column = perpendicular(shared[..., index], index)
-        return colour_inflation(column, v_perp - expected[index] * column)
+        return colour_inflation(column, v_perp - gain[index] * column, mask)
 
-    return jax.lax.map(one, jnp.arange(is_free.size))
+    return jax.lax.map(inflation, jnp.arange(is_free.size))
 
 
-def _least_squares(A: Float[Array, "row column"], B: Float[Array, "row rhs"]) -> Float[Array, "column rhs"]:
-    """Least squares with columns scaled and undetermined directions left at zero."""
+def _least_squares(
+    A: Float[Array, "row column"], B: Float[Array, "row rhs"]
+) -> Float[Array, "column rhs"]:
+    """Return the least-squares solution, computed with columns of unit length.
+
+    Its component along singular vectors with a negligible singular value is zero.
+    """
     length = jnp.linalg.norm(A, axis=0)
     length = jnp.where(length > 0, length, 1.0)
     U, s, Vt = jnp.linalg.svd(A / length[None], full_matrices=False)
@@ -198,5 +255,5 @@ def _least_squares(A: Float[Array, "row column"], B: Float[Array, "row rhs"]) ->
 
 
 def critical(probability: float) -> float:
-    """The chi-square with one degree of freedom that is exceeded with the given probability."""
+    """Return the chi-square (one degree of freedom) exceeded with the given probability."""
     return float(jax.scipy.special.ndtri(0.5 * probability) ** 2)

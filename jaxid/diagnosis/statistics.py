@@ -1,4 +1,4 @@
-"""How well a model's output matches the measured one, channel by channel."""
+"""Measures of fit between measured and computed outputs, channel by channel."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,11 +15,14 @@ class FitStatistics(eqx.Module):
         count: valid samples.
         rms: root mean square of the residual [output units].
         max_abs: its largest absolute value [output units].
-        r_squared: coefficient of determination; NaN where the measured channel is constant.
-        theil: Theil's inequality coefficient, 0 for a perfect fit, 1 for none; below about 0.25 is called good.
-        bias, variance, covariance: shares of the mean square residual due to different means, to different standard
-            deviations, and to imperfect correlation; they add up to 1. A good fit has nearly all in the last.
-        normalised: rms over the noise's standard deviation, near 1 where nothing is missing; NaN where no R was given.
+        r_squared: coefficient of determination; NaN if the measured channel is constant.
+        theil: Theil's inequality coefficient, 0 for a perfect fit, 1 for none; below about 0.25 is
+            called good.
+        bias, variance, covariance: shares of the mean square residual due to different means, to
+            different standard deviations, and to imperfect correlation; they add up to 1. A good
+            fit has nearly all in the last.
+        normalised: rms over the standard deviation of the noise, near 1 if no effect is missing;
+            NaN without R.
     """
 
     outputs: tuple[str, ...] = eqx.field(static=True)
@@ -36,9 +39,22 @@ class FitStatistics(eqx.Module):
 
     def __str__(self) -> str:
         width = max(len(name) for name in (*self.outputs, "output"))
-        columns = ("rms", "max_abs", "r_squared", "theil", "bias", "variance", "covariance", "normalised")
+        columns = (
+            "rms",
+            "max_abs",
+            "r_squared",
+            "theil",
+            "bias",
+            "variance",
+            "covariance",
+            "normalised",
+        )
         heads = ("rms", "max", "R2", "Theil U", "bias", "variance", "covar.", "rms/noise")
-        lines = [f"{'output':<{width}} {'samples':>8}" + "".join(f" {head:>10}" for head in heads) + "  unit"]
+        lines = [
+            f"{'output':<{width}} {'samples':>8}"
+            + "".join(f" {head:>10}" for head in heads)
+            + "  unit"
+        ]
         for j, (name, unit) in enumerate(zip(self.outputs, self.units, strict=True)):
             values = "".join(f" {float(getattr(self, column)[j]):>10.4g}" for column in columns)
             lines.append(f"{name:<{width}} {int(self.count[j]):>8}{values}  {unit}")
@@ -58,9 +74,10 @@ def statistics(
     r"""Compare model outputs with measured ones, pooled over the cases.
 
         R2 = 1 - sum v^2 / sum (z - mean z)^2,    U = rms(v) / (rms(z) + rms(y)),    v = z - y
-        mean v^2 = (mean z - mean y)^2 + (sd z - sd y)^2 + 2 (1 - rho) sd z sd y     (bias, variance, covariance)
+        mean v^2 = (mean z - mean y)^2 + (sd z - sd y)^2 + 2 (1 - rho) sd z sd y
 
-    (Theil, Economic Forecasts and Policy, 1961; Jategaonkar, Flight Vehicle System Identification, chapter 11.)
+    The three terms are the bias, variance and covariance parts (Theil, Economic Forecasts and
+    Policy, 1961; Jategaonkar, Flight Vehicle System Identification, chapter 11.)
 
     Args:
         z: measured outputs, shape (case, time, output) [output units].
@@ -68,20 +85,31 @@ def statistics(
         mask: valid samples, the same shape.
         outputs: names of the channels.
         units: their units; none by default.
-        noise: covariance R of the measurement noise, shape (output, output) [products of output units].
+        noise: covariance R of the measurement noise, shape (output, output) [products of output
+            units].
         skip: samples at the start of each case that are left out.
 
     Returns:
         The statistics; pure in the arrays.
 
     Raises:
-        InputError: when names or units are not as many as the channels, or `skip` leaves nothing.
+        InputError: if the number of names or units differs from that of the channels, or `skip`
+            leaves no sample.
     """
-    rows, found = z.shape[1:]
-    units = ("",) * found if units is None else tuple(units)
-    require(len(outputs) == found, f"There are {found} output channels and {len(outputs)} names. Name each once.")
-    require(len(units) == found, f"There are {found} output channels and {len(units)} units. Give one for each.")
-    require(0 <= skip < rows, f"skip is {skip}, and the records have {rows} rows. Choose 0 to {rows - 1}.")
+    rows, channels = z.shape[1:]
+    units = ("",) * channels if units is None else tuple(units)
+    require(
+        len(outputs) == channels,
+        f"There are {channels} output channels and {len(outputs)} names. Name each once.",
+    )
+    require(
+        len(units) == channels,
+        f"There are {channels} output channels and {len(units)} units. Give one for each.",
+    )
+    require(
+        0 <= skip < rows,
+        f"skip is {skip}, and the records have {rows} rows. Choose 0 to {rows - 1}.",
+    )
     mask = mask & (jnp.arange(rows) >= skip)[None, :, None]
     count = jnp.sum(mask, axis=(0, 1))
 
@@ -90,8 +118,9 @@ def statistics(
 
     v, z_mean, y_mean = jnp.where(mask, z - y, 0.0), mean(z), mean(y)
     z_off, y_off = z - z_mean[None, None], y - y_mean[None, None]
-    square, z_sd, y_sd, both = mean(v**2), jnp.sqrt(mean(z_off**2)), jnp.sqrt(mean(y_off**2)), mean(z_off * y_off)
-    deviation = jnp.full(found, jnp.nan) if noise is None else jnp.sqrt(jnp.diagonal(noise))
+    square, product = mean(v**2), mean(z_off * y_off)
+    z_sd, y_sd = jnp.sqrt(mean(z_off**2)), jnp.sqrt(mean(y_off**2))
+    deviation = jnp.full(channels, jnp.nan) if noise is None else jnp.sqrt(jnp.diagonal(noise))
     return FitStatistics(
         outputs=tuple(outputs),
         units=units,
@@ -102,6 +131,6 @@ def statistics(
         theil=jnp.sqrt(square) / (jnp.sqrt(mean(z**2)) + jnp.sqrt(mean(y**2))),
         bias=(z_mean - y_mean) ** 2 / square,
         variance=(z_sd - y_sd) ** 2 / square,
-        covariance=2.0 * (z_sd * y_sd - both) / square,
+        covariance=2.0 * (z_sd * y_sd - product) / square,
         normalised=jnp.sqrt(square) / deviation,
     )

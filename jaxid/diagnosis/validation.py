@@ -1,4 +1,4 @@
-"""Prediction of records that were not used: the model as it stands, started at each record's own initial state."""
+"""Prediction of held-out records by a fixed model, started at each record's own initial state."""
 
 from collections.abc import Sequence
 
@@ -10,21 +10,22 @@ import numpy as np
 from .._foundation.checks import require, require_known
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
-from ..estimation.estimate import as_stack, check_channels
+from ..estimation.estimate import as_stack, check_channels, check_sampling
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Limits, Problem
 from ..estimation.solver import GaussNewton, minimise
 from ..models.base import AbstractModel, canonical
-from ..models.free import INITIAL_STATE, Free, start
+from ..models.free import INITIAL_STATE, Free, initial_parameters
 
 
 class Prediction(eqx.Module):
-    """What a model says of records that were not used for fitting it.
+    """Prediction of records that were not used for fitting.
 
     Attributes:
         t, z, y: times, measured and predicted outputs.
-        scored: the samples that count: valid ones behind the window in which the initial state was fitted.
-        initial_state: where each record was started.
+        scored: samples that are scored: valid ones after the window in which the initial state was
+            fitted.
+        initial_state: initial state of each record.
     """
 
     t: Float[Array, "case time"]
@@ -35,14 +36,14 @@ class Prediction(eqx.Module):
 
     @property
     def residuals(self) -> Float[Array, "case time output"]:
-        """`v = z - y` where it counts, else zero."""
+        """`v = z - y` at scored samples, else zero."""
         return jnp.where(self.scored, self.z - self.y, 0.0)
 
     @property
     def rms(self) -> Float[Array, " output"]:
         """Root mean square error of each channel over the scored samples of all records."""
-        seen = jnp.any(self.scored, axis=(0, 1))
-        return jnp.where(seen, root_mean_square(self.residuals, self.scored), jnp.nan)
+        has_samples = jnp.any(self.scored, axis=(0, 1))
+        return jnp.where(has_samples, root_mean_square(self.residuals, self.scored), jnp.nan)
 
 
 def predict(
@@ -53,48 +54,56 @@ def predict(
     window: int | None = None,
     states: Sequence[str] | None = None,
 ) -> Prediction:
-    """Predict records with a fixed model, each from an initial state fitted on a window at its start.
+    """Predict records with a fixed model, each from an initial state fitted on a window at its
+    start.
 
         x_0 = argmin sum_(i < window) v_i' R^-1 v_i,    then simulate the whole record from x_0
 
-    The window is left out of what is scored. Without a window the record starts at `model.initial_state(record)`, and every
-    valid sample counts. (An initial state fitted on the whole record is another figure, and not made here.)
+    The window is not scored. Without a window the record starts at `model.initial_state(record)`,
+    and every valid sample is scored. (An initial state fitted on the whole record would give
+    another figure, which is not computed here.)
 
     Args:
-        model: the model, with the values that it is judged by.
+        model: the model, with its parameter values.
         records: one record or a stack.
-        likelihood: how predictions are made and, in the window, weighted.
+        likelihood: computes the predictions and, in the window, their weights.
         window: number of samples at the start of each record; None for none.
-        states: those whose initial value is fitted in the window, all by default; the others start where
-            `model.initial_state` sees them, as those must that no instrument shows (a place, a heading).
+        states: states whose initial value is fitted in the window, all by default; the others start
+            at `model.initial_state`, necessarily so if no instrument measures them (a position, a
+            heading).
 
     Returns:
-        Predicted outputs and what counts.
+        Predicted outputs and the scored samples.
 
     Raises:
-        InputError: when channels differ, a state does not exist, or a window is shorter than needed to determine the state, or
-            longer than a record.
+        InputError: if channels differ, the likelihood cannot serve the sample times, a state does
+            not exist, or a window is shorter than needed to determine the state, or longer than a
+            record.
     """
     records = as_stack(records)
     check_channels(model, records)
+    check_sampling(model, records, likelihood)
     states = model.states if states is None else tuple(states)
     require_known("state", states, model.states)
     if window is not None:
         check_window(model, records, window, len(states))
-    return predict_stack(canonical(model), records.anonymous(), canonical(likelihood), window, states)
+    return predict_stack(
+        canonical(model), records.anonymous(), canonical(likelihood), window, states
+    )
 
 
 def check_window(model: AbstractModel, records: Record, window: int, unknown: int) -> None:
     """Refuse a window that cannot determine an initial state, or leaves nothing to score.
 
     Raises:
-        InputError: it tells how many samples are needed and how many there are.
+        InputError: the message gives the samples needed and present.
     """
     shortest = int(np.min(np.asarray(records.samples)))
     need = -(-unknown // len(model.outputs))
     require(
         need <= window < shortest,
-        f"The window has {window} samples; it needs at least {need} for {unknown} states, and must be shorter "
+        f"The window has {window} samples; it needs at least {need} for {unknown} states, and must "
+        "be shorter "
         f"than the shortest record, which has {shortest}.",
     )
 
@@ -107,23 +116,24 @@ def predict_stack(
     window: int | None,
     states: tuple[str, ...],
 ) -> Prediction:
-    """The pure inside of `predict`."""
+    """Array computation of `predict`."""
     names = tuple(f"{INITIAL_STATE}.{state}" for state in states)
     positions = Free((), names).positions(model)
     limits = Limits.of(Free((), names), 1)
 
-    def one(record: Record):
-        begin = start(model, positions, record)
+    def predict_one(record: Record):
+        begin = initial_parameters(model, positions, record)
         if window is not None:
             head = jax.tree.map(lambda leaf: leaf[:, :window] if leaf.ndim > 1 else leaf, record)
             problem = Problem(model, positions, head, likelihood, limits)
             begin, _ = minimise(problem, begin, GaussNewton())
-        return Problem(model, positions, record, likelihood, limits).outputs(begin)[0], begin.rows[0]
+        problem = Problem(model, positions, record, likelihood, limits)
+        return problem.outputs(begin)[0], begin.rows[0]
 
     single = jax.tree.map(lambda leaf: leaf[:, None], records)
-    y, initial = jax.vmap(one)(single)
-    counted = (jnp.arange(records.t.shape[1]) >= (window or 0))[None, :, None]
-    return Prediction(records.t, records.z, y, records.mask & counted, initial)
+    y, initial = jax.vmap(predict_one)(single)
+    after_window = (jnp.arange(records.t.shape[1]) >= (window or 0))[None, :, None]
+    return Prediction(records.t, records.z, y, records.mask & after_window, initial)
 
 
 def root_mean_square(v: Float[Array, "case time output"], mask: Array) -> Float[Array, " output"]:

@@ -2,8 +2,17 @@
 
 from .estimate import estimate
 from .likelihoods import OutputError
-from .policies import Clip, Plain, Truncate, TwoStep
 from .result import Estimate
 from .solver import GaussNewton
+from .spectrum_policy import Clip, Plain, Truncate, TwoStep
 
-__all__ = ["Clip", "Estimate", "GaussNewton", "OutputError", "Plain", "Truncate", "TwoStep", "estimate"]
+__all__ = [
+    "Clip",
+    "Estimate",
+    "GaussNewton",
+    "OutputError",
+    "Plain",
+    "Truncate",
+    "TwoStep",
+    "estimate",
+]

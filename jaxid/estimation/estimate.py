@@ -1,4 +1,4 @@
-"""`estimate`: maximum likelihood, from a model and its records to values that can be defended."""
+"""`estimate`: maximum-likelihood estimates of the parameters of a model from records."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,8 @@ from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
 from ..data.stack import stack
 from ..models.base import AbstractModel, canonical
-from ..models.free import Free, Parameters, start
+from ..models.equation_shapes import check_equations
+from ..models.free import Free, Parameters, initial_parameters
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum
 from ..simulation.simulate import explain_divergence
@@ -25,7 +26,7 @@ from .solver import GaussNewton, minimise
 
 
 class Fit(eqx.Module):
-    """What a fit leaves behind, as arrays only: the inside of an `Estimate`, without a name in it."""
+    """Result of a fit as arrays only: the numbers of an `Estimate`, without names."""
 
     parameters: Parameters
     cost: Float[Array, ""]
@@ -33,7 +34,7 @@ class Fit(eqx.Module):
     spectrum: Spectrum
     covariance: Float[Array, "parameter parameter"]
     own_covariance: Float[Array, "case own own"]
-    coloured: Float[Array, "parameter parameter"]
+    robust_covariance: Float[Array, "parameter parameter"]
     noise: Float[Array, "output output"]
     residuals: Float[Array, "case time output"]
     shared_on_bound: Bool[Array, " parameter"]
@@ -57,37 +58,60 @@ def estimate(
 
         theta = argmin J(theta),    J = 1/2 sum_i ( v_i' R^-1 v_i + log det R )     (Eq. 4.2, 4.4)
 
-    by Gauss-Newton (4.19) on square-root information, with R re-estimated at each iteration where it is unknown.
+    by Gauss-Newton (4.19) on square-root information. An unknown R is re-estimated at each
+    iteration.
 
     Args:
-        model: the model; its values are the start, and stay where nothing is free.
+        model: the model; its values are the start of the free parameters and the fixed values of
+            all others.
         free: which parameters are free, made by `free(...)`.
-        records: one record, several, or a stack.
-        likelihood: how the misfit is measured, such as `OutputError()`.
-        solver: how to iterate.
-        throw: raise where the iteration fails; otherwise the status tells.
+        records: one record, several records, or a stack.
+        likelihood: the likelihood, such as `OutputError()`.
+        solver: options of the iteration.
+        throw: raise if the iteration fails; otherwise the failure stands in the status.
 
     Returns:
-        Values with standard errors and all that judges them. Under `vmap` every case has its own status.
+        Values with standard errors and diagnostics. Under `vmap` every case has its own status.
 
     Raises:
-        InputError: when channels of model and records differ, the noise model does not suit the gaps, or JAX is in 32 bit;
-            with `throw`, also when the simulation diverges at the start or the iteration does not converge.
+        InputError: when channels of model and records differ, the noise model does not suit the
+            gaps, a time base has a hole that the likelihood's stepper cannot cross, or JAX is in 32
+            bit; with `throw`, also when the simulation diverges at the start or the iteration does
+            not converge.
     """
     require_float64()
     records = as_stack(records)
     check_channels(model, records)
     model, free = canonical(model), canonical(free)
-    if not isinstance(records.t, Tracer):
-        likelihood.check(model, records)
-        check_samples(records)
+    _check_known(model, records, likelihood)
     problem = Problem.of(model, free, records, likelihood)
     solver = solver or GaussNewton()
-    fit = fit_problem(problem, start(model, problem.positions, problem.records), solver)
-    found = Estimate.of(fit, model, free, records, solver.policy.threshold)
-    if throw and not bool(jnp.all(found.successful)):
-        raise failure(problem, fit, found)
-    return found
+    fit = fit_problem(
+        problem, initial_parameters(model, problem.positions, problem.records), solver
+    )
+    result = Estimate.of(
+        fit, model, free, records, solver.policy.threshold, likelihood.noise.is_known
+    )
+    if throw and not bool(jnp.all(result.successful)):
+        raise failure(problem, fit, result)
+    return result
+
+
+def _check_known(model: AbstractModel, records: Record, likelihood: AbstractLikelihood) -> None:
+    """Check the records as far as their values are known: under `jit` some may be traced.
+
+    The checks turn arrays into Python numbers. Under `jit` JAX stages the operations on concrete
+    arrays as well, so they are evaluated at compile time.
+    """
+    if isinstance(records.t, Tracer):
+        return
+    with jax.ensure_compile_time_eval():
+        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((records.mask, likelihood))):
+            check_sampling(model, records, likelihood)
+        else:
+            likelihood.check(model, records)
+            check_sampling(model, records, likelihood)
+            check_samples(records)
 
 
 @eqx.filter_jit
@@ -97,26 +121,35 @@ def fit_problem(
     solver: GaussNewton,
     S: Float[Array, "case time output column"] | None = None,
 ) -> Fit:
-    """The pure inside of `estimate`: arrays in, arrays out, compiled once for each shape; arguments as `minimise` takes them."""
+    """Return the fit of a problem: the jitted core of `estimate`, compiled once for each shape.
+
+    The arguments are those of `minimise`.
+    """
     parameters, state = minimise(problem, begin, solver, S)
     linearised, policy = state.linearised, solver.policy
     information, v = linearised.information, linearised.v
-    found = (
-        spectrum(information.triangle, information.rhs, problem.limits.scale) if begin.shared.size else _no_spectrum()
+    svd = (
+        spectrum(information.triangle, information.rhs, problem.limits.scale)
+        if begin.shared.size
+        else _no_spectrum()
     )
-    covariance = found.covariance(policy.threshold) if begin.shared.size else jnp.zeros((0, 0))
+    covariance = svd.covariance(policy.threshold) if begin.shared.size else jnp.zeros((0, 0))
     shared = problem.projected(linearised)
     limits = problem.limits
-    on_bound = jax.tree.map(lambda x, low, high: (x <= low) | (x >= high), parameters, limits.lower, limits.upper)
+    on_bound = jax.tree.map(
+        lambda x, low, high: (x <= low) | (x >= high), parameters, limits.lower, limits.upper
+    )
     noise = problem.likelihood.noise.cholesky(v, problem.records.mask)
     return Fit(
         parameters=parameters,
         cost=state.cost,
         information=information,
-        spectrum=found,
+        spectrum=svd,
         covariance=covariance,
-        own_covariance=information.own.covariance(jnp.where(jnp.isfinite(covariance), covariance, 0.0)),
-        coloured=_coloured(problem, shared, v, covariance),
+        own_covariance=information.own.covariance(
+            jnp.where(jnp.isfinite(covariance), covariance, 0.0)
+        ),
+        robust_covariance=_robust_covariance(problem, shared, v, covariance),
         noise=noise @ noise.T,
         residuals=v,
         shared_on_bound=on_bound.shared,
@@ -128,12 +161,19 @@ def fit_problem(
     )
 
 
-def _coloured(problem: Problem, S, v, covariance):
-    """Covariance corrected for the colour that the residuals show, `C B C`; that of white residuals where it is larger."""
+def _robust_covariance(problem: Problem, S, v, covariance):
+    """Return the covariance `C B C`, corrected for the colour of the residuals.
+
+    Variances that this would make smaller than those of white residuals keep the latter value.
+    """
     finite = jnp.where(jnp.isfinite(covariance), covariance, 0.0)
-    corrected = finite @ score_covariance(S, problem.whiten(v, v)) @ finite
+    corrected = finite @ score_covariance(S, problem.whiten(v, v), problem.records.mask) @ finite
     inflation = jnp.sqrt(
-        jnp.maximum(jnp.diagonal(corrected) / jnp.where(jnp.diagonal(finite) > 0, jnp.diagonal(finite), 1.0), 1.0)
+        jnp.maximum(
+            jnp.diagonal(corrected)
+            / jnp.where(jnp.diagonal(finite) > 0, jnp.diagonal(finite), 1.0),
+            1.0,
+        )
     )
     return covariance * inflation[:, None] * inflation[None]
 
@@ -150,7 +190,7 @@ def _no_spectrum() -> Spectrum:
 
 
 def as_stack(records: Record | Sequence[Record]) -> Record:
-    """One record or several as a stack."""
+    """Return one record or a sequence of records as a stack."""
     if isinstance(records, Record):
         return records if records.is_stack else jax.tree.map(lambda leaf: leaf[None], records)
     require(len(records) > 0, "There is no record to estimate from. Give at least one.")
@@ -158,47 +198,77 @@ def as_stack(records: Record | Sequence[Record]) -> Record:
 
 
 def check_channels(model: AbstractModel, records: Record) -> None:
-    """Refuse records whose channels are not the model's, in the model's order.
+    """Check that records have the model's channels in its order, and the shapes of the model.
 
     Raises:
-        InputError: it names the channels of both.
+        InputError: with the channels of both, or with the method of the model that returns a wrong
+            shape.
     """
     for kind in ("inputs", "outputs"):
-        wanted, found = getattr(model, kind), getattr(records, kind)
-        if wanted != found:
+        expected, recorded = getattr(model, kind), getattr(records, kind)
+        if expected != recorded:
             raise InputError(
-                f"The model's {kind} are ({', '.join(wanted)}), the records' are ({', '.join(found)}). "
-                "Name and order the record's channels as the model's; `model.prepared(record)` takes them from one that holds "
-                "more, and a measured state that is an input here from the outputs."
+                f"The model's {kind} are ({', '.join(expected)}), the records' are "
+                f"({', '.join(recorded)}). "
+                "Name and order the record's channels as the model's. `model.prepared(record)` "
+                "selects them from a record with more channels, and copies a measured state that "
+                "is an input of this model from the outputs."
             )
+    check_equations(model)
+
+
+def check_sampling(model: AbstractModel, records: Record, likelihood: AbstractLikelihood) -> None:
+    """Check that the likelihood and, for a model with states, its stepper can use the sample times.
+
+    Raises:
+        InputError: with the records and the rows.
+    """
+    if isinstance(records.t, Tracer):
+        return
+    likelihood.check_times(records.t)
+    stepper = getattr(likelihood, "stepper", None)
+    if model.states and stepper is not None:
+        stepper.check(records.t, records.names)
 
 
 def check_samples(records: Record) -> None:
-    """Refuse records in which an output has no valid sample at all.
+    """Check that every output has a valid sample in at least one record.
 
     Raises:
-        InputError: it names the output.
+        InputError: with the name of the output.
     """
-    seen = jnp.any(records.mask, axis=(0, 1))
-    for name, valid in zip(records.outputs, seen, strict=True):
+    observed = jnp.any(records.mask, axis=(0, 1))
+    for name, valid in zip(records.outputs, observed, strict=True):
         require(
-            bool(valid), f"The output {name!r} has no valid sample in any record. Leave it out of model and records."
+            bool(valid),
+            f"The output {name!r} has no valid sample in any record. Leave it out of "
+            "model and records.",
         )
 
 
-def failure(problem: Problem, fit: Fit, found: Estimate) -> InputError:
-    """The error for a fit that failed: its status, and for a diverging start the time and the state."""
+def failure(problem: Problem, fit: Fit, result: Estimate) -> InputError:
+    """Return the error for a failed fit: its status, or for a diverging start time and state."""
     if bool(jnp.any(fit.result == RESULTS.start_diverges)):
-        return divergence(problem.model, found.free, problem.records, problem.likelihood)
-    return InputError(str(found.status))
+        return divergence(problem.model, result.free, problem.records, problem.likelihood)
+    return InputError(str(result.status))
 
 
-def divergence(model: AbstractModel, free: Free, records: Record, likelihood: AbstractLikelihood) -> InputError:
-    """The error for a model whose simulation diverges at its starting values: record, time, state and parameters."""
+def divergence(
+    model: AbstractModel, free: Free, records: Record, likelihood: AbstractLikelihood
+) -> InputError:
+    """Return the error for a model whose simulation diverges at its initial parameters.
+
+    It contains the record, the time, the state and the parameters.
+    """
     problem = Problem.of(model, free, records, likelihood)
-    begin = start(model, problem.positions, records)
+    begin = initial_parameters(model, problem.positions, records)
     solution = problem.solve(begin)
     case = int(jnp.argmin(solution.finite))
-    told = explain_divergence(jax.tree.map(lambda leaf: leaf[case], solution), model, f"record {case}")
-    values = ", ".join(f"{name} = {float(value):.4g}" for name, value in zip(free.shared, begin.shared, strict=True))
-    return InputError(f"{told} The parameters were {values}.")
+    message = explain_divergence(
+        jax.tree.map(lambda leaf: leaf[case], solution), model, f"record {case}"
+    )
+    values = ", ".join(
+        f"{name} = {float(value):.4g}"
+        for name, value in zip(free.shared, begin.shared, strict=True)
+    )
+    return InputError(f"{message} The parameters were {values}.")

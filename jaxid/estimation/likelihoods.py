@@ -1,4 +1,4 @@
-"""Likelihoods: how the misfit between a model and its records is measured."""
+"""Likelihoods: measures of the misfit between a model and its records."""
 
 import abc
 
@@ -9,47 +9,50 @@ from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
 from ..models.noise import AbstractNoise, DiagonalNoise
-from ..simulation.inputs import AbstractHold, Linear
+from ..simulation.hold import AbstractHold, Linear
 from ..simulation.simulate import run
 from ..simulation.solution import Solution
 from ..simulation.steppers import RK4, AbstractStepper
 
 
 class AbstractLikelihood(eqx.Module):
-    """How a misfit is measured, with a noise model inside.
+    """A measure of misfit, with a noise model.
 
     Attributes:
-        noise: what the residuals are weighted by.
+        noise: the noise model by which the residuals are weighted.
     """
 
     noise: AbstractVar[AbstractNoise]
 
     @abc.abstractmethod
-    def solve(self, model: AbstractModel, record: Record, initial_state: Float[Array, " state"]) -> Solution:
-        """States of one record, and as outputs what the model says of each sample."""
+    def solve(
+        self, model: AbstractModel, record: Record, initial_state: Float[Array, " state"]
+    ) -> Solution:
+        """Return the states of one record and the model's outputs at its samples."""
 
     def compact(self) -> "AbstractLikelihood":
-        """The same likelihood in the form that compiles fastest, for models with many effects."""
+        """Return the same likelihood in its fastest-compiling form, for models of many effects."""
         return self
 
     @abc.abstractmethod
     def check(self, model: AbstractModel, records: Record) -> None:
-        """Refuse records to estimate from that this likelihood cannot serve."""
+        """Check that this likelihood can estimate from the records."""
 
     @abc.abstractmethod
     def check_times(self, t: Float[Array, "*case time"]) -> None:
-        """Refuse sample times, also of records to predict, that this likelihood cannot serve."""
+        """Check that this likelihood can use the sample times of records to estimate or predict."""
 
 
 class OutputError(AbstractLikelihood):
-    """Output error: all that the simulation misses is measurement noise.
+    """Output error: the whole difference of record and simulation is measurement noise.
 
-        v_i = z_i - y_i(theta),    J = 1/2 sum_i ( v_i' R^-1 v_i + log det R )     (section 4.1, Eq. A.60)
+        v_i = z_i - y_i(theta),
+        J = 1/2 sum_i ( v_i' R^-1 v_i + log det R )     (section 4.1, Eq. A.60)
 
     Args:
-        noise: R fixed, diagonal or full; unknown ones are re-estimated at every iteration (Eq. 4.4).
-        hold: how the inputs run between their samples.
-        stepper: how the state is carried from sample to sample.
+        noise: R fixed, diagonal or full; an unknown R is re-estimated at every iteration (Eq. 4.4).
+        hold: the interpolation of the inputs between their samples.
+        stepper: the integration of the state from sample to sample.
     """
 
     noise: AbstractNoise = eqx.field(default_factory=DiagonalNoise)

@@ -1,4 +1,8 @@
-"""One estimation problem as arrays: what the solver evaluates, with no names and no words in it."""
+"""One estimation problem as arrays without names: cost, residuals and sensitivities for the solver.
+
+Per-record parameters (`own`, `rows`) have one value per record, such as the initial state. Shared
+parameters have one value for all records.
+"""
 
 import equinox as eqx
 import jax
@@ -14,9 +18,17 @@ from ..sensitivity.jacobian import value_and_jacobian
 from ..simulation.solution import Solution
 from .likelihoods import AbstractLikelihood
 
+# Distance from a bound that is due to rounding, relative to the larger of the parameter and the
+# bound (derived: eight times the spacing of float64 numbers at one).
+ROUNDING = 8 * float(jnp.finfo(jnp.float64).eps)
+
 
 class Limits(eqx.Module):
-    """Bounds, typical sizes and Gaussian priors as vectors: infinite and NaN where there are none."""
+    """Bounds, typical sizes (`scale`) and Gaussian priors as vectors.
+
+    Without a bound or prior, the bound or the standard deviation of the prior (`prior_deviation`)
+    is infinite. An unknown size is NaN.
+    """
 
     lower: Parameters
     upper: Parameters
@@ -26,16 +38,16 @@ class Limits(eqx.Module):
 
     @classmethod
     def of(cls, free: Free, n_cases: int) -> "Limits":
-        """The vectors of a selection of free parameters."""
+        """Return the limits of the free parameters, those per record repeated `n_cases` times."""
 
-        def rows(vector):
+        def repeated(vector):
             return jnp.broadcast_to(vector, (n_cases, vector.size))
 
-        shared, own = free.bounds("shared"), free.bounds("per_record")
+        shared, per_record = free.bounds("shared"), free.bounds("per_record")
         nan, inf = jnp.asarray(jnp.nan), jnp.asarray(jnp.inf)
         return cls(
-            Parameters(shared[0], rows(own[0])),
-            Parameters(shared[1], rows(own[1])),
+            Parameters(shared[0], repeated(per_record[0])),
+            Parameters(shared[1], repeated(per_record[1])),
             jnp.array([free.scale.get(name, nan) for name in free.shared], float),
             jnp.array([free.prior.get(name, (0.0, inf))[0] for name in free.shared], float),
             jnp.array([free.prior.get(name, (0.0, inf))[1] for name in free.shared], float),
@@ -43,12 +55,13 @@ class Limits(eqx.Module):
 
 
 class Linearised(eqx.Module):
-    """A problem at one set of parameters.
+    """A problem linearised at one set of parameters.
 
     Attributes:
         v: residuals, zero where there is no valid sample.
-        S: sensitivities of the outputs, each record's own unknowns first, then the shared ones; not whitened.
-        information: what they say of the parameters.
+        S: sensitivities of the outputs, not whitened. The first columns belong to the per-record
+            parameters, the last ones to the shared parameters.
+        information: square-root information on the parameters.
     """
 
     v: Float[Array, "case time output"]
@@ -57,13 +70,13 @@ class Linearised(eqx.Module):
 
 
 class Problem(eqx.Module):
-    """Everything that the cost is a function of, but the parameters.
+    """All arguments of the cost except the parameters.
 
     Attributes:
-        model: the model; its own parameter values stand where nothing is free.
-        positions: where the free parameters stand in its flat vector.
+        model: the model, with the values of the parameters that are not free.
+        positions: positions of the free parameters in the flat vector of the model.
         records: a stack.
-        likelihood: how the misfit is measured.
+        likelihood: the likelihood.
         limits: bounds, scales, priors.
     """
 
@@ -74,64 +87,75 @@ class Problem(eqx.Module):
     limits: Limits
 
     @classmethod
-    def of(cls, model: AbstractModel, free: Free, records: Record, likelihood: AbstractLikelihood) -> "Problem":
-        """The problem of estimating what is free, without a name in it, so that every one of its shape is compiled once.
+    def of(
+        cls, model: AbstractModel, free: Free, records: Record, likelihood: AbstractLikelihood
+    ) -> "Problem":
+        """Return the problem of estimating the free parameters.
+
+        The problem contains no names, so that problems with arrays of equal shapes share one
+        compilation.
 
         Args:
-            model: with the values that are not free.
-            free: what is free.
+            model: the model, with the values that are not free.
+            free: the free parameters.
             records: a stack.
-            likelihood: how the misfit is measured.
+            likelihood: the likelihood.
         """
         model, free = canonical(model), canonical(free)
         limits = Limits.of(free, records.n_cases)
         return cls(model, free.positions(model), records.anonymous(), canonical(likelihood), limits)
 
     def outputs(self, parameters: Parameters) -> Float[Array, "case time output"]:
-        """Model outputs at every sample of every record."""
+        """Return the model outputs at every sample of every record."""
         return self.solve(parameters).y
 
     def solve(self, parameters: Parameters) -> Solution:
-        """States and outputs of every record, as the likelihood simulates them."""
+        """Return states and outputs of every record, as simulated by the likelihood."""
         return jax.vmap(lambda own, case: self.solve_one(own, parameters.shared, case)[0])(
             parameters.rows, self.cases()
         )
 
     def residuals(self, parameters: Parameters) -> Float[Array, "case time output"]:
-        """`v = z - y`, zero where there is no valid sample."""
+        """Return the residuals `v = z - y`, zero where there is no valid sample."""
         return self._residuals(self.outputs(parameters))
 
     def cost(self, parameters: Parameters) -> Float[Array, ""]:
-        """Negative log-likelihood, priors included; infinite where the simulation fails."""
+        """Return the negative log-likelihood with priors; infinite where the simulation fails."""
         return self.cost_of(self.residuals(parameters), parameters)
 
     def evaluate(self, parameters: Parameters) -> tuple[Float[Array, ""], "Linearised"]:
-        """Cost and linearised problem from one pass."""
+        """Return the cost and the linearised problem from one pass."""
         linearised = self.linearise(parameters)
         return self.cost_of(linearised.v, parameters), linearised
 
-    def cost_of(self, v: Float[Array, "case time output"], parameters: Parameters) -> Float[Array, ""]:
-        """Negative log-likelihood of given residuals, priors included."""
+    def cost_of(
+        self, v: Float[Array, "case time output"], parameters: Parameters
+    ) -> Float[Array, ""]:
+        """Return the negative log-likelihood of given residuals, with priors."""
         cost = self.likelihood.noise.cost(v, self.records.mask) + self.prior_cost(parameters)
         return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
 
     def sensitivities(
         self, parameters: Parameters
     ) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
-        """Residuals and `S = dy/dtheta`, the record's own unknowns first, then the shared ones; not whitened."""
+        """Return the residuals and the sensitivities `S = dy/dtheta`, not whitened.
+
+        The first columns belong to the per-record parameters, the last ones to the shared
+        parameters.
+        """
         count = self.positions.rows.size
 
-        def one(own, case):
+        def of_case(own, case):
             def outputs(theta):
                 return self.solve_one(theta[:count], theta[count:], case)[0].y
 
             return value_and_jacobian(outputs, jnp.concatenate([own, parameters.shared]))
 
-        y, S = jax.vmap(one)(parameters.rows, self.cases())
+        y, S = jax.vmap(of_case)(parameters.rows, self.cases())
         return self._residuals(y), S
 
     def linearise(self, parameters: Parameters) -> "Linearised":
-        """Residuals, sensitivities and their information."""
+        """Return residuals, sensitivities and their information."""
         return self.informed(*self.sensitivities(parameters), parameters)
 
     def informed(
@@ -140,71 +164,122 @@ class Problem(eqx.Module):
         S: Float[Array, "case time output column"],
         parameters: Parameters,
     ) -> "Linearised":
-        """What given residuals and sensitivities say of the parameters, those that press on a bound held.
+        """Return the linearised problem of given residuals and sensitivities.
 
-        Where the simulation failed the information is zero.
+        A parameter on a bound is held fixed if a descent of the cost would move it out of its
+        bounds. If a simulation fails, the information of all records is zero.
         """
         white_v, white_S = self.whiten(v, v), self.whiten(v, S)
         count = self.positions.rows.size
         triangles = record_triangles(white_S[..., :count], white_S[..., count:], white_v)
         triangles = jnp.where(jnp.all(jnp.isfinite(triangles)), triangles, 0.0)
         held = self._held(parameters, triangles)
-        return Linearised(v, S, gather(triangles, self.prior_rows(parameters), held.rows, held.shared))
+        return Linearised(
+            v, S, gather(triangles, self.prior_rows(parameters), held.rows, held.shared)
+        )
 
-    def whiten(self, v: Float[Array, "case time output"], rows: Float[Array, "case time output *column"]):
-        """Rows in units of the noise that belongs to these residuals."""
+    def whiten(
+        self, v: Float[Array, "case time output"], rows: Float[Array, "case time output *column"]
+    ):
+        """Return `rows` divided by the square root of the noise covariance.
+
+        With an estimated noise covariance, `v` is the residual from which it is estimated.
+        """
         mask = self.records.mask
         return whiten(self.likelihood.noise.cholesky(v, mask), rows, mask)
 
     def projected(self, linearised: "Linearised") -> Float[Array, "case time output parameter"]:
-        """Whitened sensitivities to the shared parameters, less what each record's own unknowns can imitate.
+        """Return the whitened sensitivities to the shared parameters, orthogonal to the others.
 
-        What those imitate says nothing of the shared parameters: it counts neither for the colour of the residuals nor for the
-        noise of the inputs.
+        The projection on the sensitivities to the per-record parameters is subtracted. It carries
+        no information on the shared parameters, so that the corrections of standard errors for
+        coloured residuals and for noise of the inputs must not include it.
 
         Args:
             linearised: the problem at one set of parameters.
         """
         white = self.whiten(linearised.v, linearised.S)
         count, own = self.positions.rows.size, linearised.information.own
-        return white[..., count:] - jnp.einsum("ctjo,cok,ckp->ctjp", white[..., :count], own.inverse, own.coupling)
+        return white[..., count:] - jnp.einsum(
+            "ctjo,cok,ckp->ctjp", white[..., :count], own.inverse, own.coupling
+        )
 
-    def project(self, parameters: Parameters) -> Parameters:
-        """The nearest parameters within the bounds."""
-        return jax.tree.map(jnp.clip, parameters, self.limits.lower, self.limits.upper)
+    def project(
+        self, parameters: Parameters, information: Information | None = None, near: float = 0.0
+    ) -> Parameters:
+        """Return the nearest parameters within the bounds.
+
+        A value within rounding of a bound is set to that bound.
+
+        Args:
+            parameters: any values.
+            information: information from which the standard errors for `near` are computed; with
+                None, only rounding is considered.
+            near: distance from a bound within which a value is set to the bound, in standard errors
+                that the parameter would have if the other shared parameters were known.
+        """
+
+        def to_bound(value, low, high, inverse_error):
+            for bound in (low, high):
+                finite = jnp.isfinite(bound)
+                distance = jnp.abs(value - jnp.where(finite, bound, 0.0))
+                rounding = ROUNDING * jnp.maximum(
+                    jnp.abs(value), jnp.where(finite, jnp.abs(bound), 0.0)
+                )
+                value = jnp.where(
+                    finite & ((distance <= rounding) | (distance * inverse_error < near)),
+                    bound,
+                    value,
+                )
+            return jnp.clip(value, low, high)
+
+        if information is None:
+            inverse_error = jax.tree.map(lambda leaf: jnp.full(leaf.shape, jnp.inf), parameters)
+        else:
+            columns = information.triangle, information.own.jacobian
+            norms = Parameters(*(jnp.linalg.norm(column, axis=-2) for column in columns))
+            inverse_error = jax.tree.map(lambda leaf: jnp.where(leaf > 0, leaf, jnp.inf), norms)
+        return jax.tree.map(
+            to_bound, parameters, self.limits.lower, self.limits.upper, inverse_error
+        )
 
     def prior_cost(self, parameters: Parameters) -> Float[Array, ""]:
-        """The priors' part of the negative log-likelihood."""
-        return 0.5 * jnp.sum(((parameters.shared - self.limits.prior_mean) / self.limits.prior_deviation) ** 2)
+        """Return the contribution of the priors to the negative log-likelihood."""
+        return 0.5 * jnp.sum(
+            ((parameters.shared - self.limits.prior_mean) / self.limits.prior_deviation) ** 2
+        )
 
     def prior_rows(self, parameters: Parameters) -> Float[Array, "row column"]:
-        """The priors as rows `[T r]` beside those of the records."""
+        """Return the priors as rows `[T r]`, to be stacked with the rows of the records."""
         weight = 1.0 / self.limits.prior_deviation
-        return jnp.column_stack([jnp.diag(weight), weight * (self.limits.prior_mean - parameters.shared)])
+        return jnp.column_stack(
+            [jnp.diag(weight), weight * (self.limits.prior_mean - parameters.shared)]
+        )
 
     def solve_one(self, own, shared, case) -> tuple[Solution, AbstractModel]:
-        """One of the `cases` from its own and the shared parameters, and the model that these make."""
+        """Return the solution of one record, and the model with the parameters of this record."""
         flat, record = case
         model, initial_state = insert(self.model, flat, self.positions, shared, own)
         return self.likelihood.solve(model, record, initial_state), model
 
     def cases(self) -> tuple[Float[Array, "case flat"], Record]:
-        """What the records differ in: their values of everything that is not free, and what was measured."""
+        """Return the flat vector of parameter values of each record, and the stack of records."""
         return flat_vectors(self.model, self.records), self.records
 
     def _residuals(self, y):
-        # A masked sample must not let a NaN of the model through either: it would poison the sums.
+        # A NaN of the model output at a masked sample would make sums over samples NaN.
         return jnp.where(self.records.mask, self.records.z - y, 0.0)
 
     def _held(self, parameters: Parameters, triangles) -> Parameters:
-        """True for each parameter that stands on a bound and whose descent direction points outward."""
+        """Return a mask of the parameters on a bound whose descent direction leaves the bounds."""
         count = self.positions.rows.size
         descent = jnp.einsum("cij,ci->cj", triangles[..., :-1], triangles[..., -1])
         prior = self.prior_rows(parameters)
-        pull = prior[:, :-1].T @ prior[:, -1]
-        toward = Parameters(jnp.sum(descent[:, count:], axis=0) + pull, descent[:, :count])
+        prior_descent = prior[:, :-1].T @ prior[:, -1]
+        shared_descent = jnp.sum(descent[:, count:], axis=0) + prior_descent
+        directions = Parameters(shared_descent, descent[:, :count])
 
         def outward(value, low, high, direction) -> Bool[Array, "..."]:
             return ((value <= low) & (direction <= 0)) | ((value >= high) & (direction >= 0))
 
-        return jax.tree.map(outward, parameters, self.limits.lower, self.limits.upper, toward)
+        return jax.tree.map(outward, parameters, self.limits.lower, self.limits.upper, directions)

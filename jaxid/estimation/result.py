@@ -1,37 +1,48 @@
-"""`Estimate`: values, and all that judges them."""
+"""`Estimate`: parameter estimates with standard errors and diagnostics."""
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.checks import require
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
 from ..models.base import AbstractModel
 from ..models.free import Free, Parameters, flat_vectors, insert
 from ..sensitivity.information import Information
-from ..sensitivity.spectrum import Spectrum, weak_directions
+from ..sensitivity.spectrum import Spectrum, spectrum, weak_directions
+
+NEAR_BOUND = 2.0  # standard errors; derived: a normal estimate lies beyond with 2.3 %
 
 
 class Estimate(eqx.Module):
     """The result of `estimate`.
 
     Attributes:
-        model: the model with the estimated values in it (those shared by all records).
-        free: what was free.
+        model: the model with the estimated values that all records share.
+        free: the free parameters.
         names: names of the shared parameters.
-        values, standard_errors: of the shared parameters; the standard error is the Cramer-Rao bound, infinite for a
-            parameter that the data do not determine, NaN for one that stands on a bound.
-        coloured_errors: the same, corrected for the colour that the residuals show; never smaller.
+        values, standard_errors: of the shared parameters; the standard error is the Cramer-Rao
+            bound, infinite for a parameter that the data do not determine, NaN for one that stands
+            on a bound. They are asymptotic: an estimated R divides by the number of samples.
+            `interval` corrects this for short records.
+        corrected_errors: standard errors corrected for the colour of the residuals; never smaller.
         covariance: Cramer-Rao bound of the shared parameters.
-        own, own_errors: values and standard errors of the parameters that each record has to itself.
+        on_bound: true for each shared parameter that stands on one of its bounds.
+        near_bound: true for those inside their bounds, but within `NEAR_BOUND` standard errors of
+            one.
+        own, own_errors: values and standard errors of the parameters of each single record.
         noise: R, as fixed or as estimated.
         cost: negative log-likelihood without its constant.
-        information: square-root information, to be stacked with that of other flights.
+        information: square-root information, which can be stacked with other flights' information.
         spectrum: singular values and directions of the scaled information.
-        residuals: `v = z - y`, zero where there is no valid sample.
+        residuals: `v = z - y`, zero at missing samples.
         result: status, one for each case.
-        iterations, costs, decrements: the history: accepted steps, cost and length of the remaining step at each.
+        iterations, costs, decrements: the history: accepted steps, cost and length of the remaining
+            step at each.
+        threshold: eigenvalues below this share of the largest are weak.
+        noise_known: True if R was given.
     """
 
     model: AbstractModel
@@ -40,8 +51,10 @@ class Estimate(eqx.Module):
     units: tuple[str, ...] = eqx.field(static=True)
     values: Float[Array, "*batch parameter"]
     standard_errors: Float[Array, "*batch parameter"]
-    coloured_errors: Float[Array, "*batch parameter"]
+    corrected_errors: Float[Array, "*batch parameter"]
     covariance: Float[Array, "*batch parameter parameter"]
+    on_bound: Bool[Array, "*batch parameter"]
+    near_bound: Bool[Array, "*batch parameter"]
     own: Float[Array, "*batch case own"]
     own_errors: Float[Array, "*batch case own"]
     noise: Float[Array, "*batch output output"]
@@ -55,15 +68,26 @@ class Estimate(eqx.Module):
     costs: Float[Array, "*batch step"]
     decrements: Float[Array, "*batch step"]
     threshold: float = eqx.field(static=True)
+    noise_known: bool = eqx.field(static=True)
 
     @classmethod
-    def of(cls, fit, model: AbstractModel, free: Free, records: Record, threshold: float) -> "Estimate":
-        """Put names to a fit."""
+    def of(
+        cls,
+        fit,
+        model: AbstractModel,
+        free: Free,
+        records: Record,
+        threshold: float,
+        noise_known: bool,
+    ) -> "Estimate":
+        """Return the estimate of a fit, with names."""
         positions = free.positions(model)
         flat = flat_vectors(model, records)[0]
         units = model.units()
         deviation = jnp.sqrt(jnp.diagonal(fit.covariance))
         deviation = jnp.where(fit.shared_on_bound, jnp.nan, deviation)
+        lower, upper = free.bounds("shared")
+        distance = jnp.minimum(fit.parameters.shared - lower, upper - fit.parameters.shared)
         own_deviation = jnp.sqrt(jnp.diagonal(fit.own_covariance, axis1=-2, axis2=-1))
         return cls(
             model=insert(model, flat, positions, fit.parameters.shared, fit.parameters.rows[0])[0],
@@ -72,8 +96,12 @@ class Estimate(eqx.Module):
             units=tuple(units.get(name, "") for name in free.shared),
             values=fit.parameters.shared,
             standard_errors=deviation,
-            coloured_errors=jnp.where(fit.shared_on_bound, jnp.nan, jnp.sqrt(jnp.diagonal(fit.coloured))),
+            corrected_errors=jnp.where(
+                fit.shared_on_bound, jnp.nan, jnp.sqrt(jnp.diagonal(fit.robust_covariance))
+            ),
             covariance=fit.covariance,
+            on_bound=fit.shared_on_bound,
+            near_bound=~fit.shared_on_bound & (distance < NEAR_BOUND * deviation),
             own=fit.parameters.rows,
             own_errors=jnp.where(fit.own_on_bound, jnp.nan, own_deviation),
             noise=fit.noise,
@@ -87,6 +115,7 @@ class Estimate(eqx.Module):
             costs=fit.costs,
             decrements=fit.decrements,
             threshold=threshold,
+            noise_known=noise_known,
         )
 
     @property
@@ -96,7 +125,7 @@ class Estimate(eqx.Module):
 
     @property
     def status(self) -> str:
-        """What happened and what to do, in a sentence."""
+        """Outcome and remedy in one sentence."""
         return "converged" if bool(self.result == RESULTS.successful) else RESULTS[self.result]
 
     @property
@@ -112,31 +141,149 @@ class Estimate(eqx.Module):
 
     @property
     def weak_directions(self) -> tuple[str, ...]:
-        """Combinations of parameters that the data do not determine, in words; of one case only."""
-        return weak_directions(self.names, np.asarray(self.values), self.spectrum, self.threshold)
+        """Combinations of parameters that the data do not determine, in words; for one case only.
+
+        Parameters on their bounds are held and excluded.
+        """
+        inside = np.flatnonzero(~np.asarray(self.on_bound))
+        if not inside.size:
+            return ()
+        names = tuple(self.names[index] for index in inside)
+        scale = 1.0 / self.spectrum.scale[inside]
+        svd = spectrum(self.information.triangle[:, inside], self.information.rhs, scale)
+        return weak_directions(names, np.asarray(self.values)[inside], svd, self.threshold)
+
+    @property
+    def degrees_of_freedom(self) -> Float[Array, "*batch"]:
+        """Number of valid measurements less that of the parameters not on a bound.
+
+        It is infinite where R is known.
+        """
+        samples = jnp.sum(self.mask, axis=(-3, -2, -1))
+        shared = jnp.sum(~self.on_bound, axis=-1)
+        own = jnp.sum(~jnp.isnan(self.own_errors), axis=(-2, -1))
+        return jnp.where(self.noise_known, jnp.inf, (samples - shared - own) * 1.0)
+
+    def interval(
+        self, level: float = 0.95, *, coloured: bool = False
+    ) -> Float[Array, "*batch parameter 2"]:
+        r"""Return the ends of the confidence interval of each shared parameter.
+
+            value -/+ q sqrt(N / nu) standard error,    nu = N - p
+
+        Where R is estimated, `q` is the quantile of Student's t with `nu = degrees_of_freedom`, N
+        is the number of valid measurements and p that of the parameters not on a bound; the root
+        changes the division of the variance by N to one by nu. Where R is known, `q` is the normal
+        quantile and the root is one. This is exact for a linear model with one output and white
+        noise. For several outputs it is an approximation: each has a variance of its own. For a
+        non-linear model it is asymptotic. A prior adds no degrees of freedom.
+
+        Args:
+            level: probability, such as 0.95.
+            coloured: use the errors corrected for the colour of the residuals. These stay
+                asymptotic: the uncertainty of the autocovariance is not included.
+
+        Returns:
+            Ends along the last axis [units of the parameter]; infinite for a parameter that the
+            data do not determine, NaN for a parameter on its bound, and NaN for all parameters if
+            there are not more measurements than parameters.
+
+        Raises:
+            InputError: when the level is not between 0 and 1.
+        """
+        require(
+            0 < level < 1,
+            f"The level is {level}; a probability lies between 0 and 1, such as 0.95.",
+        )
+        from scipy.special import ndtri, stdtrit  # slow to import, and only intervals need it
+
+        upper = 0.5 * (1.0 + level)
+        errors = self.corrected_errors if coloured else self.standard_errors
+        if self.noise_known:
+            width = float(ndtri(upper)) * errors
+        else:
+            nu = np.asarray(self.degrees_of_freedom)
+            enough = nu > 0
+            safe = np.where(enough, nu, 1.0)
+            samples = np.sum(np.asarray(self.mask), axis=(-3, -2, -1))
+            factor = np.where(enough, stdtrit(safe, upper) * np.sqrt(samples / safe), np.nan)
+            width = jnp.asarray(factor)[..., None] * errors
+        return jnp.stack([self.values - width, self.values + width], axis=-1)
 
     def value(self, name: str) -> float:
-        """The value of one shared parameter, by name."""
+        """Return the value of one shared parameter, by name."""
         return float(self.values[self.names.index(name)])
 
     def standard_error(self, name: str) -> float:
-        """The standard error of one shared parameter, by name."""
+        """Return the standard error of one shared parameter, by name."""
         return float(self.standard_errors[self.names.index(name)])
 
     @property
     def parameters(self) -> Parameters:
-        """The values as the solver holds them."""
+        """The values in the form of the solver."""
         return Parameters(self.values, self.own)
 
     def __str__(self) -> str:
         if self.values.ndim > 1:
             good = int(jnp.sum(self.successful))
-            return f"Estimate of {self.values.shape[0]} cases, {good} successful: {', '.join(self.names)}"
+            names = ", ".join(self.names)
+            return f"Estimate of {self.values.shape[0]} cases, {good} successful: {names}"
         width = max([len(name) for name in self.names] + [9])
-        lines = [f"{'parameter':<{width}} {'value':>13} {'std. error':>11} {'coloured':>11} {'F':>10}  unit"]
-        rows = zip(self.names, self.values, self.standard_errors, self.coloured_errors, self.F, self.units, strict=True)
+        lines = [
+            f"{'parameter':<{width}} {'value':>13} {'std. error':>11} {'coloured':>11} "
+            f"{'F':>10}  unit"
+        ]
+        rows = zip(
+            self.names,
+            self.values,
+            self.standard_errors,
+            self.corrected_errors,
+            self.F,
+            self.units,
+            strict=True,
+        )
         for name, value, error, coloured, F, unit in rows:
-            lines.append(f"{name:<{width}} {value:>13.6g} {error:>11.3g} {coloured:>11.3g} {F:>10.4g}  {unit}")
+            lines.append(
+                f"{name:<{width}} {value:>13.6g} {error:>11.3g} {coloured:>11.3g} "
+                f"{F:>10.4g}  {unit}"
+            )
         lines += [f"weak: {sentence}" for sentence in self.weak_directions]
-        lines.append(f"status: {self.status} ({int(self.iterations)} iterations, cost {float(self.cost):.6g})")
+        lines += self._bounds_in_words()
+        lines.append(f"errors: {self._errors_in_words()}")
+        lines.append(
+            f"status: {self.status} ({int(self.iterations)} iterations, cost "
+            f"{float(self.cost):.6g})"
+        )
         return "\n".join(lines)
+
+    def _errors_in_words(self) -> str:
+        """Return the quantiles that belong to the standard errors, in words."""
+        if self.noise_known:
+            return "R is known; intervals use normal quantiles."
+        return (
+            "asymptotic, R estimated; `interval()` uses Student's t with "
+            f"{int(self.degrees_of_freedom)} degrees of freedom."
+        )
+
+    def _bounds_in_words(self) -> list[str]:
+        """Return the parameters on or near bounds and the effect on the intervals, in words."""
+
+        def named(which) -> str:
+            return ", ".join(
+                name for name, yes in zip(self.names, np.asarray(which), strict=True) if yes
+            )
+
+        lines = []
+        if on := named(self.on_bound):
+            lines.append(
+                f"bounds: {on} on the bound, without a standard error. The standard errors of the "
+                "other parameters take this "
+                "value as known; their intervals can cover less than they state."
+            )
+        if near := named(self.near_bound):
+            lines.append(
+                f"bounds: {near} within {NEAR_BOUND:g} standard errors of the bound. The intervals "
+                "of all parameters correlated "
+                "with it can cover less than they state."
+            )
+        return lines

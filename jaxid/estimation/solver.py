@@ -1,7 +1,8 @@
-"""The one solver: Gauss-Newton on square-root information, as a minimiser of optimistix.
+"""Gauss-Newton on square-root information, as a minimiser of optimistix.
 
-The search of optimistix sees the likelihood itself and its gradient; our descent sees the factor, because a factor, whose R is
-re-estimated at every iteration, is not the derivative of any one residual vector.
+The search of optimistix uses the likelihood and its gradient. The descent of this file uses the
+factor of the information: since R is re-estimated at every iteration, the factor is not the
+derivative of one residual vector.
 """
 
 from collections.abc import Callable
@@ -17,80 +18,54 @@ import optimistix as optx
 from .._foundation.types import Array, Bool, Float, Int
 from ..models.free import Parameters
 from ..sensitivity.information import Information
-from ..sensitivity.spectrum import spectrum
-from .policies import AbstractPolicy, Clip
+from .descent import SpectrumDescent
 from .problem import Linearised, Problem
+from .spectrum_policy import AbstractPolicy, Clip
 
+# Chosen: share of a step below which the search has found no descent, 24 halvings.
 SMALLEST_STEP = 2.0**-24
-GIVE_UP = 2.0**-10  # of a step along weak directions, which the next phase replaces
-ROUNDING = 64 * float(jnp.finfo(jnp.float64).eps)  # of a cost that is a sum over many samples, relative to its size
-NEAR = 100.0  # times the tolerance: sensitivities of parameters no farther away serve as those of the parameters themselves
-SLOW = 0.25  # of the step that was left: sensitivities of elsewhere that leave more are made anew
-
-
-class SpectrumDescent(optx.AbstractDescent):
-    """The Gauss-Newton direction of square-root information under a policy for weak eigenvalues.
-
-    Args:
-        policy: what to do with weak directions.
-        scale: typical sizes of the shared parameters, NaN where the sensitivity itself scales.
-    """
-
-    policy: AbstractPolicy
-    scale: Float[Array, " parameter"]
-
-    def init(self, y, f_info_struct):
-        return y, jnp.array(0), jnp.array(False)
-
-    def query(self, y, f_info, state):
-        _, phase, _ = state
-        information: Information = f_info.information
-        found = spectrum(information.triangle, information.rhs, self.scale)
-        shared = found.step(self.policy.weights(found, phase)) if found.scale.size else jnp.zeros(0)
-        optional = self.policy.optional(found, phase) if found.scale.size else jnp.array(False)
-        return Parameters(shared, information.own.solve(shared)), phase + 1, optional
-
-    def decrement(self, information: Information) -> Float[Array, ""]:
-        """Length of the whole step that is left, in standard errors; weak shared directions do not count."""
-        own = jnp.sum(information.own.rhs**2)
-        if not self.scale.size:
-            return jnp.sqrt(own)
-        found = spectrum(information.triangle, information.rhs, self.scale)
-        return jnp.sqrt(own + jnp.sum(jnp.where(found.weak(self.policy.threshold), 0.0, found.turned) ** 2))
-
-    def step(self, step_size, state):
-        direction, *_ = state
-        return jax.tree.map(lambda leaf: step_size * leaf, direction), optx.RESULTS.successful
+# Chosen: the same along weak directions, where the next phase takes over, ten halvings.
+GIVE_UP = 2.0**-10
+# Rounding of a cost, which is a sum over many samples, relative to its size.
+COST_ROUNDING = 64 * float(jnp.finfo(jnp.float64).eps)
+# Distance in tolerances within which sensitivities at other parameters are reused; chosen.
+REUSE_DISTANCE = 100.0
+# In tolerances: a parameter this close to its bound, in standard errors, is set to it; chosen.
+ON_BOUND = 1e-3
+# Reused sensitivities after which more than this share of the step remains are renewed; chosen.
+REFRESH_SHARE = 0.25
 
 
 class Evaluation(optx.FunctionInfo.EvalGradHessian):
-    """What the search compares: the likelihood, its gradient (4.17), the Fisher matrix (4.18), and their common factor."""
+    """Likelihood, gradient (4.17) and Fisher matrix (4.18) for the search, with their factor."""
 
     information: Information
 
 
 class State(eqx.Module):
-    """Where an iteration stands.
+    """State of the iteration.
 
     Attributes:
-        trial: where the likelihood is evaluated next.
-        cost, linearised: at the last accepted parameters.
-        left: length of the whole step that is left there, in standard errors.
-        away: length of the steps since the sensitivities were made, in standard errors; at most.
-        renew: whether the trial is evaluated for its sensitivities; what was accepted is then its own trial.
-        ending: whether the iteration ends once they are renewed.
-        search, descent: the states of their own.
+        trial: parameters of the next evaluation of the likelihood.
+        cost, linearised: cost and linearised problem at the last accepted parameters.
+        decrement: length of the full step at the last accepted parameters [standard errors].
+        drift: upper bound of the distance from the parameters at which the sensitivities were
+            computed [standard errors].
+        renew: True if the next evaluation computes the sensitivities; its trial then is the last
+            accepted point.
+        ending: True if the iteration ends once the sensitivities are renewed.
+        search, descent: states of the search and of the descent.
         first: True before the first evaluation.
-        converged, stuck, diverged: why the iteration ended, if it has.
+        converged, stuck, diverged: the reason for which the iteration ended.
         accepted: number of accepted steps.
-        costs, decrements: by accepted step; NaN behind them.
+        costs, decrements: values by accepted step; NaN after the last one.
     """
 
     trial: Parameters
     cost: Float[Array, ""]
     linearised: Linearised
-    left: Float[Array, ""]
-    away: Float[Array, ""]
+    decrement: Float[Array, ""]
+    drift: Float[Array, ""]
     renew: Bool[Array, ""]
     ending: Bool[Array, ""]
     search: Any
@@ -105,25 +80,30 @@ class State(eqx.Module):
 
 
 class GaussNewton(eqx.Module):
-    """How to iterate.
+    """Options of the Gauss-Newton iteration.
 
     Args:
-        policy: what to do with weak eigenvalues; the report found clipping adequate in most cases.
+        policy: the treatment of weak eigenvalues; the report found clipping adequate in most cases.
         search: a search of optimistix; backtracking by default.
-        tolerance: iteration ends when the whole step left is shorter than this, in standard errors.
-        least_fall: iteration also ends when an accepted step lowers the cost by less than this (zero: never). Where a model
-            has corners, steps stay short, and the last thousandth of a unit of log-likelihood is not worth them.
-        max_steps: evaluations of the likelihood before it gives up.
-        chord: whether sensitivities serve for several steps. A trial is then simulated for its residuals alone, which costs a
-            small part of the sensitivities. These are made anew where a step with those of elsewhere is refused, leaves more
-            than a quarter of what was left before it, or ends the iteration; elsewhere is more than 100 tolerances away.
-            It compiles one simulation more, and under `vmap` it saves nothing. (The chord method between Newton's
-            steps: V. E. Shamanskii, Ukrainian Mathematical Journal 19, 1967; C. T. Kelley, Iterative Methods for Linear and
-            Nonlinear Equations, SIAM 1995, section 5.4.)
+        tolerance: the iteration ends when the full step is shorter than this [standard errors].
+        least_fall: the iteration also ends when an accepted step lowers the cost by less than this
+            (zero: never). Where a model has corners, steps stay short, and the last thousandth of a
+            unit of log-likelihood is not worth them.
+        max_steps: largest number of evaluations of the likelihood.
+        chord: reuse the sensitivities for more than one step. A trial is then simulated for its
+            residuals alone, at a small part of the cost of the sensitivities. Sensitivities from
+            more than 100 tolerances away are computed again when a step is refused, when the step
+            remaining after it is longer than a quarter of the previous one, or before the iteration
+            ends. This compiles one more simulation, and under `vmap` it saves nothing. (The chord
+            method between Newton's steps: V. E. Shamanskii, Ukrainian Mathematical Journal 19,
+            1967; C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations, SIAM 1995,
+            section 5.4.)
     """
 
     policy: AbstractPolicy = eqx.field(default_factory=Clip)
-    search: optx.AbstractSearch = eqx.field(default_factory=lambda: optx.BacktrackingArmijo(slope=1e-4))
+    search: optx.AbstractSearch = eqx.field(
+        default_factory=lambda: optx.BacktrackingArmijo(slope=1e-4)
+    )
     tolerance: float = eqx.field(static=True, default=1e-6)
     least_fall: float = eqx.field(static=True, default=0.0)
     max_steps: int = eqx.field(static=True, default=200)
@@ -131,7 +111,7 @@ class GaussNewton(eqx.Module):
 
 
 class Minimiser(optx.AbstractMinimiser):
-    """`GaussNewton` as optimistix runs it, on a problem that it is given as `args`, which knows more than its cost."""
+    """`GaussNewton` as a minimiser of optimistix; `args` is the `Problem`."""
 
     descent: SpectrumDescent
     search: optx.AbstractSearch
@@ -150,22 +130,22 @@ class Minimiser(optx.AbstractMinimiser):
         evaluation = _evaluation(jnp.zeros(()), empty.information)
         known = options.get("S")
         if known is not None:
-            empty = eqx.tree_at(lambda one: one.S, empty, known)
-        yes, no, history = jnp.array(True), jnp.array(False), jnp.full(self.max_steps, jnp.nan)
+            empty = eqx.tree_at(lambda linearised: linearised.S, empty, known)
+        true, false, history = jnp.array(True), jnp.array(False), jnp.full(self.max_steps, jnp.nan)
         return State(
             trial=problem.project(y),
             cost=jnp.array(jnp.inf),
             linearised=empty,
-            left=jnp.array(jnp.inf),
-            away=jnp.array(0.0),
-            renew=yes if known is None else ~jnp.all(jnp.isfinite(known)),
-            ending=no,
+            decrement=jnp.array(jnp.inf),
+            drift=jnp.array(0.0),
+            renew=true if known is None else ~jnp.all(jnp.isfinite(known)),
+            ending=false,
             search=self.search.init(y, evaluation),
             descent=self.descent.init(y, evaluation),
-            first=yes,
-            converged=no,
-            stuck=no,
-            diverged=no,
+            first=true,
+            converged=false,
+            stuck=false,
+            diverged=false,
             accepted=jnp.array(0),
             costs=history,
             decrements=history,
@@ -174,60 +154,89 @@ class Minimiser(optx.AbstractMinimiser):
     def step(self, fn, y, args, options, state, tags):
         problem: Problem = args
         cost, trial = self._evaluate(problem, state)
-        # Costs that differ by rounding are equal; otherwise the last, smallest steps would be refused at random.
-        slack = jnp.where(jnp.isfinite(cost), ROUNDING * jnp.abs(cost), 0.0)
-        before, seen = _evaluation(state.cost, state.linearised.information), optx.FunctionInfo.Eval(cost - slack)
-        step_size, accept, _, search = self.search.step(state.first, y, state.trial, before, seen, state.search)
+        # Costs that differ by rounding count as equal; otherwise the last, smallest steps would be
+        # refused at random.
+        slack = jnp.where(jnp.isfinite(cost), COST_ROUNDING * jnp.abs(cost), 0.0)
+        before = _evaluation(state.cost, state.linearised.information)
+        trial_evaluation = optx.FunctionInfo.Eval(cost - slack)
+        step_size, accept, _, search = self.search.step(
+            state.first, y, state.trial, before, trial_evaluation, state.search
+        )
         accept = state.first | state.renew | (accept & jnp.isfinite(cost))
-        moved, optional = accept & ~state.first & ~state.renew, state.descent[-1]
+        moved, optional = accept & ~state.first & ~state.renew, state.descent[2]
 
         choose = partial(jax.tree.map, partial(jnp.where, accept))
-        y, new_cost, linearised = choose((state.trial, cost, trial), (y, state.cost, state.linearised))
-        left = self.descent.decrement(linearised.information)
-        little = moved & ~optional & (jnp.abs(state.cost - cost) < self.least_fall)
-        close = NEAR * self.tolerance
-        enough = little & (state.away <= close)  # a bad direction, too, brings little
-        done = (left < self.tolerance) | enough
-        away = self._away(state, moved)
-        near = away <= close
-        renew = ~near & (~accept | done | little | (left < close) | (left > SLOW * state.left))
+        y, new_cost, linearised = choose(
+            (state.trial, cost, trial), (y, state.cost, state.linearised)
+        )
+        decrement = self.descent.decrement(linearised.information)
+        small_gain = moved & ~optional & (jnp.abs(state.cost - cost) < self.least_fall)
+        close = REUSE_DISTANCE * self.tolerance
+        # An old direction can be poor and gain little, so it does not end the iteration.
+        small_gain_ends = small_gain & (state.drift <= close)
+        done = (decrement < self.tolerance) | small_gain_ends
+        drift = self._drift(state, moved)
+        near = drift <= close
+        renew = ~near & (
+            ~accept
+            | done
+            | small_gain
+            | (decrement < close)
+            | (decrement > REFRESH_SHARE * state.decrement)
+        )
 
-        skip = ~accept & ~renew & optional & (step_size < GIVE_UP)
-        asked = self.descent.query(y, _evaluation(new_cost, linearised.information), state.descent)
-        descent = jax.tree.map(partial(jnp.where, accept | skip), asked, state.descent)
+        refused = ~accept & ~renew
+        turn = refused & state.descent[4] & (step_size < SMALLEST_STEP)
+        skip = refused & optional & (step_size < GIVE_UP) & ~turn
+        evaluation = _evaluation(new_cost, linearised.information)
+        query = self.descent.query(y, evaluation, state.descent)
+        turned = self.descent.turn(evaluation, state.descent)
+        descent = jax.tree.map(partial(jnp.where, accept | skip), query, state.descent)
+        descent = jax.tree.map(partial(jnp.where, turn), turned, descent)
+        skip = skip | turn
         search = jax.tree.map(partial(jnp.where, skip | renew), self.search.init(y, before), search)
         step_size = jnp.where(skip | renew, 1.0, step_size)
         difference, _ = self.descent.step(jnp.where(renew, 0.0, step_size), descent)
-        again = state.renew & ~state.first  # the same parameters once more
-        at = jnp.where(accept, state.accepted - again, self.max_steps)
+        repeated = state.renew & ~state.first  # the accepted parameters, evaluated again
+        row = jnp.where(accept, state.accepted - repeated, self.max_steps)
         new = State(
-            trial=problem.project(jax.tree.map(jnp.add, y, difference)),
+            trial=problem.project(
+                jax.tree.map(jnp.add, y, difference),
+                linearised.information,
+                ON_BOUND * self.tolerance,
+            ),
             cost=new_cost,
             linearised=linearised,
-            left=left,
-            away=away,
+            decrement=decrement,
+            drift=drift,
             renew=renew,
-            ending=enough,
+            ending=small_gain_ends,
             search=search,
             descent=descent,
             first=jnp.array(False),
             converged=accept & near & (done | state.ending) & jnp.isfinite(new_cost),
             stuck=step_size < SMALLEST_STEP,
             diverged=state.first & ~jnp.isfinite(cost),
-            accepted=state.accepted + (accept & ~again),
-            costs=state.costs.at[at].set(new_cost, mode="drop"),
-            decrements=state.decrements.at[at].set(left, mode="drop"),
+            accepted=state.accepted + (accept & ~repeated),
+            costs=state.costs.at[row].set(new_cost, mode="drop"),
+            decrements=state.decrements.at[row].set(decrement, mode="drop"),
         )
         return y, new, None
 
-    def _away(self, state: State, moved: Bool[Array, ""]) -> Float[Array, ""]:
-        """How far the parameters are, after a trial, from those at which the sensitivities were made."""
+    def _drift(self, state: State, moved: Bool[Array, ""]) -> Float[Array, ""]:
+        """Return the distance from the parameters of the sensitivities after a trial.
+
+        It is an upper bound [standard errors].
+        """
         if not self.chord:
-            return state.away
-        return jnp.where(state.renew, 0.0, state.away + jnp.where(moved, state.left, 0.0))
+            return state.drift
+        return jnp.where(state.renew, 0.0, state.drift + jnp.where(moved, state.decrement, 0.0))
 
     def _evaluate(self, problem: Problem, state: State) -> tuple[Float[Array, ""], Linearised]:
-        """The trial's cost and linearised problem, with old sensitivities unless they are due."""
+        """Return the trial's cost and linearised problem.
+
+        With `chord`, the sensitivities are computed only when `state.renew` is true.
+        """
         if self.chord:
             v, S = jax.lax.cond(
                 state.renew,
@@ -252,16 +261,21 @@ def minimise(
     solver: GaussNewton,
     S: Float[Array, "case time output column"] | None = None,
 ) -> tuple[Parameters, State]:
-    """Run the solver on a problem: the best parameters, and the state in which it ended.
+    """Return the best parameters of a problem and the last state of the solver.
 
     Args:
-        problem: what is to be solved.
-        begin: where to start.
-        solver: how to iterate.
-        S: the sensitivities at the start, of use to a solver with `chord`; NaN where they are not known.
+        problem: the estimation problem.
+        begin: the initial parameters.
+        solver: options of the iteration.
+        S: sensitivities at the initial parameters, used by a solver with `chord`; NaN if unknown.
     """
-    minimiser = Minimiser(  # pyright: ignore[reportCallIssue]  (as in models/library.py)
-        SpectrumDescent(solver.policy, problem.limits.scale),
+    minimiser = Minimiser(  # pyright: ignore[reportCallIssue]  (as in effects/library.py)
+        SpectrumDescent(
+            solver.policy,
+            problem.limits.scale,
+            problem.limits.lower.shared,
+            problem.limits.upper.shared,
+        ),
         solver.search,
         solver.tolerance,
         solver.least_fall,
@@ -282,7 +296,7 @@ def minimise(
 
 @eqx.filter_jit
 def _sensitivities(problem: Problem, y: Parameters):
-    """A function of its own, to be traced once."""
+    """Return residuals and sensitivities; a separate function, so that it is traced once."""
     return problem.sensitivities(y)
 
 
@@ -290,6 +304,8 @@ def _evaluation(cost, information: Information) -> Evaluation:
     grad = Parameters(*information.gradient())
     structure = jax.eval_shape(lambda: grad)
     hessian = lx.FunctionLinearOperator(
-        lambda d: Parameters(*information.apply(d.shared, d.rows)), structure, lx.positive_semidefinite_tag
+        lambda d: Parameters(*information.apply(d.shared, d.rows)),
+        structure,
+        lx.positive_semidefinite_tag,
     )
     return Evaluation(cost, grad, hessian, information)

@@ -1,4 +1,4 @@
-"""The public measured sets, each with the simple physical model that is declared for it."""
+"""Published measured data sets, each with a simple declared physical model."""
 
 from .base import Declared
 from .emps import emps, emps_closed_loop

@@ -1,4 +1,4 @@
-"""What a measured set needs beside its records: a declared physical model and how it is simulated."""
+"""`Declared`: a measured data set with a declared physical model and its likelihood."""
 
 from typing import Any, NamedTuple
 
@@ -9,13 +9,13 @@ from ..models.free import Free
 
 
 class Declared(NamedTuple):
-    """A measured set with the physical model that is declared for it, before any effect is added.
+    """A measured data set with its declared physical model, without effects.
 
     Attributes:
         data: the records with their official split.
         model: the declared model, with rough starting values.
         free: its free parameters.
-        likelihood: output error, with the steps that its fastest motion needs.
+        likelihood: output error, with the steps that the fastest motion of the model requires.
     """
 
     data: DataSet
@@ -25,7 +25,7 @@ class Declared(NamedTuple):
 
     @property
     def parts(self) -> dict[str, Any]:
-        """All that `close_loop` is told of the set, by the names of its arguments; all its tests have one window."""
+        """Arguments of `close_loop` by name. All test records have the same window."""
         (window,) = set(self.data.window.values())
-        own = {"model": self.model, "free": self.free, "likelihood": self.likelihood}
-        return own | {"train": self.data.train, "test": self.data.test, "window": window}
+        arguments = {"model": self.model, "free": self.free, "likelihood": self.likelihood}
+        return arguments | {"train": self.data.train, "test": self.data.test, "window": window}

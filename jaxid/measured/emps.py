@@ -1,5 +1,8 @@
-"""EMPS: a carriage on a ball screw, driven by a motor; declared: a mass with viscous friction, alone or with its controller."""
-# Pyright counts equinox's abstract fields as arguments of the constructor; at run time they are none.
+"""EMPS: a carriage on a ball screw, driven by a motor.
+
+The declared model is a mass with viscous friction, alone or with its controller.
+"""
+# Pyright treats equinox's abstract fields as arguments of the constructor, which they are not.
 # pyright: reportCallIssue=false, reportArgumentType=false
 
 from pathlib import Path
@@ -16,7 +19,10 @@ from .base import Declared
 
 
 class Carriage(AbstractModel):
-    """A mass with viscous friction: `d(position)/dt = velocity`, `d(velocity)/dt = (force - viscous velocity) / mass`."""
+    """A mass with viscous friction.
+
+    d(position)/dt = velocity,    d(velocity)/dt = (force - viscous velocity) / mass
+    """
 
     mass: Array
     viscous: Array
@@ -32,18 +38,20 @@ class Carriage(AbstractModel):
         return {"position": "m", "velocity": "m/s", "force": "N", "mass": "kg", "viscous": "N*s/m"}
 
 
-# The controller's gains and the motor's, as their makers publish them with the records (variables kp, kv, gtau of both files).
+# Gains of the controller and of the motor, published with the records (variables kp, kv, gtau of
+# both files).
 KP, KV, GTAU = 160.18, 243.45, 35.15065188248547  # [1/s], [V s/m], [N/V]
 
 
 class ControlledCarriage(AbstractModel):
-    """The same mass with its controller, whose gains are known: position and velocity are fed back to the motor.
+    """The same mass with its controller of known gains, a feedback of position and velocity.
 
         command = KV (KP (reference - position) - velocity) + pulse
         d(position)/dt = velocity,    d(velocity)/dt = (GTAU command - viscous velocity) / mass
 
-    On both records this law gives the recorded command within 0.07 V of 1.5 V (RMS). It is taken as continuous, and the
-    command as unlimited: it stays below 9.1 V.
+    On both records this law reproduces the recorded command, of 1.5 V (RMS), within 0.07 V. The
+    controller is modelled in continuous time and without a limit of the command, which stays below
+    9.1 V.
     """
 
     mass: Array
@@ -63,27 +71,32 @@ class ControlledCarriage(AbstractModel):
 
 
 def emps(path: str | Path | None = None) -> Declared:
-    """The EMPS with a mass and viscous friction declared for it, started at its first measured position at rest.
+    """Return the EMPS with a declared mass and viscous friction, starting at rest at the first
+    measured position.
 
     Args:
         path: folder of the two files; the environment variable JAXID_DATA by default.
 
     Raises:
-        InputError: when a file is not there or not the one that was published.
+        InputError: when a file is missing or its SHA-256 differs from the published file.
     """
+    # Rough starting values (chosen).
     model = Carriage(mass=jnp.array(100.0), viscous=jnp.array(100.0))
     return Declared(load(path), model, free(model, "mass", "viscous"), OutputError())
 
 
 def emps_closed_loop(path: str | Path | None = None) -> Declared:
-    """The EMPS with a mass, viscous friction and the published controller declared for it: reference in, position out.
+    """Return the EMPS with a declared mass, viscous friction and the published controller.
+
+    The input is the reference, the output is the position.
 
     Args:
         path: folder of the two files; the environment variable JAXID_DATA by default.
 
     Raises:
-        InputError: when a file is not there or not the one that was published.
+        InputError: when a file is missing or its SHA-256 differs from the published file.
     """
+    # Starting values as in `emps`.
     model = ControlledCarriage(mass=jnp.array(100.0), viscous=jnp.array(100.0))
     chosen = free(model, "mass", "viscous", per_record=("initial_state",))
     return Declared(load_closed_loop(path), model, chosen, OutputError())

@@ -1,5 +1,8 @@
-"""Silverbox: an electronic circuit that behaves as a mass on a spring; declared: a linear oscillator."""
-# Pyright counts equinox's abstract fields as arguments of the constructor; at run time they are none.
+"""Silverbox: an electronic circuit that behaves like a mass on a spring.
+
+The declared model is a linear oscillator.
+"""
+# Pyright treats equinox's abstract fields as arguments of the constructor, which they are not.
 # pyright: reportCallIssue=false, reportArgumentType=false
 
 from pathlib import Path
@@ -34,16 +37,17 @@ class Oscillator(AbstractModel):
 
 
 def silverbox(path: str | Path | None = None) -> Declared:
-    """The Silverbox with a linear oscillator declared for it.
+    """Return the Silverbox with a declared linear oscillator.
 
-    Starting values: a resonance near 60 Hz with a tenth of critical damping, a static gain of one half, read off the
-    response; two steps per sample, of a tenth of a period each.
+    The starting values are estimates from the response: a resonance near 60 Hz, `damping = 0.1
+    sqrt(stiffness)`, and a static gain of one half. There are two steps per sample, which is about
+    20 steps per period.
 
     Args:
         path: file or folder; the environment variable JAXID_DATA by default.
 
     Raises:
-        InputError: when the file is not there or not the one that was published.
+        InputError: when the file is missing or its SHA-256 differs from the published file.
     """
     squared = jnp.array((2 * jnp.pi * 60.0) ** 2)
     model = Oscillator(stiffness=squared, damping=0.1 * jnp.sqrt(squared), gain=0.5 * squared)

@@ -1,5 +1,8 @@
-"""Cascaded tanks: a pump fills an upper tank that runs into a lower one; declared: two tanks after Bernoulli."""
-# Pyright counts equinox's abstract fields as arguments of the constructor; at run time they are none.
+"""Cascaded tanks: a pump fills an upper tank, which drains into a lower tank.
+
+The declared model is two tanks that drain by Bernoulli's law.
+"""
+# Pyright treats equinox's abstract fields as arguments of the constructor, which they are not.
 # pyright: reportCallIssue=false, reportArgumentType=false
 
 from pathlib import Path
@@ -15,12 +18,13 @@ from .base import Declared
 
 
 class Tanks(AbstractModel):
-    """Two tanks that drain by Bernoulli's law, levels in volts of the sensor.
+    """Two tanks that drain by Bernoulli's law, with levels in volts of the sensor.
 
         d(upper)/dt = inflow u - outlet sqrt(upper)
         d(lower)/dt = outlet sqrt(upper) - drain sqrt(lower)
 
-    The upper level is not seen, so that its scale is free; it is chosen such that the lower tank gains what the upper one loses.
+    The upper level is not measured, so that its scale is arbitrary. It is chosen such that the
+    outflow of the upper tank equals the inflow of the lower tank.
     """
 
     inflow: Array
@@ -40,19 +44,20 @@ class Tanks(AbstractModel):
         return jnp.stack([record.z[0, 0], record.z[0, 0]])
 
 
-EMPTY = 1e-3  # [V] below which a tank counts as empty, so that the root keeps a derivative
+EMPTY = 1e-3  # [V] lower limit of a level (chosen), for a finite derivative of the root
 
 
 def tanks(path: str | Path | None = None) -> Declared:
-    """The cascaded tanks with two tanks after Bernoulli declared for them.
+    """Return the cascaded tanks with a declared model of two tanks that drain by Bernoulli's law.
 
-    Starting values: all rates 0.05 V^(1/2)/s, a time constant of a minute and a half at half height, read off the response.
+    The starting values are estimates from the response: all rates are 0.05 V^(1/2)/s, which is a
+    time constant of a minute and a half at half height.
 
     Args:
         path: file or folder; the environment variable JAXID_DATA by default.
 
     Raises:
-        InputError: when the file is not there or not the one that was published.
+        InputError: when the file is missing or its SHA-256 differs from the published file.
     """
     rate = jnp.array(0.05)
     model = Tanks(inflow=rate, outlet=rate, drain=rate)

@@ -1,4 +1,4 @@
-"""`AbstractModel`: a dynamic model whose parameters are its own array leaves."""
+"""`AbstractModel`: a dynamic model whose parameters are its array leaves."""
 
 import abc
 
@@ -12,7 +12,7 @@ from jax.core import Tracer
 from .._foundation.checks import InputError, require, require_known
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from .pseudo import PseudoMeasurements
+from .pseudo_measurements import PseudoMeasurements
 
 
 class AbstractModel(eqx.Module):
@@ -20,11 +20,14 @@ class AbstractModel(eqx.Module):
 
         dx/dt = rhs(t, x, u),    y(t_i) = output(t_i, x(t_i), u(t_i))
 
-    A model says what moves and what is seen. Which of its parameters are free, how it is fitted, and to which data, are said
-    elsewhere (`Free`, the likelihood, `Record`). Numbers given for array leaves are converted at the entry points.
+    A model defines the motion and its measurement. The free parameters, the estimation method and
+    the data are defined elsewhere (`Free`, the likelihood, `Record`). Numbers given for array
+    leaves are converted at the entry points.
 
-    A subclass names its channels and writes two functions; the hooks below have defaults that suit most models. One without
-    states (a calibration, or coefficients that accelerations say) returns `x` as its rate; its outputs are its equations.
+    A subclass names its channels and implements two functions. The hooks below have defaults that
+    are suitable for most models. A model without states is static (a sensor calibration, or
+    aerodynamic coefficients computed from accelerations): its `rhs` returns `x`, and its outputs
+    are its equations.
 
     Attributes:
         states, inputs, outputs: the names of the channels, in order.
@@ -35,39 +38,48 @@ class AbstractModel(eqx.Module):
     outputs: AbstractVar[tuple[str, ...]]
 
     @abc.abstractmethod
-    def rhs(self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]) -> Float[Array, " state"]:
+    def rhs(
+        self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
+    ) -> Float[Array, " state"]:
         """The time derivative of the state, in the units of the state per second."""
 
     @abc.abstractmethod
     def output(
         self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
     ) -> Float[Array, " output"]:
-        """What perfect instruments would show at this instant."""
+        """The outputs of perfect instruments at this instant."""
 
-    # Hooks ----------------------------------------------------------------------------------------------------------------
+    # Hooks ----------------------------------------------------------------------------------------
 
     def initial_state(self, record: Record) -> Float[Array, " state"]:
-        """The state at the first sample: the measured output where an output is a state, else zero."""
+        """The state at the first sample: the measured output for states that are outputs, else
+        zero.
+        """
         first = dict(zip(self.outputs, jnp.where(record.mask[0], record.z[0], 0.0), strict=True))
         return jnp.array([first.get(name, 0.0) for name in self.states], float)
 
     def signals(
         self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
     ) -> dict[str, Float[Array, ""]]:
-        """The scalars that an effect may depend on, by name: states and inputs, and what a domain adds to them."""
+        """Scalars on which an effect may depend, by name: states, inputs, and further signals of a
+        domain.
+        """
         return dict(zip(self.states + self.inputs, jnp.concatenate([x, u]), strict=True))
 
     def immediate_signals(
         self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
     ) -> dict[str, Float[Array, ""]]:
-        """Those of the signals that follow from state and input without the equations of motion, and of which effects may want
-        the rate; all by default. A domain that says which spares every program a second model."""
+        """Signals that follow from state and input without the equations of motion; all by default.
+
+        Effects may use the rates of these signals. A model that returns only a part of the signals
+        here saves a second copy of its equations in every compiled program.
+        """
         return self.signals(t, x, u)
 
     def rhs_and_signals(
         self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
     ) -> tuple[Float[Array, " state"], dict[str, Float[Array, ""]]]:
-        """The rate of the state and the signals, for a model that computes them together."""
+        """Rate of the state, and signals; a model can compute them together."""
         return self.rhs(t, x, u), self.signals(t, x, u)
 
     def output_given(
@@ -77,60 +89,77 @@ class AbstractModel(eqx.Module):
         u: Float[Array, " input"],
         dx: Float[Array, " state"],
     ) -> Float[Array, " output"]:
-        """What perfect instruments would show if the state moved at the rate `dx`.
+        """The outputs of perfect instruments for a given rate `dx` of the state.
 
-        A model whose instruments feel the state's rate (an accelerometer) computes them from `dx` here and lets `output`
-        pass its own `rhs`: they then see whatever an effect adds to the equations. By default no instrument does, and the
-        output is `output(t, x, u)`.
+        A model with instruments that measure the rate of the state (an accelerometer) computes
+        their outputs from `dx` here, and its `output` calls this method with its `rhs`. The
+        outputs then include the effects that are added to the equations. By default no output
+        depends on `dx`, and the result is `output(t, x, u)`.
 
         Args:
-            dx: the rate of the state, with all that acts on it [the units of the state per second].
+            dx: rate of the state, with all effects [the units of the state per second].
         """
         return self.output(t, x, u)
 
-    def input_path(self, path):
-        """What happens to the input signal before it is sampled by the equations (a delay, its run between samples)."""
+    def input_signal(self, path):
+        """Transform the input signal before the equations sample it, such as by a delay or another
+        hold between samples.
+        """
         return path
 
-    def observe(self, t: Float[Array, " time"], y: Float[Array, "time output"]) -> Float[Array, "time output"]:
-        """What the instruments make of the sampled outputs; what acts on a whole signal (a sensor's delay) belongs here."""
+    def observe(
+        self, t: Float[Array, " time"], y: Float[Array, "time output"]
+    ) -> Float[Array, "time output"]:
+        """Apply to the sampled outputs those sensor effects that act on a time history, such as a
+        sensor's delay.
+        """
         return y
 
-    def gusty(self) -> "AbstractModel":
-        """The same model with random motions of what surrounds it as further inputs, behind its own; itself where it has none.
+    def with_disturbance_inputs(self) -> "AbstractModel":
+        """The same model with random disturbances of its environment as further inputs, after its
+        inputs; the model unchanged if it has none.
 
-        Where a gust moves an aircraft's vane as well as its wing, a force in an equation does not say what it does.
+        Such an input is needed where a random force in an equation is not a sufficient model: a
+        gust acts on an aircraft's vane as well as on its wing.
         """
         return self
 
     def effects(self):
-        """Candidates for missing effects beside the general ones: a tuple of `Effect`."""
+        """Candidates for missing effects in addition to the general ones: a tuple of `Effect`."""
         return ()
 
     def equations(self) -> tuple[str, ...]:
-        """What has an equation in which something may be missing: the states; of a model that has none, the outputs."""
+        """Names of the equations in which an effect may be missing: the states, or the outputs of a
+        model without states.
+        """
         return self.states or self.outputs
 
     def equations_with_terms(self) -> tuple[str, ...] | None:
-        """States in whose equations the general library may put its terms (products of states and inputs, friction, limits).
+        """States to whose equations the general library may add its terms (products of states and
+        inputs, friction, limits).
 
-        None leaves it to `uncertain_equations`; a model whose own effects take the place of these terms says `()`.
+        With None, `uncertain_equations` decides. A model whose effects replace these terms returns
+        `()`.
         """
         return None
 
     def actuated(self) -> tuple[str, ...]:
-        """Inputs that an actuator moves, so that they may lack its limits and dead zone; all by default. A measured state or
-        an altitude that is an input has none: it can be late, off and scaled, as any instrument."""
+        """Inputs that an actuator drives; all by default.
+
+        Effects of actuators, such as limits and a dead zone, are candidates for these inputs. A
+        measured state or altitude that is used as an input has no actuator: it can have the delay,
+        bias and scale factor of an instrument.
+        """
         return self.inputs
 
     def prepared(self, record: Record) -> Record:
-        """The record with the channels that this model has, from one that may hold more.
+        """The record reduced to the channels of this model.
 
-        An input may be any of the record's channels (a measured state may stand in for its equation); an output must be one
-        of its outputs. What is not measured at all is refused, nothing is filled in.
+        An input may be any of the record's channels (a measured state may replace its equation); an
+        output must be one of the record's outputs. Channels that were not measured are refused.
 
         Args:
-            record: a single record.
+            record: a single record, which may have more channels.
 
         Returns:
             A record with this model's inputs and outputs, in their order.
@@ -141,27 +170,28 @@ class AbstractModel(eqx.Module):
         return selected(record, self.inputs, self.outputs)
 
     def pseudo_measurements(self, record: Record) -> PseudoMeasurements:
-        """The model's equations, solved for what a regression explains.
+        """The model's equations, solved for the responses of a regression.
 
         Args:
-            record: a single record, with all that was measured.
+            record: a single record, with all measured channels.
 
         Raises:
-            InputError: by default: the model states none.
+            InputError: by default, because the model defines no pseudo-measurements.
         """
         raise InputError(
-            f"{type(self).__name__} has no pseudo-measurements, and a regression has nothing to explain. "
+            f"{type(self).__name__} has no pseudo-measurements, which a regression needs. "
             "Write its method `pseudo_measurements(record)`."
         )
 
     def without(self, responses: tuple[str, ...]) -> "AbstractModel":
-        """The same model without the equations of these responses; their states are inputs of it, measured.
+        """The same model without the equations of these responses, whose measured states become
+        inputs.
 
         Args:
-            responses: of the model's pseudo-measurements.
+            responses: names of responses of the model's pseudo-measurements.
 
         Raises:
-            InputError: by default, unless there are none: the model says of no equation how it is left out.
+            InputError: by default, if there are any responses.
         """
         if responses:
             raise InputError(
@@ -171,46 +201,52 @@ class AbstractModel(eqx.Module):
         return self
 
     def sensor_errors(self) -> tuple[str, ...]:
-        """Parameters that are errors of instruments and worth trying, for `consistency`: none by default."""
+        """Names of the parameters that are sensor errors, as candidates of `consistency`; none by
+        default.
+        """
         return ()
 
     def corrected(self, record: Record) -> Record:
-        """The record without the errors of instruments that the model's parameters are.
+        """The record corrected for the sensor errors that are parameters of the model.
 
         Args:
-            record: one or a stack, which may hold more channels than the model has.
+            record: a record or a stack, which may have more channels than the model.
 
         Raises:
-            InputError: by default: the model says of no error how it is taken out.
+            InputError: by default, because the model defines no correction.
         """
         raise InputError(
-            f"{type(self).__name__} does not say how errors are taken out of a record. "
+            f"{type(self).__name__} has no correction of a record for sensor errors. "
             "Write its method `corrected(record)`."
         )
 
     def units(self) -> dict[str, str]:
-        """Units by name, of states, inputs, outputs and parameters; a name that is absent has no stated unit."""
+        """Units of states, inputs, outputs and parameters by name; the unit of a missing name is
+        unknown.
+        """
         return {}
 
 
 def equations_of(model: AbstractModel) -> tuple[str, ...]:
-    """What has an equation in which something may be missing: the states; of a model that has none, the outputs."""
+    """Names of the equations in which an effect may be missing: the states, or the outputs of a
+    model without states.
+    """
     return model.equations()
 
 
 def right_hand_sides(
     model: AbstractModel, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
 ) -> Float[Array, " equation"]:
-    """What these equations say: the rates of the states, or the outputs."""
+    """Values of the equations of `equations_of`: the rates of the states, or the outputs."""
     return model.rhs(t, x, u) if equations_of(model) == model.states else model.output(t, x, u)
 
 
 def selected(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Record:
-    """A record with these channels, from one that may hold more; an input may be a measured output without gaps.
+    """The record reduced to the named channels; an input may be a measured output without gaps.
 
     Args:
-        record: a single record.
-        inputs, outputs: names of its channels.
+        record: a single record, which may have more channels.
+        inputs, outputs: names of the channels.
 
     Raises:
         InputError: when a channel is missing, or an input has samples that are not valid.
@@ -218,14 +254,24 @@ def selected(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ...]) 
     require_known("channel (needed as input)", inputs, (*record.inputs, *record.outputs))
     require_known("channel (needed as output)", outputs, record.outputs)
     for name in inputs:
-        gaps = 0 if name in record.inputs else int(jnp.sum(~record.mask[..., record.outputs.index(name)]))
+        gaps = (
+            0
+            if name in record.inputs
+            else int(jnp.sum(~record.mask[..., record.outputs.index(name)]))
+        )
         require(
             gaps == 0,
-            f"Record {record.names[0]!r}: {name!r} stands in as an input and {gaps} of its samples are missing. "
-            "Fill the gaps before, or keep the equation of this state.",
+            f"Record {record.names[0]!r}: {name!r} is used as an input and {gaps} of its samples "
+            "are missing. Fill the gaps first, or keep the equation of this state.",
         )
     columns = [record.outputs.index(name) for name in outputs]
-    units = dict(zip((*record.inputs, *record.outputs), (*record.input_units, *record.output_units), strict=True))
+    units = dict(
+        zip(
+            (*record.inputs, *record.outputs),
+            (*record.input_units, *record.output_units),
+            strict=True,
+        )
+    )
     u = [record.channel(name) for name in inputs]
     return Record(
         t=record.t,
@@ -242,15 +288,23 @@ def selected(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ...]) 
 
 
 def canonical(tree):
-    """Bring every numeric leaf to one dtype, so that numbers, weak types and float32 do not compile anew."""
-    return jax.tree.map(lambda leaf: _float(leaf) if _is_number(leaf) else leaf, tree)
+    """Convert every numeric leaf to one dtype, so that numbers, weak types and float32 do not cause
+    another compilation.
+    """
+    return jax.tree.map(lambda leaf: as_float(leaf) if _is_number(leaf) else leaf, tree)
 
 
-def _float(leaf):
-    """A number as an array of JAX's widest float; one of another type goes through NumPy, which compiles no conversion."""
-    known = isinstance(leaf, Tracer) or (isinstance(leaf, jax.Array) and leaf.dtype == float and not leaf.weak_type)
-    return jnp.asarray(leaf if known else np.asarray(leaf, float), float)
+def as_float(numbers):
+    """Return numbers as one array of JAX's widest float, strongly typed.
+
+    Concrete numbers are converted by NumPy, which needs no compilation.
+    """
+    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(numbers))
+    known = isinstance(numbers, jax.Array) and numbers.dtype == float and not numbers.weak_type
+    return jnp.asarray(numbers if traced or known else np.asarray(numbers, float), float)
 
 
 def _is_number(leaf) -> bool:
-    return not isinstance(leaf, bool) and (isinstance(leaf, int | float | np.floating) or eqx.is_inexact_array(leaf))
+    return not isinstance(leaf, bool) and (
+        isinstance(leaf, int | float | np.floating) or eqx.is_inexact_array(leaf)
+    )

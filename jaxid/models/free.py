@@ -1,4 +1,4 @@
-"""`Free`: which parameters are free, shared by all records or one per record; `Parameters`: their values."""
+"""`Free`: selection of free parameters, shared or one per record; `Parameters`: their values."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal
@@ -18,7 +18,7 @@ INITIAL_STATE = "initial_state"
 
 
 class Parameters(eqx.Module):
-    """Values of free parameters: one vector that all records share, and one row per record.
+    """Values of free parameters: one vector for all records, and one row per record.
 
     Attributes:
         shared: values in the order of `Free.shared`.
@@ -30,16 +30,17 @@ class Parameters(eqx.Module):
 
 
 class Positions(eqx.Module):
-    """Where free parameters stand in the flat vector of a model followed by its initial state.
+    """Positions of free parameters in the flat vector of a model followed by its initial state.
 
-    Positions are data, not structure: another selection of the same size does not compile again, and a position beyond the
-    vector is a column that is switched off. Structure is only in which leaves of the model they may point: all others are
-    constants to a derivative, so that a table of thousands of numbers costs it nothing while none of them is free.
+    Positions are data, not structure: another selection of the same size does not cause another
+    compilation, and a position beyond the vector is a column that is switched off. Only the leaves
+    of the model to which positions may refer are structure. All other leaves are constants in a
+    derivative, so that a table of thousands of numbers adds no cost while none of them is free.
 
     Attributes:
         shared: positions of parameters with one value for all records.
         rows: positions of parameters with one value per record.
-        leaves: numbers of the leaves that hold any of them, the initial state last.
+        leaves: indices of the leaves with free parameters; the last leaf is the initial state.
     """
 
     shared: Int[Array, " parameter"]
@@ -48,15 +49,13 @@ class Positions(eqx.Module):
 
 
 class Free(eqx.Module):
-    """Which parameters of a model are free.
-
-    Build it with `free`.
+    """Selection of the free parameters of a model, built with `free`.
 
     Attributes:
         shared: names of parameters with one value for all records.
         per_record: names of parameters with one value for each record.
-        lower, upper: bounds by name; a name that is absent has none.
-        scale: typical sizes by name; a name that is absent is scaled by its own sensitivity (Eq. 4.25).
+        lower, upper: bounds by name; a missing name has no bounds.
+        scale: typical sizes by name; a missing name is scaled by its sensitivity (Eq. 4.25).
         prior: mean and standard deviation of a Gaussian prior by name, for shared parameters.
     """
 
@@ -68,15 +67,23 @@ class Free(eqx.Module):
     prior: dict[str, tuple[Float[Array, ""], Float[Array, ""]]] = eqx.field(default_factory=dict)
 
     def positions(self, model: AbstractModel) -> Positions:
-        """Where the free parameters stand in the model's flat vector with the initial state behind it."""
+        """Positions of the free parameters in the model's flat vector followed by the initial
+        state.
+        """
         available = all_names(model)
         index = {name: position for position, name in enumerate(available)}
         require_known("parameter", self.shared + self.per_record, available)
         shared, rows = ([index[name] for name in names] for names in (self.shared, self.per_record))
-        return Positions(jnp.array(shared, int), jnp.array(rows, int), leaves_at(model, np.array(shared + rows, int)))
+        return Positions(
+            jnp.array(shared, int),
+            jnp.array(rows, int),
+            leaves_at(model, np.array(shared + rows, int)),
+        )
 
-    def bounds(self, which: Literal["shared", "per_record"]) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
-        """Lower and upper bounds as vectors, infinite where there are none."""
+    def bounds(
+        self, which: Literal["shared", "per_record"]
+    ) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
+        """Lower and upper bounds as vectors, infinite for parameters without bounds."""
         names = getattr(self, which)
         lower = jnp.array([self.lower.get(name, -jnp.inf) for name in names], float)
         return lower, jnp.array([self.upper.get(name, jnp.inf) for name in names], float)
@@ -90,78 +97,94 @@ def free(
     scale: Mapping[str, float] | None = None,
     prior: Mapping[str, tuple[float, float]] | None = None,
 ) -> Free:
-    """Name the parameters that the data shall determine; all others keep the model's values.
+    """Return the selection of the named parameters; all others keep the model's values.
 
     Args:
-        model: the model that holds them.
-        names: dotted names of shared parameters; the name of a group (`A`, `aero.Cm`) stands for all its elements.
-        per_record: names with one value per record; `"initial_state"` is the state at each record's first sample.
-        bounds: (lowest, highest) by name; None is no bound.
+        model: the model with these parameters.
+        names: dotted names of shared parameters; the name of a group (`A`, `aero.Cm`) selects all
+            its elements.
+        per_record: names with one value per record; `"initial_state"` is the state at each record's
+            first sample.
+        bounds: (lowest, highest) by name; None means no bound.
         scale: typical size by name, in place of the scaling by sensitivity (Eq. 4.25).
-        prior: (mean, standard deviation) by name, of an independent Gaussian prior on a shared parameter.
+        prior: (mean, standard deviation) by name, of an independent Gaussian prior on a shared
+            parameter.
 
     Returns:
-        The selection, with groups written out.
+        The selection, with groups replaced by the names of their elements.
 
     Raises:
-        InputError: for a name that does not exist (the names that do are listed) or is given twice, bounds that are empty or
-            that the model's value violates, a scale or standard deviation that is not positive.
+        InputError: for a name that does not exist (the message lists the existing names) or is
+            given twice, bounds that are empty or exclude the model's value, a scale or standard
+            deviation that is not positive.
     """
     available = all_names(model)
     shared = _expand(names, available)
     rows = _expand(per_record, available)
     require_unique("free parameter", shared + rows)
-    require(bool(shared or rows), "No parameter is free, so there is nothing to estimate. Name at least one.")
+    require(
+        bool(shared or rows),
+        "No parameter is free, so there is nothing to estimate. Name at least one.",
+    )
     lower, upper = _checked_bounds(model, bounds or {}, shared + rows)
-    for option, values in (("scale", scale or {}), ("prior", {n: s for n, (_, s) in (prior or {}).items()})):
-        require_known(f"free parameter (in `{option}`)", values, shared + (rows if option == "scale" else ()))
-        for name, value in values.items():
-            require(
-                bool(np.isfinite(value) and value > 0),
-                f"The {option} of {name!r} is {value}; it must be positive and finite.",
-            )
-    return Free(shared, rows, lower, upper, canonical(dict(scale or {})), canonical(dict(prior or {})))
+    scale, prior = dict(scale or {}), dict(prior or {})
+    _require_positive("scale", scale, shared + rows)
+    _require_positive("prior", {name: deviation for name, (_, deviation) in prior.items()}, shared)
+    return Free(shared, rows, lower, upper, canonical(scale), canonical(prior))
 
 
 def all_names(model: AbstractModel) -> tuple[str, ...]:
-    """All that can be free: the model's parameters, then its initial state, `initial_state.<state>`."""
+    """Names of all parameters that can be free: the model's parameters, then its initial state,
+    `initial_state.<state>`.
+    """
     return parameter_names(model) + tuple(f"{INITIAL_STATE}.{state}" for state in model.states)
 
 
-def start(model: AbstractModel, positions: Positions, records: Record) -> Parameters:
-    """Starting values: the model's own, and for initial states what `model.initial_state` reads from each record."""
+def initial_parameters(model: AbstractModel, positions: Positions, records: Record) -> Parameters:
+    """Starting values: the values of the model, and initial states from `model.initial_state` of
+    each record.
+    """
     flat = flat_vectors(model, records)
     shared = flat[0][positions.shared] if positions.shared.size else jnp.zeros(0)
     return Parameters(shared, flat[:, positions.rows])
 
 
 def flat_vectors(model: AbstractModel, records: Record) -> Float[Array, "case flat"]:
-    """For each record the flat vector of everything: the model's parameters, and its initial state.
+    """Flat vector of the model's parameters and the initial state, for each record.
 
-    Constants of the record that are called as a parameter take its place; others are there for `model.initial_state`."""
+    A constant of the record with the name of a parameter replaces its value. Other constants are
+    available to `model.initial_state`.
+    """
     return _flat_vectors(model, records.anonymous())
 
 
 @eqx.filter_jit
 def _flat_vectors(model: AbstractModel, records: Record) -> Float[Array, "case flat"]:
-    """Compiled: an aircraft that reads its state from a record, one operation at a time, compiles a hundred small programs."""
+    """Flat vectors (jitted): without jit, the initial state of an aircraft would compile a hundred
+    small programs, one per operation.
+    """
     vector, unflatten = flatten(model)
     names = parameter_names(model)
     known = [name for name in records.constants if name in names]
     at = np.array([names.index(name) for name in known], int)
 
-    def one(record: Record):
+    def flat_vector(record: Record):
         values = jnp.stack([record.constants[name] for name in known]) if known else jnp.zeros(0)
-        own = vector.at[at].set(values)
-        return jnp.concatenate([own, jnp.asarray(unflatten(own).initial_state(record), float)])
+        parameters = vector.at[at].set(values)
+        initial_state = unflatten(parameters).initial_state(record)
+        return jnp.concatenate([parameters, jnp.asarray(initial_state, float)])
 
-    return jax.vmap(one)(records)
+    return jax.vmap(flat_vector)(records)
 
 
 def leaves_at(model: AbstractModel, positions: Int[np.ndarray, " p"]) -> tuple[int, ...]:
-    """Numbers of the model's array leaves that stand at these positions of its flat vector, the initial state last."""
+    """Indices of the model's array leaves at these positions of its flat vector; the initial state
+    counts as the last leaf.
+    """
     sizes = [leaf.size for leaf in array_leaves(canonical(model))] + [len(model.states)]
-    return tuple(int(leaf) for leaf in np.unique(np.repeat(np.arange(len(sizes)), sizes)[positions]))
+    return tuple(
+        int(leaf) for leaf in np.unique(np.repeat(np.arange(len(sizes)), sizes)[positions])
+    )
 
 
 def insert(
@@ -171,8 +194,12 @@ def insert(
     shared: Float[Array, " p"],
     rows: Float[Array, " r"],
 ) -> tuple[AbstractModel, Float[Array, " state"]]:
-    """The model and the initial state with the given values at their positions of a record's flat vector."""
-    filled = flat.at[positions.rows].set(rows, mode="drop").at[positions.shared].set(shared, mode="drop")
+    """Return the model and the initial state of a record's flat vector, with the given values at
+    the positions of the free parameters.
+    """
+    filled = (
+        flat.at[positions.rows].set(rows, mode="drop").at[positions.shared].set(shared, mode="drop")
+    )
     leaves, at = [], 0
     for number, leaf in enumerate(array_leaves(model)):
         source = filled if number in positions.leaves else flat
@@ -182,28 +209,44 @@ def insert(
     return with_array_leaves(model, leaves), initial_state
 
 
-def with_values(model: AbstractModel, names: Sequence[str], values: Float[Array, " p"]) -> AbstractModel:
+def with_values(
+    model: AbstractModel, names: Sequence[str], values: Float[Array, " p"]
+) -> AbstractModel:
     """The model with new values of the named parameters."""
     model = canonical(model)
     available = parameter_names(model)
     require_known("parameter", names, available)
     vector, unflatten = flatten(model)
-    return unflatten(vector.at[np.array([available.index(name) for name in names], int)].set(values))
+    return unflatten(
+        vector.at[np.array([available.index(name) for name in names], int)].set(values)
+    )
 
 
 def _expand(names: Sequence[str], available: tuple[str, ...]) -> tuple[str, ...]:
-    """Write groups out: a name stands for itself, or for all names below it."""
+    """Replace the names of groups by the names of their elements."""
     expanded: list[str] = []
     for name in names:
-        below = [full for full in available if full == name or full.startswith((f"{name}.", f"{name}["))]
+        below = [
+            full for full in available if full == name or full.startswith((f"{name}.", f"{name}["))
+        ]
         if not below:
             require_known("parameter", [name], available)
         expanded.extend(below)
     return tuple(expanded)
 
 
+def _require_positive(option: str, values: Mapping[str, float], names: tuple[str, ...]) -> None:
+    """Refuse numbers of an option that are not positive, or of parameters that are not free."""
+    require_known(f"free parameter (in `{option}`)", values, names)
+    for name, value in values.items():
+        require(
+            bool(np.isfinite(value) and value > 0),
+            f"The {option} of {name!r} is {value}; it must be positive and finite.",
+        )
+
+
 def _checked_bounds(model: AbstractModel, bounds: Mapping, names: tuple[str, ...]):
-    """Bounds as two dictionaries, refused where they are empty or exclude the model's own value."""
+    """Bounds as two dictionaries; empty bounds or bounds without the model's value are refused."""
     require_known("free parameter (in `bounds`)", bounds, names)
     model = canonical(model)
     current = dict(zip(parameter_names(model), np.asarray(flatten(model)[0]), strict=True))
@@ -215,7 +258,8 @@ def _checked_bounds(model: AbstractModel, bounds: Mapping, names: tuple[str, ...
         value = current.get(name)
         if value is not None and not low <= float(value) <= high:
             raise InputError(
-                f"The starting value of {name!r}, {float(value):g}, lies outside its bounds ({low:g}, {high:g}). Start inside."
+                f"The starting value of {name!r}, {float(value):g}, lies outside its bounds "
+                f"({low:g}, {high:g}). Start inside."
             )
         lower[name], upper[name] = jnp.asarray(low, float), jnp.asarray(high, float)
     return lower, upper

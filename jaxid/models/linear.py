@@ -1,4 +1,4 @@
-"""Linear time-invariant models, whose exact solutions hold the rest of the library to account."""
+"""Linear time-invariant models; their exact solutions are references for tests of the library."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -31,8 +31,10 @@ class LinearModel(AbstractModel):
         n, m, p = len(states), len(inputs), len(outputs)
         self.A, self.B, self.C, self.D = (jnp.asarray(matrix, float) for matrix in (A, B, C, D))
         for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (p, n)), ("D", (p, m))):
-            found = getattr(self, name).shape
-            require(found == shape, f"{name} has shape {found}, but the channel names ask for {shape}.")
+            actual = getattr(self, name).shape
+            require(
+                actual == shape, f"{name} has shape {actual}, but the channel names need {shape}."
+            )
         self.states, self.inputs, self.outputs = tuple(states), tuple(inputs), tuple(outputs)
 
     def rhs(self, t, x, u):

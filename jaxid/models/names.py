@@ -1,8 +1,9 @@
-"""Dotted names of a model's parameters, and the one flat vector in which they stand.
+"""Dotted names of a model's parameters, and the flat vector of their values.
 
-A name is the path of attributes to an array leaf, then the element: `k`, `A[0,1]`, `Cm.alpha^2`. A module shapes its names by
-two optional class attributes: `transparent`, fields whose own name is left out of the path (a wrapper's inner model), and
-`element_names`, a property that maps an array field to the names of its elements (a polynomial's terms).
+A name is the path of attributes to an array leaf, then the element: `k`, `A[0,1]`, `Cm.alpha^2`. A
+module controls its names by two optional class attributes: `transparent`, fields whose name is left
+out of the path (a wrapper's inner model), and `element_names`, a property that maps an array field
+to the names of its elements (a polynomial's terms).
 """
 
 import dataclasses
@@ -37,49 +38,66 @@ def parameter_names(model) -> tuple[str, ...]:
 
 
 def flatten(model):
-    """The flat vector of a model's parameters and the function that puts a vector back: `(vector, unflatten)`."""
-    arrays, rest = eqx.partition(model, eqx.is_inexact_array)
+    """Return `(vector, unflatten)`: the flat vector of a model's parameters, and the function that
+    returns the model for such a vector.
+    """
+    arrays, static = eqx.partition(model, eqx.is_inexact_array)
     vector, unravel = ravel_pytree(arrays)
-    return vector.astype(float), lambda values: eqx.combine(unravel(values), rest)
+    return vector.astype(float), lambda values: eqx.combine(unravel(values), static)
 
 
 def array_leaves(model) -> list[Array]:
-    """The array leaves of a model, in the order in which they stand in its flat vector."""
+    """The array leaves of a model, in the order of its flat vector."""
     return jax.tree.leaves(eqx.filter(model, eqx.is_inexact_array))
 
 
 def with_array_leaves(model, leaves: list[Array]):
     """The model with other array leaves, in the same order."""
-    arrays, rest = eqx.partition(model, eqx.is_inexact_array)
-    return eqx.combine(jax.tree.unflatten(jax.tree.structure(arrays), leaves), rest)
+    arrays, static = eqx.partition(model, eqx.is_inexact_array)
+    return eqx.combine(jax.tree.unflatten(jax.tree.structure(arrays), leaves), static)
 
 
-def read(model, names: tuple[str, ...]) -> Float[Array, " parameter"]:
+def read_parameters(model, names: tuple[str, ...]) -> Float[Array, " parameter"]:
     """Values of the named parameters."""
     available = parameter_names(model)
     return flatten(model)[0][np.array([available.index(name) for name in names], int)]
 
 
 def _walk(node, prefix: str) -> Iterator[str]:
-    """Names below one node, in the order in which `jax.tree` visits its leaves."""
+    """Names of the parameters below a node, in the order of the leaves of `jax.tree`."""
     if isinstance(node, eqx.Module):
-        transparent = getattr(node, "transparent", ())
-        elements = getattr(node, "element_names", {})
-        for field in dataclasses.fields(node):
-            if field.metadata.get("static", False):
-                continue
-            child = getattr(node, field.name, None)
-            if field.name in elements:
-                yield from (f"{prefix}.{name}".lstrip(".") for name in elements[field.name])
-            else:
-                yield from _walk(child, prefix if field.name in transparent else f"{prefix}.{field.name}".lstrip("."))
+        yield from _walk_fields(node, prefix)
     elif isinstance(node, tuple | list):
         for index, child in enumerate(node):
-            yield from _walk(child, f"{prefix}.{getattr(child, 'name', index)}".lstrip("."))
+            yield from _walk(child, _below(prefix, getattr(child, "name", index)))
     elif isinstance(node, dict):
         for key in sorted(node):
-            yield from _walk(node[key], f"{prefix}.{key}".lstrip("."))
-    elif eqx.is_inexact_array(node) or (isinstance(node, float | int) and not isinstance(node, bool)):
-        shape = jnp.shape(node)
-        for index in itertools.product(*map(range, shape)):
-            yield prefix + (f"[{','.join(map(str, index))}]" if shape else "")
+            yield from _walk(node[key], _below(prefix, key))
+    elif eqx.is_inexact_array(node) or (
+        isinstance(node, float | int) and not isinstance(node, bool)
+    ):
+        yield from _elements(prefix, jnp.shape(node))
+
+
+def _walk_fields(module: eqx.Module, prefix: str) -> Iterator[str]:
+    """Names below the fields of a module, with its `transparent` and `element_names`."""
+    transparent = getattr(module, "transparent", ())
+    elements = getattr(module, "element_names", {})
+    for field in dataclasses.fields(module):
+        if field.metadata.get("static", False):
+            continue
+        if field.name in elements:
+            yield from (_below(prefix, name) for name in elements[field.name])
+        else:
+            inner = prefix if field.name in transparent else _below(prefix, field.name)
+            yield from _walk(getattr(module, field.name, None), inner)
+
+
+def _elements(prefix: str, shape: tuple[int, ...]) -> Iterator[str]:
+    """Names of the elements of an array; the name of a scalar is the prefix."""
+    for index in itertools.product(*map(range, shape)):
+        yield prefix + (f"[{','.join(map(str, index))}]" if shape else "")
+
+
+def _below(prefix: str, name) -> str:
+    return f"{prefix}.{name}".lstrip(".")

@@ -1,6 +1,9 @@
-"""Noise models: the covariance R of the measurement noise, known or estimated with everything else (Eq. 4.4, A.63)."""
+"""Noise models: the covariance R of the measurement noise, known or estimated with the parameters
+(Eq. 4.4, A.63).
+"""
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,11 +14,16 @@ from .._foundation.types import Array, Bool, Float
 
 
 class AbstractNoise(eqx.Module):
-    """Covariance of white measurement noise, and the misfit that goes with it.
+    """Covariance of white measurement noise, and the corresponding cost.
 
-    A noise model turns residuals `v` into a Cholesky factor `L` of `R = L L'`, and into the negative log-likelihood that a
-    search judges.
+    A noise model computes from residuals `v` a Cholesky factor `L` of `R = L L'`, and the negative
+    log-likelihood that a search minimises.
+
+    Attributes:
+        is_known: True if R is given, False if it is estimated from the residuals.
     """
+
+    is_known: eqx.AbstractClassVar[bool]
 
     @abc.abstractmethod
     def cholesky(
@@ -24,11 +32,13 @@ class AbstractNoise(eqx.Module):
         """Cholesky factor of R for these residuals."""
 
     @abc.abstractmethod
-    def cost(self, v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]) -> Float[Array, ""]:
+    def cost(
+        self, v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]
+    ) -> Float[Array, ""]:
         """Negative log-likelihood, without the constant `N/2 log 2 pi`."""
 
     def check(self, mask: Bool[Array, "case time output"], outputs: tuple[str, ...]) -> None:
-        """Refuse data that this noise model cannot serve."""
+        """Refuse data that this noise model does not support."""
 
 
 class FixedNoise(AbstractNoise):
@@ -39,6 +49,8 @@ class FixedNoise(AbstractNoise):
     """
 
     R: Float[Array, "output output"]
+
+    is_known: ClassVar[bool] = True
 
     def __init__(self, R):
         R = jnp.asarray(R, float)
@@ -55,21 +67,26 @@ class FixedNoise(AbstractNoise):
     def check(self, mask, outputs):
         require(
             self.R.shape == (len(outputs), len(outputs)),
-            f"R has shape {self.R.shape}, but there are {len(outputs)} outputs ({', '.join(outputs)}).",
+            f"R has shape {self.R.shape}, but there are {len(outputs)} outputs "
+            f"({', '.join(outputs)}).",
         )
         require(
             bool(jnp.all(jnp.isfinite(jnp.linalg.cholesky(self.R)))),
-            "R is not positive definite. Give variances, not standard deviations, and none of them zero.",
+            "R is not positive definite. Give variances, not standard deviations, and none of them "
+            "zero.",
         )
         off_diagonal = bool(jnp.any(jnp.diag(jnp.diagonal(self.R)) != self.R))
         require(not off_diagonal or not _gaps(mask), _GAPS.format(where=_gap_names(mask, outputs)))
 
 
 class DiagonalNoise(AbstractNoise):
-    """R unknown and diagonal, re-estimated at each iteration: `R = diag(1/N sum v v')` (Eq. 4.4), `J = sum_j N_j/2 log R_j`.
+    """R unknown and diagonal, re-estimated at each iteration: `R = diag(1/N sum v v')` (Eq. 4.4),
+    `J = sum_j N_j/2 log R_j`.
 
-    Each channel counts its own valid samples, so gaps may stand anywhere.
+    `N_j` is the number of valid samples of channel j, so that gaps may be anywhere.
     """
+
+    is_known: ClassVar[bool] = False
 
     def cholesky(self, v, mask):
         return jnp.diag(jnp.sqrt(self._variances(v, mask)))
@@ -80,19 +97,26 @@ class DiagonalNoise(AbstractNoise):
 
     def _variances(self, v, mask):
         count = jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)
-        return jnp.maximum(jnp.sum(jnp.where(mask, v, 0.0) ** 2, axis=(0, 1)) / count, jnp.finfo(float).tiny)
+        return jnp.maximum(
+            jnp.sum(jnp.where(mask, v, 0.0) ** 2, axis=(0, 1)) / count, jnp.finfo(float).tiny
+        )
 
 
 class FullNoise(AbstractNoise):
-    """R unknown and full, re-estimated at each iteration: `R = 1/N sum v v'` (A.63), `J = N/2 log det R`.
+    """R unknown and full, re-estimated at each iteration: `R = 1/N sum v v'` (A.63), `J = N/2 log
+    det R`.
 
-    A sample counts only when all channels are valid; gaps in single channels are refused, because R then has no closed form.
+    A sample counts only when all channels are valid; gaps in single channels are refused, because R
+    then has no closed form.
     """
 
+    is_known: ClassVar[bool] = False
+
     def cholesky(self, v, mask):
-        whole = jnp.all(mask, axis=-1)
-        v = jnp.where(whole[..., None], v, 0.0)
-        return jnp.linalg.cholesky(jnp.einsum("cti,ctj->ij", v, v) / jnp.maximum(jnp.sum(whole), 1))
+        complete = jnp.all(mask, axis=-1)
+        v = jnp.where(complete[..., None], v, 0.0)
+        count = jnp.maximum(jnp.sum(complete), 1)
+        return jnp.linalg.cholesky(jnp.einsum("cti,ctj->ij", v, v) / count)
 
     def cost(self, v, mask):
         count = jnp.sum(jnp.all(mask, axis=-1))
@@ -108,7 +132,7 @@ def whiten(
     rows: Float[Array, "case time output *column"],
     mask: Bool[Array, "case time output"],
 ) -> Float[Array, "case time output *column"]:
-    """Rows in units of the noise, `L^-1 rows`, zero where there is no valid sample.
+    """Return `L^-1 rows`, the rows in units of the noise, zero where there is no valid sample.
 
     Args:
         L: Cholesky factor of R.
@@ -117,15 +141,15 @@ def whiten(
     """
     shape = mask.shape + (1,) * (rows.ndim - mask.ndim)
     rows = jnp.where(mask.reshape(shape), rows, 0.0)
-    # L is as small as the number of outputs: its inverse costs nothing, while XLA solves long batched rows a hundred
-    # times slower than it multiplies them.
+    # L has the size of the number of outputs, so that its inverse is cheap. For long batched rows
+    # XLA solves a hundred times slower than it multiplies.
     inverse = solve_triangular(L, jnp.eye(L.shape[0]), lower=True)
     return jnp.where(mask.reshape(shape), jnp.einsum("ij,ctj...->cti...", inverse, rows), 0.0)
 
 
 _GAPS = (
-    "A full R has no closed form where single channels miss samples ({where}). Use DiagonalNoise(), or mark the whole "
-    "sample as missing."
+    "A full R has no closed form where single channels miss samples ({where}). Use "
+    "DiagonalNoise(), or mark these samples as missing in all channels."
 )
 
 
@@ -135,4 +159,6 @@ def _gaps(mask) -> bool:
 
 def _gap_names(mask, outputs) -> str:
     gaps = jnp.sum(jnp.any(mask, axis=-1)[..., None] & ~mask, axis=(0, 1))
-    return ", ".join(f"{name}: {int(count)} missing" for name, count in zip(outputs, gaps, strict=True) if count)
+    return ", ".join(
+        f"{name}: {int(count)} missing" for name, count in zip(outputs, gaps, strict=True) if count
+    )

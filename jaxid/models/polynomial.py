@@ -1,4 +1,6 @@
-"""Polynomials in named signals: the form in which the report writes every coefficient (Eq. 3.9), with |x| and splines."""
+"""Polynomials in named signals, the report's form of every coefficient (Eq. 3.9), with |x| and
+splines.
+"""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -10,28 +12,30 @@ import numpy as np
 
 from .._foundation.checks import InputError, require, require_known
 from .._foundation.types import Array, Float
-from .differences import with_differences
+from .signal_dependence import with_differences
 
-# A factor: `alpha`, `|alpha|`, `(alpha-0.26)+` or `(x-y)`, and a whole power.
-NAME, NUMBER = r"[^\s^|()+-]+", r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
-DIFFERENCE = rf"{NAME}-(?!(?:{NUMBER})[)|]){NAME}"
-FACTOR = re.compile(
-    rf"(?P<base>\|(?P<size>{DIFFERENCE}|{NAME})\||\((?P<cut>{NAME})(?P<knot>[+-](?:{NUMBER}))\)\+"
-    rf"|\((?P<difference>{DIFFERENCE})\)|(?P<plain>[^\s^|()]+))(?:\^(?P<power>[1-9]\d*))?"
+# A factor: `alpha`, `|alpha|`, `(alpha-0.26)+` or `(x-y)`, and an integer power.
+NAME_PATTERN, NUMBER_PATTERN = r"[^\s^|()+-]+", r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
+DIFFERENCE_PATTERN = rf"{NAME_PATTERN}-(?!(?:{NUMBER_PATTERN})[)|]){NAME_PATTERN}"
+FACTOR_PATTERN = re.compile(
+    rf"(?P<base>\|(?P<size>{DIFFERENCE_PATTERN}|{NAME_PATTERN})\|"
+    rf"|\((?P<cut>{NAME_PATTERN})(?P<knot>[+-](?:{NUMBER_PATTERN}))\)\+"
+    rf"|\((?P<difference>{DIFFERENCE_PATTERN})\)|(?P<plain>[^\s^|()]+))(?:\^(?P<power>[1-9]\d*))?"
 )
 
 
 class Polynomial(eqx.Module):
     r"""A sum of monomials in named signals, `p = sum_k c_k prod_s (s - centre_s)^n_ks` (Eq. 3.9).
 
-    Terms are written as they are read: `"1"`, `"alpha"`, `"alpha^2"`, `"alpha q"`; `"|beta| beta"` with a signal's size;
-    `"(alpha-0.26)+^2"`, zero below the knot and the square of the distance above it, which makes a spline; `"(x-y)^3"` with the
-    difference of two signals. A coefficient's dotted name ends in its term: `Cm.alpha^2`; a centre is called `Cm.centre.alpha`.
+    Examples of terms are `"1"`, `"alpha"`, `"alpha^2"`, `"alpha q"`; `"|beta| beta"` with the
+    absolute value of a signal; the spline term `"(alpha-0.26)+^2"`, zero below the knot and the
+    square of the distance above it; `"(x-y)^3"` with the difference of two signals. A coefficient's
+    dotted name ends in its term, as in `Cm.alpha^2`; the name of a centre is `Cm.centre.alpha`.
 
     Args:
         coefficients: value by term.
-        centre: by signal, what is taken from it before anything else, so also before its size and before the distance from
-            a knot [the signal's unit]; the other signals stay as they are.
+        centre: value by signal that is subtracted from the signal first, before absolute values and
+            distances from a knot [the signal's unit]; other signals are not changed.
     """
 
     coefficients: Float[Array, " term"]
@@ -40,10 +44,16 @@ class Polynomial(eqx.Module):
 
     transparent: ClassVar[tuple[str, ...]] = ("coefficients",)
 
-    def __init__(self, coefficients: Mapping[str, float], centre: Mapping[str, float | Float[Array, ""]] | None = None):
+    def __init__(
+        self,
+        coefficients: Mapping[str, float],
+        centre: Mapping[str, float | Float[Array, ""]] | None = None,
+    ):
         self.terms = tuple(coefficients)
         self.coefficients = jnp.array([coefficients[term] for term in self.terms], float)
-        self.centre = {signal: jnp.asarray(value, float) for signal, value in (centre or {}).items()}
+        self.centre = {
+            signal: jnp.asarray(value, float) for signal, value in (centre or {}).items()
+        }
 
     @property
     def element_names(self) -> dict[str, tuple[str, ...]]:
@@ -53,7 +63,7 @@ class Polynomial(eqx.Module):
         """The value at an instant.
 
         Raises:
-            InputError: when a term names a signal that is not there.
+            InputError: when `signals` has no signal that a term needs.
         """
         return jnp.dot(self.coefficients, monomials(self.terms, signals, self.centre))
 
@@ -63,40 +73,56 @@ def monomials(
     signals: Mapping[str, Float[Array, ""]],
     centre: Mapping[str, Float[Array, ""]] | None = None,
 ) -> Float[Array, " term"]:
-    """The values of terms such as `"alpha^2 q"`, all at once: few operations however many terms there are.
+    """Return the values of terms such as `"alpha^2 q"`, shape (term,).
 
-    Integer powers are products, so that they have a derivative at zero.
+    The number of operations depends on the largest degree, not on the number of terms. Integer
+    powers are products, so that they have a derivative at zero.
 
     Args:
-        terms: products of powers of signals, of their differences, of sizes and of distances above a knot; `"1"` for a constant.
+        terms: products of powers of signals, of their differences, of absolute values and of
+            distances above a knot; `"1"` for a constant.
         signals: scalars by name.
-        centre: by signal, what is taken from it first; nothing by default.
+        centre: value by signal that is subtracted first; zero by default.
 
     Raises:
-        InputError: when a term cannot be read, or names a signal that is not there.
+        InputError: when a term cannot be parsed, or `signals` has no signal that a term needs.
     """
     products = [[base for base, power in factors(term) for _ in range(power)] for term in terms]
     bases = sorted({base for product in products for base in product})
     used = signals_in(terms)
-    centred = {name: signals[name] - value for name, value in (centre or {}).items() if name in signals}
-    signals = with_differences({**signals, **centred}, used)
+    signals = with_differences(_centred(signals, centre or {}), used)
     require_known("signal", used, signals)
-    ladder = jnp.stack([jnp.ones(()), *(_value(_parse(base), signals) for base in bases)])
+    values = jnp.stack([jnp.ones(()), *(_value(_parse(base), signals) for base in bases)])
+    result = jnp.ones(len(terms))
+    for indices in _factor_indices(products, bases):
+        result = result * values[indices]
+    return result
+
+
+def _centred(
+    signals: Mapping[str, Float[Array, ""]], centre: Mapping[str, Float[Array, ""]]
+) -> dict[str, Float[Array, ""]]:
+    """Signals minus their centres; signals without a centre are not changed."""
+    differences = {name: signals[name] - value for name, value in centre.items() if name in signals}
+    return {**signals, **differences}
+
+
+def _factor_indices(products: list[list[str]], bases: list[str]) -> np.ndarray:
+    """Index of each factor of each product, shape (degree, product); 0 is a factor of one."""
     degree = max(map(len, products), default=0)
-    rungs = np.zeros((degree, len(terms)), int)
+    indices = np.zeros((degree, len(products)), int)
     for column, product in enumerate(products):
-        rungs[: len(product), column] = [1 + bases.index(base) for base in product]
-    value = jnp.ones(len(terms))
-    for rung in rungs:
-        value = value * ladder[rung]
-    return value
+        indices[: len(product), column] = [1 + bases.index(base) for base in product]
+    return indices
 
 
 def factors(term: str) -> tuple[tuple[str, int], ...]:
-    """The factors of a term: `"alpha^2 |q|"` gives `(("alpha", 2), ("|q|", 1))`, and `"1"` gives none.
+    """Return the factors of a term with their powers.
+
+    The factors of `"alpha^2 |q|"` are `(("alpha", 2), ("|q|", 1))`; `"1"` has none.
 
     Raises:
-        InputError: when the term cannot be read.
+        InputError: when the term cannot be parsed.
     """
     if term == "1":
         return ()
@@ -107,46 +133,60 @@ def factors(term: str) -> tuple[tuple[str, int], ...]:
 
 
 def require_readable(names: Iterable[str]) -> None:
-    """Refuse names of signals that no term can hold.
+    """Refuse names of signals that cannot be part of a term.
 
     Raises:
-        InputError: it names the signal.
+        InputError: for the first such name.
     """
     for name in names:
         require(
-            re.fullmatch(NAME, name) is not None,
-            f"The name {name!r} cannot stand in a term: it holds a blank or one of ^ | ( ) + -. Rename the channel, as in "
+            re.fullmatch(NAME_PATTERN, name) is not None,
+            f"The name {name!r} cannot be used in a term: it has a blank or one of ^ | ( ) + -. "
+            "Rename the channel, as in "
             f"{re.sub(r'[^0-9A-Za-z_.]+', '_', name).strip('_') or 'x'!r}.",
         )
 
 
 def next_powers(term: str) -> tuple[str, ...]:
-    """The term with one factor more of each that it has: `"alpha^2 q"` gives `("alpha^3 q", "alpha^2 q^2")`.
+    """Return the terms in which the power of one factor is increased by one.
+
+    The result for `"alpha^2 q"` is `("alpha^3 q", "alpha^2 q^2")`.
 
     Raises:
-        InputError: when the term cannot be read.
+        InputError: when the term cannot be parsed.
     """
-    own = factors(term)
+    term_factors = factors(term)
 
-    def written(raised: str) -> str:
-        powers = ((base, power + (base == raised)) for base, power in own)
+    def with_next_power(raised: str) -> str:
+        powers = ((base, power + (base == raised)) for base, power in term_factors)
         return " ".join(base if power == 1 else f"{base}^{power}" for base, power in powers)
 
-    return tuple(written(base) for base in dict.fromkeys(base for base, _ in own))
+    return tuple(with_next_power(base) for base in dict.fromkeys(base for base, _ in term_factors))
 
 
 def signals_in(terms: Iterable[str]) -> tuple[str, ...]:
-    """Names of the signals in terms, sorted: those of `"|beta| beta"`, `"(alpha-0.26)+"` and `"(x-y)^3"` are alpha, beta, x-y."""
+    """Return the sorted names of the signals in terms.
+
+    The signals of `"|beta| beta"`, `"(alpha-0.26)+"` and `"(x-y)^3"` are alpha, beta, x-y.
+    """
     return tuple(sorted({_parse(base).signal for term in terms for base, _ in factors(term)}))
 
 
 def factor_of(signal: str) -> str:
-    """A signal as a factor of a term: a difference in brackets."""
-    return f"({signal})" if re.fullmatch(DIFFERENCE, signal) else signal
+    """Return a signal as a factor of a term, with a difference in brackets."""
+    return f"({signal})" if re.fullmatch(DIFFERENCE_PATTERN, signal) else signal
 
 
 class _Factor(NamedTuple):
-    """One factor of a term: `base` is its text without the power; a knot makes it the distance above, `size` its size."""
+    """One factor of a term.
+
+    Attributes:
+        base: its text without the power.
+        signal: its signal.
+        size: True for the absolute value of the signal.
+        knot: knot of a distance above a knot; None for another factor.
+        power: its power.
+    """
 
     base: str
     signal: str
@@ -156,23 +196,24 @@ class _Factor(NamedTuple):
 
 
 def _parse(factor: str) -> _Factor:
-    found = FACTOR.fullmatch(factor)
-    if not found:
+    match = FACTOR_PATTERN.fullmatch(factor)
+    if not match:
         raise InputError(
-            f"The factor {factor!r} cannot be read. Write a signal as alpha, its size as |alpha|, its distance above a knot as "
-            "(alpha-0.26)+ or (alpha+0.1)+, a difference as (x-y), each with a whole power as alpha^2, and put blanks between "
-            "factors only."
+            f"The factor {factor!r} cannot be read. Write a signal as alpha, its absolute value as "
+            "|alpha|, its distance above a knot as (alpha-0.26)+ or (alpha+0.1)+, a difference as "
+            "(x-y), each with an integer power as in alpha^2, and blanks between factors only."
         )
-    signal = found["size"] or found["cut"] or found["difference"] or found["plain"]
-    knot = None if found["knot"] is None else -float(found["knot"])
-    return _Factor(found["base"], signal, found["size"] is not None, knot, int(found["power"] or 1))
+    signal = match["size"] or match["cut"] or match["difference"] or match["plain"]
+    knot = None if match["knot"] is None else -float(match["knot"])
+    return _Factor(match["base"], signal, match["size"] is not None, knot, int(match["power"] or 1))
 
 
 def _value(factor: _Factor, signals: Mapping) -> Float[Array, ""]:
-    """A factor's value, without its power."""
+    """Value of a factor without its power."""
     value = signals[factor.signal]
     if factor.size:
         return jnp.abs(value)
     if factor.knot is None:
         return value
-    return jnp.where(value > factor.knot, value - factor.knot, 0.0)  # its derivative at the knot is that from below
+    # At the knot this has the derivative from below.
+    return jnp.where(value > factor.knot, value - factor.knot, 0.0)

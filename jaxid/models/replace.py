@@ -1,4 +1,4 @@
-"""Other polynomials in the place of a model's own, by dotted name."""
+"""Replacement of a model's polynomials, by dotted name."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -9,33 +9,36 @@ import equinox as eqx
 from .._foundation.checks import require_known
 from .polynomial import Polynomial
 
-Step = tuple[str, str | int]  # ("attribute" or "item", which)
+Step = tuple[str, str | int]  # ("attribute" or "item", name or index)
 Model = TypeVar("Model", bound=eqx.Module)
 
 
 def with_polynomials(model: Model, polynomials: Mapping[str, Polynomial]) -> Model:
-    """The model with other polynomials, of any terms, where it has polynomials of these names.
+    """Return the model with its polynomials of these names replaced by others, with any terms.
 
-    The name is that of the polynomial's parameters without their terms: `Cm` of an aircraft, whose coefficients are called
-    `Cm.alpha` and so on, `longitudinal.Cm` where a module that is not transparent holds it.
+    The name of a polynomial is the name of its parameters without the term: `Cm` for an aircraft
+    with the coefficients `Cm.alpha` and so on, `longitudinal.Cm` for a polynomial in a module that
+    is not transparent.
 
     Args:
         model: any module, wrappers included.
         polynomials: by dotted name.
 
     Raises:
-        InputError: when the model has no polynomial of a name; those that it has are listed.
+        InputError: when the model has no polynomial of a name; the message lists its polynomials.
     """
     paths = dict(_polynomials(model, "", ()))
     require_known("polynomial", polynomials, paths)
     if not polynomials:
         return model
     chosen = [paths[name] for name in polynomials]
-    return eqx.tree_at(lambda tree: [_at(tree, path) for path in chosen], model, list(polynomials.values()))
+    return eqx.tree_at(
+        lambda tree: [_at(tree, path) for path in chosen], model, list(polynomials.values())
+    )
 
 
 def polynomials_of(model: eqx.Module) -> dict[str, Polynomial]:
-    """The polynomials of a model by dotted name.
+    """Return the polynomials of a model by dotted name.
 
     Args:
         model: any module, wrappers included.
@@ -44,7 +47,7 @@ def polynomials_of(model: eqx.Module) -> dict[str, Polynomial]:
 
 
 def _polynomials(node, name: str, path: tuple[Step, ...]) -> Iterator[tuple[str, tuple[Step, ...]]]:
-    """Name and path of each polynomial below a node, named as `parameter_names` names what is in it."""
+    """Name and path of each polynomial below a node, with names as in `parameter_names`."""
     if isinstance(node, Polynomial):
         yield name, path
     elif isinstance(node, eqx.Module):
@@ -52,7 +55,9 @@ def _polynomials(node, name: str, path: tuple[Step, ...]) -> Iterator[tuple[str,
         for field in dataclasses.fields(node):
             if not field.metadata.get("static", False):
                 below = name if field.name in transparent else f"{name}.{field.name}".lstrip(".")
-                yield from _polynomials(getattr(node, field.name), below, (*path, ("attribute", field.name)))
+                yield from _polynomials(
+                    getattr(node, field.name), below, (*path, ("attribute", field.name))
+                )
     elif isinstance(node, tuple | list):
         for index, child in enumerate(node):
             label = getattr(child, "name", index)
@@ -63,7 +68,7 @@ def _polynomials(node, name: str, path: tuple[Step, ...]) -> Iterator[tuple[str,
 
 
 def _at(node: Any, path: tuple[Step, ...]) -> Any:
-    """What stands at a path."""
-    for kind, which in path:
-        node = getattr(node, str(which)) if kind == "attribute" else node[which]
+    """Return the node at a path."""
+    for kind, key in path:
+        node = getattr(node, str(key)) if kind == "attribute" else node[key]
     return node

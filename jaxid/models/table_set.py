@@ -1,4 +1,4 @@
-"""Many tables at once: quantities that share a grid are looked up together."""
+"""`TableSet`: tables of many quantities; quantities on the same grid share a table."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -7,20 +7,22 @@ import equinox as eqx
 import numpy as np
 
 from .._foundation.types import Array, Float
-from ..data.io_table import GridData
+from ..data.io.table import GridData
 from .tables import Extrapolation, Interpolation, Table
 
 
 class TableSet(eqx.Module):
-    """Named quantities in as few tables as there are grids. A value is called `Cm.alpha=10,beta=-5`.
+    """Named quantities in tables, one table per grid.
+
+    The name of a value is `Cm.alpha=10,beta=-5`.
 
     Args:
         grids: knots and values by name of quantity.
-        interpolation: between knots, see `Table`.
-        extrapolation: beyond them.
+        interpolation: interpolation between knots, see `Table`.
+        extrapolation: extrapolation beyond the knots.
 
     Raises:
-        InputError: when a grid cannot be a table.
+        InputError: when a grid is not valid for a table.
     """
 
     tables: tuple[Table, ...]
@@ -40,7 +42,8 @@ class TableSet(eqx.Module):
         self.tables = tuple(
             Table(
                 np.stack([grids[name].values for name in names], axis=-1),
-                *(knots, axes),
+                knots,
+                axes,
                 units=units,
                 quantities=names,
                 interpolation=interpolation,
@@ -51,11 +54,13 @@ class TableSet(eqx.Module):
 
     @property
     def element_names(self) -> dict[str, tuple[str, ...]]:
-        return {"tables": tuple(name for table in self.tables for name in table.element_names["values"])}
+        return {
+            "tables": tuple(name for table in self.tables for name in table.element_names["values"])
+        }
 
     @property
     def limits(self) -> dict[str, tuple[float, float]]:
-        """What all tables cover, by axis [SI]."""
+        """Range that all tables cover, by axis [SI]."""
         return _common([table.limits for table in self.tables])
 
     @property
@@ -70,14 +75,20 @@ class TableSet(eqx.Module):
             signals: scalars by name [SI].
 
         Raises:
-            InputError: when the signal of an axis is not there.
+            InputError: when the signal of an axis is missing.
         """
         return {
-            name: value for table in self.tables for name, value in zip(table.quantities, table(signals), strict=True)
+            name: value
+            for table in self.tables
+            for name, value in zip(table.quantities, table(signals), strict=True)
         }
 
 
 def _common(ranges: list[dict[str, tuple[float, float]]]) -> dict[str, tuple[float, float]]:
+    """Intersection of the ranges of each name."""
     names = list(dict.fromkeys(name for limits in ranges for name in limits))
     pairs = {name: [limits[name] for limits in ranges if name in limits] for name in names}
-    return {name: (max(low for low, _ in own), min(high for _, high in own)) for name, own in pairs.items()}
+    return {
+        name: (max(low for low, _ in limits), min(high for _, high in limits))
+        for name, limits in pairs.items()
+    }

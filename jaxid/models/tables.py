@@ -1,4 +1,6 @@
-"""Look-up tables on rectangular grids with named axes, differentiable in the signals and in every value."""
+"""Look-up tables on rectangular grids with named axes, differentiable by the signals and by every
+value.
+"""
 
 import functools
 import itertools
@@ -17,35 +19,46 @@ from .._foundation.types import Array, Float, Numbers
 
 Interpolation = Literal["linear", "cubic", "monotone"]
 Extrapolation = Literal["hold", "linear", "refuse"]
-STENCIL = {"linear": 2, "cubic": 4, "monotone": 4}  # knots that a value between two of them depends on
-SLOPES = {"cubic": "cubic", "monotone": "monotonic"}  # interpax's words
+# number of knots per axis on which an interpolated value depends
+STENCIL = {"linear": 2, "cubic": 4, "monotone": 4}
+SLOPES = {"cubic": "cubic", "monotone": "monotonic"}  # interpax's names
 
 
 class Table(eqx.Module):
-    r"""One quantity, or several that share a grid, looked up between knots of one to three named signals.
+    r"""One quantity, or several quantities on the same grid, interpolated in one to three signals.
 
-    Dimension by dimension, in the order of the axes, `f(s)` is `linear`: straight between two knots; `cubic`: the Hermite
-    cubic whose slope at a knot is the mean of those of the two lines that meet there, continuous with its derivative; or
-    `monotone`: the same with slopes that never pass the data (Fritsch and Butland), also in between. Outside the knots it
-    is held, goes on along its slope at the edge (`linear`), or is NaN (`refuse`; `require_inside` says it in words).
+    The interpolation is done axis by axis, in the order of the axes. Interpolation between knots:
 
-    Only the knots around the point are touched: two in each dimension, or four, which give the slopes of the whole axis,
-    at its ends too, for there the four are shifted inwards so that their own end is the end of the axis. At a knot of a
-    linear table the derivative is the one to the right. With two axes or more a monotone table has kinks where the slope
-    along a later axis changes sign from knot to knot of an earlier one. And where a value equals its neighbour, a monotone
-    table has no derivative in that value, for the slope there stays zero to one side: free such values of a `cubic` one.
+    - `linear`: straight lines;
+    - `cubic`: the Hermite cubic with the mean of the slopes of the two adjacent lines as slope at a
+      knot; value and derivative are continuous;
+    - `monotone`: the same with the slopes of Fritsch and Butland, for which no interpolated value
+      exceeds the data.
+
+    Extrapolation beyond the knots: the value is constant (`hold`), continues with the slope at the
+    edge (`linear`), or is NaN (`refuse`; `require_inside` raises an error with the reason).
+
+    Only the knots around the point are evaluated, two or four on each axis. Four knots give the
+    same slopes as all knots of the axis, also at its ends, where the four are shifted inwards to
+    the end of the axis. At a knot of a linear table the derivative is the derivative to the right.
+    With two axes or more a monotone table has kinks where the slope along a later axis changes sign
+    between knots of an earlier axis. Where a value equals its neighbour, a monotone table has no
+    derivative by this value, because the slope stays zero to one side: use a `cubic` table if such
+    values are free.
 
     Args:
-        values: numbers on the grid, shape (*knots), or (*knots, quantity) where `quantities` are named.
+        values: numbers on the grid, shape (*knots), or (*knots, quantity) with named `quantities`.
         knots: for each axis at least two increasing numbers [SI].
         axes: name of the signal for each axis.
-        units: unit for each axis, which only names use: an axis in `"rad"` shows degrees, `alpha=10`. None when left out.
-        quantities: names of what shares the grid; empty for one.
-        interpolation: between knots.
-        extrapolation: beyond them.
+        units: unit for each axis, used in names only: the names of an axis in `"rad"` have degrees,
+            as in `alpha=10`. No units when left out.
+        quantities: names of the quantities; empty for a single quantity without a name.
+        interpolation: interpolation between knots.
+        extrapolation: extrapolation beyond the knots.
 
     Raises:
-        InputError: when knots are too few, unordered or not finite, a value is not finite, or shapes or names disagree.
+        InputError: when knots are too few, unordered or not finite, a value is not finite, or
+            shapes or names disagree.
     """
 
     values: Float[Array, "..."]
@@ -86,97 +99,120 @@ class Table(eqx.Module):
         return {axis: (line[0], line[-1]) for axis, line in zip(self.axes, self.knots, strict=True)}
 
     def __call__(self, signals: Mapping[str, Float[Array, ""]]) -> Float[Array, "..."]:
-        """The value at an instant; one for each quantity, where they are named.
+        """The value at an instant, or one value for each named quantity.
 
         Args:
             signals: scalars by name [SI].
 
         Raises:
-            InputError: when the signal of an axis is not there.
+            InputError: when the signal of an axis is missing.
         """
         require_known("signal", self.axes, signals)
         points = [signals[axis] for axis in self.axes]
         inside = [_hold(point, line) for point, line in zip(points, self.knots, strict=True)]
         widths = [min(STENCIL[self.interpolation], len(line)) for line in self.knots]
-        starts = [_start(*three) for three in zip(inside, self.knots, widths, strict=True)]
+        starts = [
+            _start(point, line, width)
+            for point, line, width in zip(inside, self.knots, widths, strict=True)
+        ]
         shared = self.values.shape[len(self.axes) :]
-        value = jax.lax.dynamic_slice(self.values, (*starts, *(0 for _ in shared)), (*widths, *shared))
-        for point, held, line, start, width in zip(points, inside, self.knots, starts, widths, strict=True):
+        value = jax.lax.dynamic_slice(
+            self.values, (*starts, *(0 for _ in shared)), (*widths, *shared)
+        )
+        for point, held, line, start, width in zip(
+            points, inside, self.knots, starts, widths, strict=True
+        ):
             near = jax.lax.dynamic_slice(jnp.asarray(line), (start,), (width,))
             beyond = point - held if self.extrapolation == "linear" else None
             value = _between(held, beyond, near, value, self.interpolation)
         if self.extrapolation == "refuse":
-            value = jnp.where(functools.reduce(jnp.logical_or, map(jnp.not_equal, points, inside)), jnp.nan, value)
+            value = jnp.where(
+                functools.reduce(jnp.logical_or, map(jnp.not_equal, points, inside)), jnp.nan, value
+            )
         return value
 
 
 def require_inside(table: Table, signals: Mapping[str, Numbers]) -> None:
-    """Refuse signals that leave a table whose extrapolation is `refuse`; other tables take any.
+    """Refuse signals outside a table whose extrapolation is `refuse`; other tables accept all.
 
     Args:
-        table: which.
+        table: the table.
         signals: numbers or time histories of any shape by name [SI].
 
     Raises:
-        InputError: with the axis, the value, and the range.
+        InputError: when a signal is outside; the message has the axis, the value and the range.
     """
     if table.extrapolation == "refuse":
-        found = outside(table.limits, signals, dict(zip(table.axes, table.units, strict=True)))
-        if found:
-            what = f"The table of {', '.join(table.quantities)}" if table.quantities else "The table"
+        excesses = outside(table.limits, signals, dict(zip(table.axes, table.units, strict=True)))
+        if excesses:
+            subject = (
+                f"The table of {', '.join(table.quantities)}" if table.quantities else "The table"
+            )
             raise InputError(
-                f"{what} refuses to extrapolate: {'; '.join(found)}. Keep inside, or make the table with "
-                '`extrapolation="hold"` or `"linear"`.'
+                f"{subject} refuses to extrapolate: {'; '.join(excesses)}. Keep inside, or make "
+                'the table with `extrapolation="hold"` or `"linear"`.'
             )
 
 
 def outside(
-    limits: Mapping[str, tuple[float, float]], signals: Mapping[str, Numbers], units: Mapping[str, str] | None = None
+    limits: Mapping[str, tuple[float, float]],
+    signals: Mapping[str, Numbers],
+    units: Mapping[str, str] | None = None,
 ) -> tuple[str, ...]:
-    """Words for each signal that leaves its range, such as `alpha reaches 24.3 deg, the range is -10 to 21 deg`.
+    """Return a phrase for each signal that leaves its range.
+
+    An example is `alpha reaches 24.3 deg, the range is -10 to 21 deg`.
 
     Args:
         limits: lowest and highest value by name [SI].
         signals: numbers or time histories of any shape by name [SI]; NaN counts as inside.
-        units: unit by name; what is in `"rad"` is shown in degrees.
+        units: unit by name; values in `"rad"` are printed in degrees.
 
     Returns:
-        One phrase for each signal that is outside, none where all are inside.
+        One phrase for each signal that is outside its range.
     """
-    found = []
+    phrases = []
     for name, (low, high) in limits.items():
         if name in signals:
             numbers = np.asarray(signals[name], float).ravel()
             excess = np.nan_to_num(np.maximum(low - numbers, numbers - high), nan=-np.inf)
             if excess.size and excess.max() > 0:
                 unit = (units or {}).get(name, "")
-                worst, least, most = (_shown(n, unit) for n in (numbers[excess.argmax()], low, high))
-                word = "deg" if unit == "rad" else unit
-                found.append(
-                    f"{name} reaches {worst} {word}".rstrip() + f", the range is {least} to {most} {word}".rstrip()
+                worst, least, most = (
+                    _shown(n, unit) for n in (numbers[excess.argmax()], low, high)
                 )
-    return tuple(found)
+                word = "deg" if unit == "rad" else unit
+                phrases.append(
+                    f"{name} reaches {worst} {word}".rstrip()
+                    + f", the range is {least} to {most} {word}".rstrip()
+                )
+    return tuple(phrases)
 
 
 def _hold(point, line: tuple[float, ...]):
-    """The nearest point inside; written so that the derivative at the outermost knots is that of the inside."""
+    """The nearest point inside; at the outermost knots its derivative is the one of the inside."""
     return jnp.where(point < line[0], line[0], jnp.where(point > line[-1], line[-1], point))
 
 
 def _start(point, line: tuple[float, ...], width: int):
-    """Where the stencil begins: the cell of the point and its neighbours, shifted to stay on the axis."""
+    """Index of the first knot of the stencil: the cell of the point and its neighbours, shifted to
+    stay on the axis.
+    """
     cell = jnp.sum(point >= np.array(line[1:-1]))
     return jnp.clip(cell - (width // 2 - 1), 0, len(line) - width)
 
 
 def _between(point, beyond, knots, values, interpolation: Interpolation):
-    """Interpolate along the leading dimension of a stencil, and go on by `beyond` outside of it."""
+    """Interpolate along the first axis of a stencil; `beyond` is the distance outside of it."""
     with jax.numpy_rank_promotion("allow"):  # interpax promotes ranks inside
         if interpolation == "linear":
-            return interpax.interp1d(point if beyond is None else point + beyond, knots, values, "linear", extrap=True)
-        method = SLOPES[interpolation] if knots.size > 2 else "cubic"  # through two knots, both are the straight line
+            return interpax.interp1d(
+                point if beyond is None else point + beyond, knots, values, "linear", extrap=True
+            )
+        # With two knots, both methods are the straight line.
+        method = SLOPES[interpolation] if knots.size > 2 else "cubic"
         slopes = interpax.approx_df(knots, values, method, 0)
-    # The cubic itself is written out: interp1d does the same in more than twice the time.
+    # The cubic is evaluated here because interp1d takes more than twice the time.
     cell = jnp.sum(point >= knots[1:-1])
     (k0, k1), (f0, f1), (d0, d1) = (_ends(cell, row) for row in (knots, values, slopes))
     step = k1 - k0
@@ -187,7 +223,10 @@ def _between(point, beyond, knots, values, interpolation: Interpolation):
 
 
 def _ends(cell, row):
-    """What stands at the two ends of a cell. Selection, not indexing: it fuses with what follows."""
+    """The items of a row at the two ends of a cell.
+
+    Selection is used instead of indexing, because XLA fuses it with the operations that follow.
+    """
     low, high = row[0], row[1]
     for k in range(1, row.shape[0] - 1):
         low, high = jnp.where(cell >= k, row[k], low), jnp.where(cell >= k, row[k + 1], high)
@@ -195,46 +234,69 @@ def _ends(cell, row):
 
 
 def _check(table: Table) -> None:
-    """Refuse what cannot be a table."""
+    """Refuse a table with invalid axes, knots, values or options."""
     name = f"Table over {', '.join(table.axes) or '(no axis)'}"
-    require(1 <= len(table.axes) <= 3, f"{name}: it has {len(table.axes)} axes. Give one, two or three.")
+    require(
+        1 <= len(table.axes) <= 3, f"{name}: it has {len(table.axes)} axes. Give one, two or three."
+    )
     require_unique("axis", table.axes)
     require_unique("quantity", table.quantities)
     require_known("interpolation", [table.interpolation], get_args(Interpolation))
     require_known("extrapolation", [table.extrapolation], get_args(Extrapolation))
-    for what, many in (("lines of knots", table.knots), ("units", table.units)):
-        require(len(many) == len(table.axes), f"{name}: {len(many)} {what} for {len(table.axes)} axes. Give one each.")
-    for axis, line in zip(table.axes, table.knots, strict=True):
-        require(len(line) >= 2, f"{name}: axis {axis!r} has {len(line)} knots. Give two or more.")
-        require(bool(np.isfinite(line).all()), f"{name}: a knot of axis {axis!r} is not finite. Correct it.")
-        wrong = [(a, b) for a, b in itertools.pairwise(line) if a >= b]
+    for label, items in (("lines of knots", table.knots), ("units", table.units)):
         require(
-            not wrong,
-            f"{name}: the knots of axis {axis!r} do not increase: {wrong and wrong[0][1]} follows {wrong and wrong[0][0]}."
-            " Sort them, with their values.",
+            len(items) == len(table.axes),
+            f"{name}: {len(items)} {label} for {len(table.axes)} axes. Give one each.",
         )
+    for axis, line in zip(table.axes, table.knots, strict=True):
+        _check_knots(name, axis, line)
     shape = (*map(len, table.knots), *((len(table.quantities),) if table.quantities else ()))
     require(
         table.values.shape == shape,
-        f"{name}: values of shape {table.values.shape}, and knots and quantities make {shape}. Bring them together.",
+        f"{name}: values of shape {table.values.shape}, and knots and quantities make {shape}. "
+        "Make them agree.",
     )
-    if not isinstance(table.values, Tracer):  # inside a transformation there is nothing to look at
-        bad = np.argwhere(~np.isfinite(np.asarray(table.values)))
-        names = table.element_names["values"]
-        where = names[np.ravel_multi_index(tuple(bad[0]), shape)] if len(bad) else ""
-        require(len(bad) == 0, f"{name}: the value at {where} is not finite. Correct it, or fill the gap.")
+    if not isinstance(table.values, Tracer):  # a traced value cannot be checked
+        for place in np.argwhere(~np.isfinite(np.asarray(table.values)))[:1]:
+            where = table.element_names["values"][np.ravel_multi_index(tuple(place), shape)]
+            raise InputError(
+                f"{name}: the value at {where} is not finite. Correct it, or fill the gap."
+            )
+
+
+def _check_knots(name: str, axis: str, line: tuple[float, ...]) -> None:
+    """Refuse knots of an axis that do not increase, are not finite or are too few."""
+    require(len(line) >= 2, f"{name}: axis {axis!r} has {len(line)} knots. Give two or more.")
+    require(
+        bool(np.isfinite(line).all()), f"{name}: a knot of axis {axis!r} is not finite. Correct it."
+    )
+    for before, after in itertools.pairwise(line):
+        require(
+            before < after,
+            f"{name}: the knots of axis {axis!r} do not increase: {after} follows {before}. Sort "
+            "them, with their values.",
+        )
 
 
 @functools.cache
 def _grid_names(knots, axes, units, quantities) -> tuple[str, ...]:
-    """Names of the values in their flat order: `alpha=10,beta=-5`, behind the quantity and a dot where there are several."""
+    """Names of the values in their flat order: `alpha=10,beta=-5`, with the quantity and a dot in
+    front if quantities are named.
+    """
     lines = [
-        [f"{axis}={_shown(knot, unit)}" for knot in line] for axis, unit, line in zip(axes, units, knots, strict=True)
+        [f"{axis}={_shown(knot, unit)}" for knot in line]
+        for axis, unit, line in zip(axes, units, knots, strict=True)
     ]
     points = [",".join(point) for point in itertools.product(*lines)]
-    return tuple(f"{quantity}.{point}" for point in points for quantity in quantities) if quantities else tuple(points)
+    return (
+        tuple(f"{quantity}.{point}" for point in points for quantity in quantities)
+        if quantities
+        else tuple(points)
+    )
 
 
 def _shown(number: float, unit: str) -> str:
-    """A number as names and messages have it: angles in degrees, without the last bits of their conversion."""
+    """A number as text for names and messages: angles in degrees, without the rounding errors of
+    the conversion.
+    """
     return f"{float(np.rad2deg(number) if unit == 'rad' else number):.10g}"

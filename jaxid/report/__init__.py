@@ -1,4 +1,7 @@
-"""What a person looks at: figures, one HTML page, and a folder of both; alone in using matplotlib and jinja2."""
+"""Reports of a study: figures, an HTML page, and a folder of both.
+
+This is the only package that uses matplotlib and jinja2.
+"""
 
 from . import figures
 from .folder import require_new, write_json, write_study

@@ -1,4 +1,4 @@
-"""A study on disk: a new folder with the page, the numbers and the figures; nothing is ever overwritten."""
+"""A study on disk: a new folder with page, numbers and figures. Nothing is overwritten."""
 
 import errno
 import os
@@ -13,22 +13,27 @@ from .gallery import gallery
 from .html import html
 
 
-def write_study(study: Study, folder: str | Path, title: str = "jaxid study", *, exist: str = "number") -> Path:
+def write_study(
+    study: Study, folder: str | Path, title: str = "jaxid study", *, exist: str = "number"
+) -> Path:
     """Write a study into a new folder: `study.html`, `study.json` and the figures as PNG files.
 
-    All is drawn before anything is written, written beside its place and then renamed: a folder is whole or absent.
+    Everything is drawn first, then written to a temporary folder next to the target, which is
+    renamed at the end: the folder is complete or absent.
 
     Args:
         study: the study.
-        folder: where to; its parents are made.
-        title: words for the head of the page.
-        exist: what to do where it exists: "number" takes `folder-2`, `folder-3`, ..., "refuse" refuses.
+        folder: path of the new folder; its parents are created.
+        title: heading of the page.
+        exist: action if the folder exists: "number" takes `folder-2`, `folder-3`, ..., "refuse"
+            raises.
 
     Returns:
-        The folder that was written.
+        The new folder.
 
     Raises:
-        InputError: when the folder exists and `exist` is "refuse", or `exist` is neither of the two.
+        InputError: when the folder exists and `exist` is "refuse", or `exist` is neither of the
+            two.
     """
     require(exist in ("number", "refuse"), f"exist is {exist!r}; choose 'number' or 'refuse'.")
     folder = Path(folder).absolute()
@@ -36,62 +41,69 @@ def write_study(study: Study, folder: str | Path, title: str = "jaxid study", *,
         require_new(folder)
     contents = _contents(study, title)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as beside:
-        whole = Path(beside) / "study"  # made by mkdir, which grants the user's usual rights
-        whole.mkdir()
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as temporary:
+        complete = Path(temporary) / "study"  # mkdir gives the user's usual rights
+        complete.mkdir()
         for name, content in contents.items():
-            (whole / name).write_bytes(content)
-        return _settle(whole, folder, exist)
+            (complete / name).write_bytes(content)
+        return _rename_to_free_name(complete, folder, exist)
 
 
 def write_json(study: Study, path: str | Path) -> Path:
-    """Write the numbers of a study as a JSON file that does not exist yet.
+    """Write the numbers of a study to a new JSON file.
 
     Args:
         study: the study.
-        path: the file, in a folder that exists.
+        path: path of the file, in an existing folder.
 
     Returns:
-        The file that was written.
+        The new file.
 
     Raises:
-        InputError: when the file exists, or its folder does not.
+        InputError: when the file exists, or its folder does not exist.
     """
     path = Path(path).absolute()
     require_new(path)
-    require(path.parent.is_dir(), f"There is no folder {str(path.parent)!r} for {path.name!r}. Make it first.")
-    with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as beside:
-        whole = Path(beside) / "study.json"
-        whole.write_text(study.to_json() + "\n", encoding="utf-8")
+    require(
+        path.parent.is_dir(),
+        f"There is no folder {str(path.parent)!r} for {path.name!r}. Make it first.",
+    )
+    with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as temporary:
+        complete = Path(temporary) / "study.json"
+        complete.write_text(study.to_json() + "\n", encoding="utf-8")
         try:
-            os.link(whole, path)  # a link is refused where the name is taken, a rename is not
+            os.link(complete, path)  # a link fails if the name exists, a rename does not
         except FileExistsError:
             require_new(path)
         except OSError:  # no hard links on this file system
             require_new(path)
-            whole.rename(path)
+            complete.rename(path)
     return path
 
 
 def require_new(path: str | Path) -> None:
-    """Refuse a path that is taken; to be asked before long work, too.
+    """Check that a path does not exist; also called before long computations.
 
     Args:
-        path: of a file or folder.
+        path: path of a file or folder.
 
     Raises:
-        InputError: when there is anything of that name.
+        InputError: when the path exists.
     """
     if os.path.lexists(path):
         raise InputError(
-            f"{str(path)!r} exists, and results are never overwritten. Give another name, or move it away."
+            f"{str(path)!r} exists, and results are never overwritten. Give another name, or move "
+            "it away."
         )
 
 
 def _contents(study: Study, title: str) -> dict[str, bytes]:
-    """File names and what goes into them."""
+    """Return the contents of the files by name."""
     drawn = gallery(study)
-    numbered = ((f"{index:02d}-{one.name}.png", one.png) for index, one in enumerate(drawn.pictures, 1))
+    numbered = (
+        (f"{index:02d}-{picture.name}.png", picture.png)
+        for index, picture in enumerate(drawn.pictures, 1)
+    )
     return {
         "study.html": html(study, title, drawn).encode(),
         "study.json": (study.to_json() + "\n").encode(),
@@ -99,15 +111,18 @@ def _contents(study: Study, title: str) -> dict[str, bytes]:
     }
 
 
-def _settle(whole: Path, folder: Path, exist: str) -> Path:
-    """Give a finished folder its name, the first that is free."""
+def _rename_to_free_name(complete: Path, folder: Path, exist: str) -> Path:
+    """Rename a complete folder to the first free name, and return its path."""
     for target in _names(folder) if exist == "number" else iter((folder,)):
         if os.path.lexists(target):
             continue
         try:
-            return whole.rename(target)
-        except OSError as error:  # someone else was faster
-            if error.errno not in (errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR, errno.EACCES) or not target.exists():
+            return complete.rename(target)
+        except OSError as error:  # another process has just taken the name
+            if (
+                error.errno not in (errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR, errno.EACCES)
+                or not target.exists()
+            ):
                 raise
     require_new(folder)
     raise InputError(f"{str(folder)!r} could not be written. Give another name.")

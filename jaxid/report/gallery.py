@@ -1,4 +1,4 @@
-"""Which figures a study gets, with their captions, and how they become bytes."""
+"""The figures of a study with their captions, and their conversion to bytes."""
 
 import base64
 import io
@@ -7,12 +7,13 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from ..study.study import Study
+from ..study.outcome import Outcome
+from ..study.study import Round, Study
 from .figures import errors, prediction, ranking, residuals
 from .figures_where import where
 
-MOST_RECORDS = 3  # of one test set are drawn
-PNG_DPI = 150
+MOST_RECORDS = 3  # largest number of records of a test set to draw (chosen)
+PNG_DPI = 150  # chosen
 
 
 class Picture(NamedTuple):
@@ -24,7 +25,7 @@ class Picture(NamedTuple):
 
     @property
     def source(self) -> str:
-        """The figure as a data address, which a page holds in itself."""
+        """The figure as a data address, to be embedded in a page."""
         return "data:image/svg+xml;base64," + base64.b64encode(_saved(self.figure, "svg")).decode()
 
     @property
@@ -38,9 +39,9 @@ class Gallery(NamedTuple):
 
     Attributes:
         errors: errors before and after.
-        where: where the declared model's residual sits, None where nothing is missing.
+        where: location of the declared model's residual, None if nothing is missing.
         tests: predictions and residuals by test set.
-        rounds: the ranking of each round, None where there was no candidate.
+        rounds: the ranking of each round, None if it had no candidate.
     """
 
     errors: Picture
@@ -50,14 +51,18 @@ class Gallery(NamedTuple):
 
     @property
     def pictures(self) -> tuple[Picture, ...]:
-        """All of them, in the order of the page."""
-        rounds = (one for one in self.rounds if one is not None)
-        found = () if self.where is None else (self.where,)
-        return (self.errors, *found, *(one for some in self.tests.values() for one in some), *rounds)
+        """All figures, in the order of the page."""
+        pictures = [self.errors]
+        if self.where is not None:
+            pictures.append(self.where)
+        for test in self.tests.values():
+            pictures.extend(test)
+        pictures.extend(ranked for ranked in self.rounds if ranked is not None)
+        return tuple(pictures)
 
 
 def gallery(study: Study) -> Gallery:
-    """Draw all figures of a study.
+    """Return all figures of a study, with names and captions.
 
     Args:
         study: the study.
@@ -65,57 +70,87 @@ def gallery(study: Study) -> Gallery:
     Returns:
         The figures with names and captions.
     """
-    caption = "Error before and after, by channel. The dashed line is the standard deviation of the measurement noise."
+    caption = (
+        "Error before and after, by channel. The dashed line is the standard deviation of the "
+        "measurement noise."
+    )
     first = Picture("errors", errors(study), caption)
     tests = {test: _test(study, test, index) for index, test in enumerate(study.tests, 1)}
-    return Gallery(first, _where(study), tests, tuple(_round(one, index) for index, one in enumerate(study.rounds, 1)))
+    return Gallery(
+        first,
+        _where(study),
+        tests,
+        tuple(_round(each, index) for index, each in enumerate(study.rounds, 1)),
+    )
 
 
 def _where(study: Study) -> Picture | None:
     caption = (
-        "Left: the share of the declared model's residual (training records) that a free-form disturbance in one place alone "
-        "explains, beyond what the free parameters can do. Right: the disturbance itself in the first of these places, "
-        "with two standard deviations, in time and against the variable that it follows best."
+        "Left: share of the declared model's residual (training records) that a free-form "
+        "disturbance in a single place explains, beyond the effect of the free parameters. "
+        "Right: the disturbance in the first of these places, with two standard deviations, in "
+        "time and against the variable that it follows best."
     )
-    return None if study.outcome == "nothing missing" else Picture("where", where(study.where["before"]), caption)
+    return (
+        None
+        if study.outcome is Outcome.NOTHING_MISSING
+        else Picture("where", where(study.localisation["before"]), caption)
+    )
 
 
 def _test(study: Study, test: str, index: int) -> tuple[Picture, ...]:
-    """Predictions of the first few records of a test set, and the residuals of the first."""
+    """Return the predictions of the first records of a test set, and the residuals of the first."""
     records, slug = study.tests[test], f"{index}-{_slug(test)}"
     count = min(records.n_cases, MOST_RECORDS)
-    rest = f" The set has {records.n_cases} records; {count} are drawn." if records.n_cases > count else ""
-    caption = "Measured outputs (grey) and what the models predict of them, from the recorded input alone."
+    number_drawn = (
+        f" The set has {records.n_cases} records; {count} are drawn."
+        if records.n_cases > count
+        else ""
+    )
+    caption = (
+        "Measured outputs (grey) and the predictions of the models, from the recorded input alone."
+    )
     drawn = [
         Picture(
             f"prediction-{slug}-{case + 1}",
             prediction(study, test, case),
-            caption + (rest if case == count - 1 else ""),
+            caption + (number_drawn if case == count - 1 else ""),
         )
         for case in range(count)
     ]
     caption = (
-        "Measured less predicted, in time (each panel in its own scale; the grey band is the same noise in both), and "
-        "its autocorrelation over all records of the set: that of noise stays in the band, all but one time in twenty."
+        "Measured less predicted, in time (each panel in its own scale; the grey band is the same "
+        "noise in both), and its autocorrelation over all records of the set. The autocorrelation "
+        "of white noise is in the band at 19 of 20 lags."
     )
     return (*drawn, Picture(f"residuals-{slug}", residuals(study, test), caption))
 
 
-def _round(one, index: int) -> Picture | None:
+def _round(search_round: Round, index: int) -> Picture | None:
     caption = (
-        "How much of the residual each candidate could explain beyond what the free parameters already do, before any "
-        "of them is fitted. The refit decides, not this score."
+        "Part of the residual that each candidate could explain beyond the effect of the free "
+        "parameters, before it is fitted. The refit decides, not this score."
     )
-    return Picture(f"ranking-round-{index}", ranking(one), caption) if one.candidates else None
+    return (
+        Picture(f"ranking-round-{index}", ranking(search_round), caption)
+        if search_round.candidates
+        else None
+    )
 
 
 def _slug(name: str) -> str:
-    """A name as part of a file name."""
+    """Return a name as part of a file name."""
     return re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-")[:40] or "set"
 
 
 def _saved(figure: Figure, kind: str, **options) -> bytes:
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=kind, metadata={"Date": None} if kind == "svg" else {"Software": None}, **options)
-    figure.set_layout_engine("none")  # the panels have found their places; a second format need not seek them again
+    figure.savefig(
+        buffer,
+        format=kind,
+        metadata={"Date": None} if kind == "svg" else {"Software": None},
+        **options,
+    )
+    # The layout is computed once and reused for a second format.
+    figure.set_layout_engine("none")
     return buffer.getvalue()

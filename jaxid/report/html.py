@@ -1,4 +1,4 @@
-"""`html`: a study as one page that needs nothing beside it."""
+"""`html`: a study as one self-contained page."""
 
 from importlib.resources import files
 
@@ -7,32 +7,43 @@ from jinja2 import Environment, StrictUndefined
 
 from ..study.study import Study
 from .gallery import Gallery, gallery
-from .tables import decided, effect_rows, error_rows, other_way, parameter_rows, place_rows, remains_rows, round_rows
-from .words import COLOURED, NOISE_KNOWN, OUTCOMES, raised
+from .tables import (
+    abandoned_path,
+    decided,
+    effect_rows,
+    error_rows,
+    parameter_rows,
+    place_rows,
+    remains_rows,
+    round_rows,
+)
+from .words import COLOURED_WORDS, NOISE_KNOWN, OUTCOMES, raised
 
 TEMPLATE = "study.html.j2"
 
 
 def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None) -> str:
-    """Write a study as one self-contained HTML page: figures and style are inside, nothing is fetched.
+    """Return a study as one self-contained HTML page, with figures and style inside.
 
     Args:
         study: the study.
-        title: words for the head of the page.
-        drawn: the study's figures, where they have been drawn already.
+        title: heading of the page.
+        drawn: the study's figures, if already drawn.
 
     Returns:
         The page.
     """
     drawn = gallery(study) if drawn is None else drawn
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     source = files(__package__ or "jaxid.report").joinpath(TEMPLATE).read_text(encoding="utf-8")
     return environment.from_string(source).render(
         title=title,
         study=study,
         verdict=raised(study.verdict),
-        outcome_words=OUTCOMES.get(study.outcome, ""),
-        noise_words=NOISE_KNOWN[study.noise_known] + COLOURED * bool(study.coloured_noise),
+        outcome_words=OUTCOMES[study.outcome],
+        noise_words=NOISE_KNOWN[study.noise_known] + COLOURED_WORDS * bool(study.coloured_noise),
         facts=_facts(study),
         drawn=drawn,
         errors={test: error_rows(study, test) for test in study.tests},
@@ -41,7 +52,7 @@ def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None)
         effects=effect_rows(study),
         parameters=parameter_rows(study),
         rounds=list(zip(round_rows(study), drawn.rounds, strict=True)),
-        other_way=other_way(study),
+        abandoned_path=abandoned_path(study),
         remains=remains_rows(study),
         places=place_rows(study),
         degrees=any(unit.startswith("rad") for unit in study.output_units),
@@ -49,18 +60,19 @@ def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None)
 
 
 def _facts(study: Study) -> dict[str, str | tuple[str, ...]]:
-    """What was fitted, on what, and how the fit ended."""
+    """Return the model, the records and the status of the fit, in words."""
     estimate, declared = study.after.estimate, study.before.estimate
     records = int(np.prod(np.asarray(estimate.mask).shape[:-2]))
+    measurements = int(np.sum(np.asarray(estimate.mask)))
     tests = [
-        f"{name} ({_records(one.n_cases)}, {int(np.sum(np.asarray(one.samples)))} samples)"
-        for name, one in study.tests.items()
+        f"{name} ({_records(test.n_cases)}, {int(np.sum(np.asarray(test.samples)))} samples)"
+        for name, test in study.tests.items()
     ]
     return {
         "model": _model_name(study),
-        "train": f"{_records(records)}, {int(np.sum(np.asarray(estimate.mask)))} valid measurements",
+        "train": f"{_records(records)}, {measurements} valid measurements",
         "tests": tuple(tests),
-        "candidates": str(sum(not one.pair for one in study.rounds[0].candidates)),
+        "candidates": str(sum(not candidate.pair for candidate in study.rounds[0].candidates)),
         "before_status": declared.status,
         "status": estimate.status,
         "weak": tuple(raised(words) for words in estimate.weak_directions),
@@ -73,5 +85,5 @@ def _records(number: int) -> str:
 
 
 def _model_name(study: Study) -> str:
-    """The class of the declared model."""
+    """Return the class name of the declared model."""
     return type(study.before.model).__name__

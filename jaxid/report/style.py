@@ -1,18 +1,27 @@
-"""One look for all figures: colours that colour-blind readers tell apart, plain axes, words in the colour of a line."""
+"""Style of all figures: colours for colour-blind readers, plain axes, labels in line colours."""
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 # Okabe & Ito, Color Universal Design, 2008.
-MEASURED, BEFORE, AFTER, NOISE, RIVAL, OTHER = "#8c8c8c", "#d55e00", "#0072b2", "#007a5a", "#e69f00", "#c4c4c4"
+MEASURED, BEFORE, AFTER, NOISE, RIVAL, OTHER = (
+    "#8c8c8c",
+    "#d55e00",
+    "#0072b2",
+    "#007a5a",
+    "#e69f00",
+    "#c4c4c4",
+)
 INK = "#333333"
-WIDTH = 9.0  # inches
+FIGURE_WIDTH = 9.0  # inches
 FONT = 9.0
 
 
-def canvas(height: float, rows: int = 1, columns: int = 1, **options) -> tuple[Figure, list[list[Axes]]]:
-    """An empty figure of the report's width.
+def canvas(
+    height: float, rows: int = 1, columns: int = 1, **options
+) -> tuple[Figure, list[list[Axes]]]:
+    """Return an empty figure of the report's width.
 
     Args:
         height: in inches.
@@ -22,13 +31,13 @@ def canvas(height: float, rows: int = 1, columns: int = 1, **options) -> tuple[F
     Returns:
         The figure and its panels, by row.
     """
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    figure = Figure(figsize=(FIGURE_WIDTH, height), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False, **options)
     return figure, [list(row) for row in panels]
 
 
 def plain(ax: Axes, x: str = "", y: str = "", title: str = "") -> None:
-    """Take off what carries no information, and write labels as they stand (no mathematics between dollar signs).
+    """Remove ink without information, and write labels verbatim (dollar signs are no mathematics).
 
     Args:
         ax: the panel.
@@ -47,18 +56,25 @@ def plain(ax: Axes, x: str = "", y: str = "", title: str = "") -> None:
 
 
 def key(figure: Figure, entries: list[tuple[str, str]], title: str = "") -> None:
-    """Name the colours above a figure, each word in its own.
+    """Write a legend above a figure, each entry in its colour.
 
     Args:
         figure: the figure, its panels already there.
         entries: words and colour.
-        title: words at the left of them.
+        title: words to the left of the entries.
     """
     handles = [Patch(color=colour, label=words) for words, colour in entries]
     legend = figure.legend(
-        handles=handles, loc="outside upper right", ncols=len(entries), frameon=False, fontsize=FONT,
-        handlelength=1.0, handleheight=0.8, labelcolor="linecolor", columnspacing=1.6,
-    )  # fmt: skip
+        handles=handles,
+        loc="outside upper right",
+        ncols=len(entries),
+        frameon=False,
+        fontsize=FONT,
+        handlelength=1.0,
+        handleheight=0.8,
+        labelcolor="linecolor",
+        columnspacing=1.6,
+    )
     figure.align_ylabels()
     for text, (_, colour) in zip(legend.get_texts(), entries, strict=True):
         text.set_color(colour if colour != OTHER else INK)
@@ -67,5 +83,5 @@ def key(figure: Figure, entries: list[tuple[str, str]], title: str = "") -> None
 
 
 def channel_label(name: str, unit: str) -> str:
-    """Name and unit of a channel for an axis."""
+    """Return name and unit of a channel for an axis."""
     return f"{name} [{unit}]" if unit else name

@@ -1,20 +1,21 @@
-"""The tables of a study as rows of words, for the page to set."""
+"""Tables of a study as rows of words, for the page."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..diagnosis.reading import Reading
+from ..diagnosis.residual_report import ResidualReport
 from ..estimation.result import Estimate
-from ..study.study import Candidate, Round, Study
+from ..study.rounds import Candidate, Round
+from ..study.study import Study
 from .words import display_unit, number, percent, raised, unit_words, with_error
 
 ABSENT = "n/a"
-MOST_PLACES = 8
+MOST_PLACES = 8  # rows of the table of places (chosen)
 
 
 class ErrorRow(NamedTuple):
-    """Error of one channel on one test set: before, after, noise, their ratio, and by how much the error fell."""
+    """Error of one channel on one test set: before, after, noise, ratio after/noise, and change."""
 
     channel: str
     unit: str
@@ -26,17 +27,17 @@ class ErrorRow(NamedTuple):
 
 
 class ParameterRow(NamedTuple):
-    """One parameter: name, what it was estimated at before and after, its unit, and what it is beside random forces."""
+    """One parameter: name, estimates before and after, unit, estimate with process noise."""
 
     name: str
     before: str
     after: str
     unit: str
-    beside: str = ABSENT
+    with_process_noise: str = ABSENT
 
 
 class EffectRow(NamedTuple):
-    """One effect that was found: in words, its name in the code, and its parameters."""
+    """One added effect: in words, its name in the code, its place, its parameters, its rivals."""
 
     sentence: str
     name: str
@@ -46,7 +47,7 @@ class EffectRow(NamedTuple):
 
 
 class CandidateRow(NamedTuple):
-    """One refitted candidate: what it is, its scores, what the refit brought, and what became of it."""
+    """One refitted candidate: description, scores, result of the refit, and verdict."""
 
     sentence: str
     score: str
@@ -58,7 +59,7 @@ class CandidateRow(NamedTuple):
 
 
 class RoundRow(NamedTuple):
-    """One round: what was in, what was added or taken out, the refitted candidates, and the errors at its beginning."""
+    """One round: effects before, changes, refitted candidates, and initial errors."""
 
     number: int
     effects: tuple[str, ...]
@@ -71,7 +72,7 @@ class RoundRow(NamedTuple):
 
 
 class RemainsRow(NamedTuple):
-    """What is left on one channel: the share of the training residual that its own past predicts, and what it follows."""
+    """Residual of one channel: share that is predictable from its past, and related signals."""
 
     channel: str
     before: str
@@ -81,7 +82,7 @@ class RemainsRow(NamedTuple):
 
 
 class PlaceRow(NamedTuple):
-    """One place in words: share of the residual that a disturbance there explains, and whether it is among the first."""
+    """One place: shares of the residual explained by a disturbance there; True if near the best."""
 
     place: str
     before: str
@@ -90,7 +91,7 @@ class PlaceRow(NamedTuple):
 
 
 def error_rows(study: Study, test: str) -> tuple[ErrorRow, ...]:
-    """Error before and after by channel, in display units.
+    """Return the errors before and after by channel, in display units.
 
     Args:
         study: the study.
@@ -102,22 +103,28 @@ def error_rows(study: Study, test: str) -> tuple[ErrorRow, ...]:
     rows = []
     for name, unit in zip(study.outputs, study.output_units, strict=True):
         scale, shown = display_unit(unit)
-        before, after, noise = (scale * x[name] for x in (study.before.rms[test], study.after.rms[test], study.noise))
+        before, after, noise = (
+            scale * x[name] for x in (study.before.rms[test], study.after.rms[test], study.noise)
+        )
         ratio = number(after / noise, 3) if noise > 0 else ABSENT
         change = after / before - 1.0 if before > 0 and np.isfinite(before) else float("nan")
         words = ABSENT if not np.isfinite(change) or not study.effects else f"{100 * change:+.0f} %"
-        rows.append(ErrorRow(name, unit_words(shown), number(before), number(after), number(noise), ratio, words))
+        rows.append(
+            ErrorRow(
+                name, unit_words(shown), number(before), number(after), number(noise), ratio, words
+            )
+        )
     return tuple(rows)
 
 
 def effect_rows(study: Study) -> tuple[EffectRow, ...]:
-    """The effects that were found, with their parameters.
+    """Return the added effects with their parameters.
 
     Args:
         study: the study.
 
     Returns:
-        One row for each effect, in the order of their finding.
+        One row for each effect, in the order of addition.
     """
     estimate, rows = study.after.estimate, []
     for name, sentence in zip(study.effects, study.sentences, strict=True):
@@ -126,14 +133,15 @@ def effect_rows(study: Study) -> tuple[EffectRow, ...]:
             for parameter, (value, unit) in _values(estimate).items()
             if parameter.startswith(f"{name}.")
         )
-        place = next((one.place for a_round in study.rounds for one in a_round.candidates if one.name == name), "")
+        candidates = [each for search_round in study.rounds for each in search_round.candidates]
+        place = next((candidate.place for candidate in candidates if candidate.name == name), "")
         rivals = tuple(raised(rival.sentence) for rival in study.rivals if name in rival.instead_of)
         rows.append(EffectRow(raised(sentence), name, place, own, rivals))
     return tuple(rows)
 
 
 def parameter_rows(study: Study) -> tuple[ParameterRow, ...]:
-    """The declared parameters before and after.
+    """Return the declared parameters before and after.
 
     Args:
         study: the study.
@@ -142,21 +150,21 @@ def parameter_rows(study: Study) -> tuple[ParameterRow, ...]:
         One row for each.
     """
     before, after = _values(study.before.estimate), _values(study.after.estimate)
-    beside = study.process_noise.parameters if study.process_noise else {}
+    with_process_noise = study.process_noise.parameters if study.process_noise else {}
     return tuple(
         ParameterRow(
             raised(name),
             value,
             after[name][0] if name in after else ABSENT,
             unit,
-            f"{beside[name]:.4g}" if name in beside else ABSENT,
+            f"{with_process_noise[name]:.4g}" if name in with_process_noise else ABSENT,
         )
         for name, (value, unit) in before.items()
     )
 
 
 def round_rows(study: Study) -> tuple[RoundRow, ...]:
-    """What happened, round by round.
+    """Return the course of the search, round by round.
 
     Args:
         study: the study.
@@ -165,37 +173,43 @@ def round_rows(study: Study) -> tuple[RoundRow, ...]:
         One row for each round.
     """
     rows = []
-    for index, one in enumerate(study.rounds, 1):
-        refitted = _worth_telling(one)
+    for index, search_round in enumerate(study.rounds, 1):
+        refitted = _listed_candidates(search_round)
         rows.append(
             RoundRow(
                 number=index,
-                effects=tuple(raised(name) for name in one.effects),
-                added=_sentence(one, one.added) if one.added else "",
-                rivals=tuple(_sentence(one, name) for name in one.rivals),
-                dropped=tuple(raised(name) for name in one.dropped),
-                candidates=tuple(_candidate(one, candidate) for candidate in refitted),
-                others=len(one.candidates) - len(refitted),
-                errors=_errors(study, one),
+                effects=tuple(raised(name) for name in search_round.effects),
+                added=_sentence(search_round, search_round.added) if search_round.added else "",
+                rivals=tuple(_sentence(search_round, name) for name in search_round.rivals),
+                dropped=tuple(raised(name) for name in search_round.dropped),
+                candidates=tuple(_candidate(search_round, candidate) for candidate in refitted),
+                others=len(search_round.candidates) - len(refitted),
+                errors=_errors(study, search_round),
             )
         )
     return tuple(rows)
 
 
-def other_way(study: Study) -> tuple[str, ...]:
-    """What was added, in this order, on the way that was given up.
+def abandoned_path(study: Study) -> tuple[str, ...]:
+    """Return the effects of the abandoned search path, in the order of addition.
 
     Args:
         study: the study.
 
     Returns:
-        A sentence for each effect; none where the search was begun once.
+        A description of each effect; empty if the search had a single path.
     """
-    return tuple(_sentence(one, one.added) for one in study.other_rounds if one.added)
+    return tuple(
+        _sentence(search_round, search_round.added)
+        for search_round in study.other_rounds
+        if search_round.added
+    )
 
 
 def remains_rows(study: Study) -> tuple[RemainsRow, ...]:
-    """How much of each channel's training residual is no noise, at the beginning of the first and of the last round.
+    """Return the predictable share of each channel's training residual.
+
+    The shares are those of the first and of the last round, before a candidate is added.
 
     Args:
         study: the study.
@@ -204,47 +218,62 @@ def remains_rows(study: Study) -> tuple[RemainsRow, ...]:
         One row for each channel.
     """
     first = study.rounds[0].predictable
-    last = study.rounds[-1].predictable if study.effects else first  # of what is in, as what follows is
+    # With effects in the model, the share belongs to the same model as the related signals.
+    last = study.rounds[-1].predictable if study.effects else first
     before, after = study.reading["before"], study.reading["after"]
     return tuple(
-        RemainsRow(name, percent(first[name]), percent(last[name]), _follows(before, name), _follows(after, name))
+        RemainsRow(
+            name,
+            percent(first[name]),
+            percent(last[name]),
+            _follows(before, name),
+            _follows(after, name),
+        )
         for name in study.outputs
     )
 
 
-def _follows(reading: Reading, name: str) -> str:
-    """The signal that a channel's residual follows and the variable over which its mean is off zero, if any."""
+def _follows(reading: ResidualReport, name: str) -> str:
+    """Return the signals related to a channel's residual, in words.
+
+    They are the most correlated signal and the variable over which its mean is not zero, if any.
+    """
     j = reading.tests.outputs.index(name)
-    signal, correlation, lag = reading.strongest(name)
+    signal, correlation, lag = reading.strongest_correlation(name)
     late = f" {lag} samples later" if lag else ""
-    found = [f"{signal} ({correlation:+.2f}{late})"] if bool(np.any(reading.tests.follows[j])) else []
-    variable, p = reading.bent(name)
+    related = (
+        [f"{signal} ({correlation:+.2f}{late})"] if bool(np.any(reading.tests.follows[j])) else []
+    )
+    variable, p = reading.nonlinear_dependence(name)
     if p < reading.tests.level / reading.maps.p_value.size:
-        found.append(f"its mean changes over {'time' if variable == 't' else variable}")
-    return "; ".join(found) or "nothing"
+        related.append(f"its mean changes over {'time' if variable == 't' else variable}")
+    return "; ".join(related) or "nothing"
 
 
 def place_rows(study: Study) -> tuple[PlaceRow, ...]:
-    """Where the residual sits, before and after, the places that explain most before first.
+    """Return the places of the residual, in the order of their share before.
 
     Args:
         study: the study.
+
+    Returns:
+        One row for each of the first places.
     """
-    after = {(one.kind, one.name): one for one in study.where["after"].places}
-    rivals = {(one.kind, one.name) for one in study.where["before"].rivals()}
+    after = {place.location: place for place in study.localisation["after"].places}
+    rivals = {place.location for place in study.localisation["before"].near_best()}
     return tuple(
         PlaceRow(
-            f"{one.kind} {one.name}",
-            percent(one.share),
-            percent(after[one.kind, one.name].share),
-            (one.kind, one.name) in rivals,
+            place.location.label,
+            percent(place.share),
+            percent(after[place.location].share),
+            place.location in rivals,
         )
-        for one in study.where["before"].places[:MOST_PLACES]
+        for place in study.localisation["before"].places[:MOST_PLACES]
     )
 
 
 def decided(study: Study) -> tuple[str, ...]:
-    """Names of test sets that are the check records themselves: their errors are the very same in every round.
+    """Return the test sets identical to the check records, with equal errors in every round.
 
     Args:
         study: the study.
@@ -255,53 +284,89 @@ def decided(study: Study) -> tuple[str, ...]:
     return tuple(
         name
         for name in study.tests
-        if all(_same(one.errors["check"], one.errors[f"test {name}"]) for one in study.rounds)
+        if all(
+            _same(search_round.errors["check"], search_round.errors[f"test {name}"])
+            for search_round in study.rounds
+        )
     )
 
 
-def _same(one: dict[str, float], other: dict[str, float]) -> bool:
-    """Whether two errors by channel are the very same, failed ones included."""
-    return np.array_equal([*one.values()], [*other.values()], equal_nan=True)
+def _same(first: dict[str, float], second: dict[str, float]) -> bool:
+    """Return True if two errors by channel are equal; NaN equals NaN."""
+    return np.array_equal([*first.values()], [*second.values()], equal_nan=True)
 
 
 def _values(estimate: Estimate) -> dict[str, tuple[str, str]]:
-    """Estimate with its colour-corrected standard error, and unit, by name."""
+    """Return each estimate with its colour-corrected standard error, and its unit, by name."""
     rows = zip(
-        estimate.names, np.asarray(estimate.values), np.asarray(estimate.coloured_errors), estimate.units, strict=True
+        estimate.names,
+        np.asarray(estimate.values),
+        np.asarray(estimate.corrected_errors),
+        estimate.units,
+        strict=True,
     )
-    return {name: (with_error(float(value), float(error)), unit_words(unit)) for name, value, error, unit in rows}
+    return {
+        name: (with_error(float(value), float(error)), unit_words(unit))
+        for name, value, error, unit in rows
+    }
 
 
-def _worth_telling(one: Round) -> tuple[Candidate, ...]:
-    """The candidates that were fitted, and those that were not though they scored half as high as the best of them."""
-    best = max((candidate.score for candidate in one.candidates if candidate.cost_fall is not None), default=np.inf)
-    return tuple(x for x in one.candidates if x.cost_fall is not None or x.score > best / 2)
+def _listed_candidates(search_round: Round) -> tuple[Candidate, ...]:
+    """Return the fitted candidates, and the others with half the best fitted score or more."""
+    best = max(
+        (
+            candidate.score
+            for candidate in search_round.candidates
+            if candidate.cost_fall is not None
+        ),
+        default=np.inf,
+    )
+    return tuple(
+        x for x in search_round.candidates if x.cost_fall is not None or x.score > best / 2
+    )
 
 
-def _candidate(one: Round, candidate: Candidate) -> CandidateRow:
+def _candidate(search_round: Round, candidate: Candidate) -> CandidateRow:
     fall, check = candidate.cost_fall, candidate.check_fall
-    role = "added" if candidate.name == one.added else "rival" if candidate.name in one.rivals else ""
+    role = (
+        "added"
+        if candidate.name == search_round.added
+        else "rival"
+        if candidate.name in search_round.rivals
+        else ""
+    )
     return CandidateRow(
         sentence=raised(candidate.sentence),
         score=number(candidate.score, 3),
         significance=number(candidate.significance, 3),
         cost_fall=ABSENT if fall is None else number(fall, 3),
-        check_change=ABSENT if check is None or not np.isfinite(check) else f"{100 * np.expm1(-check):+.1f} %",
+        check_change=ABSENT
+        if check is None or not np.isfinite(check)
+        else f"{100 * np.expm1(-check):+.1f} %",
         verdict=candidate.verdict,
         role=role,
     )
 
 
-def _errors(study: Study, one: Round) -> tuple[tuple[str, ...], ...]:
-    """Channel, unit, and the error on training and check records."""
+def _errors(study: Study, search_round: Round) -> tuple[tuple[str, ...], ...]:
+    """Return channel, unit, and the error on training and check records."""
     rows = []
     for name, unit in zip(study.outputs, study.output_units, strict=True):
         scale, shown = display_unit(unit)
-        parts = (number(scale * one.errors[part][name]) for part in ("train", "check") if part in one.errors)
+        parts = (
+            number(scale * search_round.errors[part][name])
+            for part in ("train", "check")
+            if part in search_round.errors
+        )
         rows.append((name, unit_words(shown), *parts))
     return tuple(rows)
 
 
-def _sentence(one: Round, name: str) -> str:
-    """What a candidate is, in words."""
-    return raised(next((candidate.sentence for candidate in one.candidates if candidate.name == name), name))
+def _sentence(search_round: Round, name: str) -> str:
+    """Return the description of a candidate."""
+    return raised(
+        next(
+            (candidate.sentence for candidate in search_round.candidates if candidate.name == name),
+            name,
+        )
+    )

@@ -1,4 +1,4 @@
-"""What a figure shows of one test record: which samples, in which units."""
+"""Selection of the samples of one test record for a figure, in display units."""
 
 from typing import NamedTuple
 
@@ -8,23 +8,28 @@ from .._foundation.checks import require, require_known
 from ..study.study import Study
 from .words import display_unit, unit_words
 
-LIMIT = 1500  # samples that a line across a page can show
-SMOOTH = 0.02  # of a channel's deviation: a record may be thinned when straight lines miss it by no more
+LIMIT = 1500  # samples that a line across a page can resolve (chosen)
+# Largest error of straight lines through a thinned record, as a share of the standard deviation
+# of each channel (chosen).
+SMOOTH = 0.02
 
 
 class View(NamedTuple):
-    """One test record as it is drawn; arrays are (time, output) in display units, NaN where there is nothing.
+    """The drawn samples of one test record.
+
+    Arrays are (time, output) in display units, NaN where there is no value.
 
     Attributes:
         t: times [s].
-        z, before, after: measured, and predicted by the declared model and by the one with the effects.
-        residual_before, residual_after: measured less predicted, where it is scored.
+        z, before, after: measurement, and predictions of the declared model and of the model with
+            effects.
+        residual_before, residual_after: measured less predicted, at the scored samples.
         sigma: standard deviation of the noise by channel.
         channels, units: names and display units.
-        name: of the record.
-        note: which samples are shown, where not all are.
-        scored_from: time from which on samples count, where a window at the start does not [s].
-        same: whether nothing was added, so that both models are one.
+        name: name of the record.
+        note: selection of the samples in words, empty if all are drawn.
+        scored_from: first scored time if a window at the start is not scored, otherwise None [s].
+        same: True if no effect was added, so that both models are the same.
     """
 
     t: np.ndarray
@@ -48,14 +53,15 @@ class View(NamedTuple):
 
 
 def view(study: Study, test: str, case: int = 0) -> View:
-    """Choose what is drawn of one test record.
+    """Return the samples of one test record for drawing.
 
-    A record of more than `LIMIT` samples is thinned where its signals are slow, else cut to a stretch of typical error.
+    A record of more than `LIMIT` samples is thinned if its signals are slow, otherwise cut to a
+    stretch of typical error.
 
     Args:
         study: the study.
         test: name of the test set.
-        case: which record of the set.
+        case: index of the record in the set.
 
     Returns:
         Samples in display units.
@@ -65,12 +71,15 @@ def view(study: Study, test: str, case: int = 0) -> View:
     """
     require_known("test set", [test], study.tests)
     records = study.tests[test]
-    require(0 <= case < records.n_cases, f"Test set {test!r} has {records.n_cases} records; there is no number {case}.")
+    require(
+        0 <= case < records.n_cases,
+        f"Test set {test!r} has {records.n_cases} records; there is no number {case}.",
+    )
     rows = int(np.atleast_1d(np.asarray(records.samples))[case])
     before, after = study.before.tests[test], study.after.tests[test]
     t, z, mask = (np.asarray(array)[case, :rows] for array in (after.t, after.z, records.mask))
     scored = np.asarray(after.scored)[case, :rows]
-    old, new = (np.asarray(one.y)[case, :rows] for one in (before, after))
+    old, new = (np.asarray(side.y)[case, :rows] for side in (before, after))
     shown, note = _shown(t, new, np.where(scored, z - old, np.nan))
     scales, units = zip(*(display_unit(unit) for unit in study.output_units), strict=True)
     signals = (
@@ -82,7 +91,10 @@ def view(study: Study, test: str, case: int = 0) -> View:
     )
     return View(
         t[shown],
-        *(np.where(np.isfinite(one), one, np.nan)[shown] * np.array(scales) for one in signals),
+        *(
+            np.where(np.isfinite(signal), signal, np.nan)[shown] * np.array(scales)
+            for signal in signals
+        ),
         sigma=np.array([study.noise[name] for name in study.outputs]) * np.array(scales),
         channels=study.outputs,
         units=tuple(unit_words(unit) for unit in units),
@@ -94,7 +106,7 @@ def view(study: Study, test: str, case: int = 0) -> View:
 
 
 def _shown(t: np.ndarray, y: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, str]:
-    """Rows to draw, and words for them."""
+    """Return the rows to draw, and their description."""
     rows = t.size
     if rows <= LIMIT:
         return np.arange(rows), ""
@@ -107,13 +119,19 @@ def _shown(t: np.ndarray, y: np.ndarray, error: np.ndarray) -> tuple[np.ndarray,
 
 
 def _is_smooth(t: np.ndarray, y: np.ndarray, thin: np.ndarray) -> bool:
-    """Whether straight lines between a few samples run close to all of them, on every channel."""
+    """Return True if straight lines between the thinned samples are close to all samples."""
     t, y = t[: thin[-1] + 1], y[: thin[-1] + 1]
-    return all(np.std(np.interp(t, t[thin], one[thin]) - one) <= SMOOTH * np.std(one) for one in y.T)
+    return all(
+        np.std(np.interp(t, t[thin], channel[thin]) - channel) <= SMOOTH * np.std(channel)
+        for channel in y.T
+    )
 
 
 def _typical_start(error: np.ndarray) -> int:
-    """Start of the stretch whose mean square error is nearest to that of the record, channels weighed alike."""
+    """Return the start of the stretch whose mean square error is nearest to that of the record.
+
+    All channels have the same weight.
+    """
     square = np.where(np.isfinite(error), error, 0.0) ** 2
     mean = np.mean(square, axis=0)
     square = np.mean(square / np.where(mean > 0, mean, 1.0), axis=1)
@@ -124,6 +142,6 @@ def _typical_start(error: np.ndarray) -> int:
 
 
 def _scored_from(t: np.ndarray, mask: np.ndarray, scored: np.ndarray) -> float | None:
-    """Where a window at the start is left out of the score, its end."""
+    """Return the end of the window at the start that is not scored, or None."""
     left_out, counted = np.any(mask & ~scored, axis=1), np.any(scored, axis=1)
     return float(t[np.argmax(counted)]) if left_out[0] and np.any(counted) else None

@@ -1,52 +1,60 @@
-"""How the report writes numbers, units and outcomes, so that a person who has not seen the code reads them."""
+"""Numbers, units and outcomes in words, for readers who do not know the code."""
 
 import math
 import re
 
+from ..study.outcome import Outcome
+
 SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-LARGEST_PLAIN, SMALLEST_PLAIN = 1e6, 1e-4  # numbers beyond are written with a power of ten
-MOST_DECIMALS = 9
+# Numbers outside of this range are written with a power of ten (chosen).
+LARGEST_PLAIN, SMALLEST_PLAIN = 1e6, 1e-4
+MOST_DECIMALS = 9  # chosen
 DEGREES = 180.0 / math.pi
 
 OUTCOMES = {
-    "explained": "What is left of the error after the effects found is consistent with measurement noise, on every "
-    "channel. Only then does jaxid name an effect as the cause.",
-    "proxies": "The effects found lower the error on the records that decided, but they are not shown to be its cause: "
-    "either more than measurement noise is left, so that something else, or something more, is missing; or there is reason to "
-    "doubt that these effects are it. The verdict says which. Take them as stand-ins, not as the cause.",
-    "unexplained": "The error is more than measurement noise, and no candidate that was tried lowers it on the records "
-    "that decided. So something is missing that is not among the candidates; no cause is named. "
-    "More candidates are the next thing to try.",
-    "process noise": "What the declared model leaves is more than measurement noise, but nothing predicts it: once a filter "
-    "knows of random forces in the equations or of gusts, what is left is noise, and neither a candidate nor any simple function "
-    "of the signals explains any part of it. So no term is missing that these records could show. What a round may have added is "
-    "taken out again.",
-    "coloured noise": "What the declared model leaves can be predicted from its own past, but from nothing else: once a filter "
-    "knows of noise with a memory in the sensors, what is left is white noise, and neither a candidate nor any simple function "
-    "of the signals explains any part of it. So no term is missing that these records could show. What a round may have added is "
-    "taken out again.",
-    "nothing missing": "Already the declared model leaves no more than measurement noise, and no candidate explains "
-    "any part of it. Nothing was added.",
+    Outcome.EXPLAINED: "The error that remains with the effects found is consistent with "
+    "measurement noise, on every channel. Only then does jaxid name an effect as the cause.",
+    Outcome.PROXIES: "The effects found lower the error on the check records, but they are not "
+    "shown to be its cause. Either the remaining error is larger than measurement noise, so that "
+    "another or a further effect is missing, or there is reason to doubt that these effects are "
+    "the cause. The verdict gives the reason. Take them as stand-ins, not as the cause.",
+    Outcome.UNEXPLAINED: "The error is larger than measurement noise, and no candidate lowers it "
+    "on the check records. The missing effect is not among the candidates, and no cause is named. "
+    "Try more candidates next.",
+    Outcome.PROCESS_NOISE: "The residual of the declared model is larger than measurement noise, "
+    "but nothing predicts it. The residual of a filter that models random forces in the equations, "
+    "or gusts, is noise, and neither a candidate nor any simple function of the signals explains "
+    "any part of it. These records therefore show no missing term. Effects that a round may have "
+    "added are removed again.",
+    Outcome.COLOURED_NOISE: "The residual of the declared model can be predicted from its past, "
+    "but from nothing else. The residual of a filter that models sensor noise with a memory is "
+    "white noise, and neither a candidate nor any simple function of the signals explains any part "
+    "of it. These records therefore show no missing term. Effects that a round may have added are "
+    "removed again.",
+    Outcome.NOTHING_MISSING: "The residual of the declared model is already no larger than "
+    "measurement noise, and no candidate explains any part of it. Nothing was added.",
 }
 NOISE_KNOWN = {
-    True: "The noise was given beforehand. “Consistent with noise” therefore means: no larger than that noise allows "
-    "(chi-square test), hardly predictable from its own past, and not explained by any candidate.",
-    False: "The noise was not given but estimated from what the last model leaves, so its size alone proves nothing. "
-    "“Consistent with noise” therefore means: hardly predictable from its own past, and not explained by any "
-    "candidate.",
+    True: "The noise was given beforehand. “Consistent with noise” therefore means: no larger than "
+    "that noise allows (chi-square test), hardly predictable from its past, and not explained by "
+    "any candidate.",
+    False: "The noise was not given but estimated from the residual of the last model, so its size "
+    "alone proves nothing. “Consistent with noise” therefore means: hardly predictable from its "
+    "past, and not explained by any candidate.",
 }
 
-COLOURED = (
-    " In this study the past does predict a part of what is left: the noise of some sensors has a memory. A filter that knows of "
-    "this memory leaves nothing that its past, or any candidate, explains."
+COLOURED_WORDS = (
+    " In this study the past does predict a part of the residual: the noise of some sensors has a "
+    "memory. The residual of a filter that models this memory is predicted neither by its past nor "
+    "by any candidate."
 )
 
 
 def unit_words(unit: str) -> str:
-    """A unit as it is printed: `m/s^2` becomes m/s².
+    """Return a unit in print: `m/s^2` becomes m/s².
 
     Args:
-        unit: as records hold it.
+        unit: the unit in a record.
 
     Returns:
         The same with raised powers and centred dots; empty where there is none.
@@ -55,7 +63,7 @@ def unit_words(unit: str) -> str:
 
 
 def raised(text: str) -> str:
-    """Text with powers such as `x^3` raised, x³.
+    """Return a text with powers such as `x^3` raised, x³.
 
     Args:
         text: a name, a sentence or a unit.
@@ -63,30 +71,30 @@ def raised(text: str) -> str:
     Returns:
         The same with superscript digits.
     """
-    return re.sub(r"\^\(?(-?\d+)\)?", lambda found: found[1].translate(SUPERSCRIPT), text)
+    return re.sub(r"\^\(?(-?\d+)\)?", lambda match: match[1].translate(SUPERSCRIPT), text)
 
 
 def display_unit(unit: str) -> tuple[float, str]:
-    """The factor and the unit in which a channel is shown: degrees for angles, else as it stands.
+    """Return the factor and the unit for the display of a channel: degrees for angles.
 
     Args:
-        unit: as records hold it, SI.
+        unit: the unit in a record, SI.
 
     Returns:
-        What to multiply by, and the unit, not yet raised.
+        The factor, and the unit, not yet raised; all but angles are unchanged.
     """
     return (DEGREES, "deg" + unit[3:]) if re.fullmatch(r"rad(/s(\^\d)?)?", unit) else (1.0, unit)
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number with a few significant digits, a power of ten where it is very large or small.
+    """Return a number with a few significant digits, with a power of ten if very large or small.
 
     Args:
         value: any number.
         digits: significant digits.
 
     Returns:
-        Such as `0.01421`, `3.2·10⁻⁷`; `not finite` where it is not.
+        Such as `0.01421`, `3.2·10⁻⁷`; `not finite` for NaN and infinity.
     """
     if not math.isfinite(value):
         return "not finite"
@@ -94,11 +102,13 @@ def number(value: float, digits: int = 4) -> str:
     if value == 0 or SMALLEST_PLAIN <= abs(value) < LARGEST_PLAIN:
         return f"{value:.0f}" if "e" in text else text
     mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
-    return f"{mantissa.rstrip('0').rstrip('.') if '.' in mantissa else mantissa}·{_power(int(power))}"
+    return (
+        f"{mantissa.rstrip('0').rstrip('.') if '.' in mantissa else mantissa}·{_power(int(power))}"
+    )
 
 
 def percent(share: float) -> str:
-    """A share as per cent.
+    """Return a share in per cent.
 
     Args:
         share: such as 0.021.
@@ -106,15 +116,19 @@ def percent(share: float) -> str:
     Returns:
         Such as `2.1 %`.
     """
-    return f"{100 * share:.{1 if abs(share) < 0.1 else 0}f} %" if math.isfinite(share) else "not finite"
+    return (
+        f"{100 * share:.{1 if abs(share) < 0.1 else 0}f} %"
+        if math.isfinite(share)
+        else "not finite"
+    )
 
 
 def with_error(value: float, error: float) -> str:
-    """An estimate with its standard error, cut where the error's second digit stands.
+    """Return an estimate with its standard error, rounded at the second digit of the error.
 
     Args:
         value: the estimate.
-        error: its standard error; infinite where the data do not determine it, NaN where it stands on a bound.
+        error: its standard error; infinite if the data do not determine it, NaN on a bound.
 
     Returns:
         Such as `-0.5986 ± 0.0028`, or the value with words.

@@ -1,4 +1,4 @@
-"""How the output depends on the parameters, and what that says about them."""
+"""Sensitivities of the output to the parameters, and the information that follows from them."""
 
 from .information import Information
 from .jacobian import value_and_jacobian

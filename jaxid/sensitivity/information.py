@@ -1,9 +1,10 @@
-"""Square-root information: the currency in which records, priors and earlier flights are added up.
+"""Square-root information of records, priors and earlier flights.
 
-The rows `[S_own S_shared v]` of one record, whitened, are decomposed into a triangle. The unknowns that belong to this record
-alone (`own`: its initial state, its biases) are then eliminated in a block of their own, and what is left speaks of the shared
-parameters only; these rests are stacked and decomposed again. One sign convention throughout: `v = z - y`, `S = dy/dtheta`, so
-that the Gauss-Newton step solves `S d = v` in the sense of least squares.
+The rows `[S_own S_shared v]` of one record, whitened, are decomposed into a triangle. The unknowns
+that belong to this record alone (`own`: its initial state, its biases) are eliminated in a block
+of their own. The remaining rows hold the information on the shared parameters; the remainders of
+all records are stacked and decomposed again. Sign convention: `v = z - y`, `S = dy/dtheta`, so that
+the Gauss-Newton step solves `S d = v` in the least-squares sense.
 """
 
 import equinox as eqx
@@ -14,14 +15,19 @@ from .._foundation.linalg import stack_factors, triangle
 from .._foundation.types import Array, Bool, Float
 
 RANK_TOLERANCE = (
-    1e-13  # relative to the largest singular value of a block with columns of unit length: rounding times a few
+    # relative to the largest singular value of a block with columns of unit length; some 500 times
+    # the rounding error of float64
+    1e-13
 )
 
 
 class OwnBlock(eqx.Module):
-    """What one record says about its own unknowns, given the shared ones: `jacobian d_own = rhs - coupling d_shared`.
+    """Information of one record on its own unknowns, given the shared ones.
 
-    Directions that the record does not determine have zero rows here; their rows were handed to the shared part.
+        jacobian d_own = rhs - coupling d_shared
+
+    Directions that the record does not determine have zero rows here; their rows are part of the
+    shared information.
     """
 
     jacobian: Float[Array, "*case own own"]
@@ -31,22 +37,31 @@ class OwnBlock(eqx.Module):
     undetermined: Bool[Array, "*case own"]
 
     def solve(self, d_shared: Float[Array, " parameter"]) -> Float[Array, "*case own"]:
-        """The record's own step for a given step of the shared parameters."""
-        rest = self.rhs - self.coupling @ d_shared
-        return jnp.squeeze(self.inverse @ rest[..., None], -1)
+        """Return the step of the own unknowns for a given step of the shared parameters."""
+        remainder = self.rhs - self.coupling @ d_shared
+        return jnp.squeeze(self.inverse @ remainder[..., None], -1)
 
-    def covariance(self, shared: Float[Array, "parameter parameter"]) -> Float[Array, "*case own own"]:
-        """Covariance of the record's own unknowns, that of the shared ones included; infinite where undetermined."""
+    def covariance(
+        self, shared: Float[Array, "parameter parameter"]
+    ) -> Float[Array, "*case own own"]:
+        """Return the covariance of the record's own unknowns, including that of the shared ones.
+
+        The variance of an undetermined unknown is infinite.
+        """
         eye = jnp.eye(self.rhs.shape[-1])[None]
-        covariance = self.inverse @ (eye + self.coupling @ shared @ self.coupling.mT) @ self.inverse.mT
+        covariance = (
+            self.inverse @ (eye + self.coupling @ shared @ self.coupling.mT) @ self.inverse.mT
+        )
         return covariance + jnp.where(self.undetermined, jnp.inf, 0.0)[..., None] * eye
 
 
 class Information(eqx.Module):
-    """Square-root information of all records: `1/2 |r - T d|^2` for the shared parameters, and a block per record.
+    """Square-root information of all records: `1/2 |r - T d|^2` for the shared parameters, and a
+    block per record.
 
     Attributes:
-        factor: triangle of `[T r]` for the shared parameters, whose last diagonal element is the unexplained whitened rest.
+        factor: triangle of `[T r]` for the shared parameters, whose last diagonal element is the
+            norm of the whitened residual that no parameter explains.
         own: the blocks of the records, stacked.
     """
 
@@ -55,26 +70,36 @@ class Information(eqx.Module):
 
     @property
     def triangle(self) -> Float[Array, "row parameter"]:
-        """`T`: `T'T` is the information matrix of the shared parameters, own unknowns eliminated."""
+        """`T`: `T'T` is the information matrix of the shared parameters, own unknowns
+        eliminated.
+        """
         return self.factor[:, :-1]
 
     @property
     def rhs(self) -> Float[Array, " row"]:
-        """`r`: `T'r` is the negative gradient of the cost in the shared parameters, own unknowns at their best."""
+        """`r`: `T'r` is the negative gradient of the cost in the shared parameters, own unknowns at
+        their best.
+        """
         return self.factor[:, -1]
 
     def gradient(self) -> tuple[Float[Array, " parameter"], Float[Array, "case own"]]:
         """Gradient of the cost (4.17) in the shared parameters and in each record's own."""
         own = jnp.einsum("cij,ci->cj", self.own.jacobian, self.own.rhs)
-        shared = self.triangle.T @ self.rhs + jnp.einsum("cij,ci->j", self.own.coupling, self.own.rhs)
+        shared = self.triangle.T @ self.rhs + jnp.einsum(
+            "cij,ci->j", self.own.coupling, self.own.rhs
+        )
         return -shared, -own
 
     def apply(
         self, d_shared: Float[Array, " parameter"], d_own: Float[Array, "case own"]
     ) -> tuple[Float[Array, " parameter"], Float[Array, "case own"]]:
         """The information matrix (4.18) times a step."""
-        by_record = jnp.einsum("cij,cj->ci", self.own.jacobian, d_own) + self.own.coupling @ d_shared
-        shared = self.triangle.T @ (self.triangle @ d_shared) + jnp.einsum("cij,ci->j", self.own.coupling, by_record)
+        by_record = (
+            jnp.einsum("cij,cj->ci", self.own.jacobian, d_own) + self.own.coupling @ d_shared
+        )
+        shared = self.triangle.T @ (self.triangle @ d_shared) + jnp.einsum(
+            "cij,ci->j", self.own.coupling, by_record
+        )
         return shared, jnp.einsum("cij,ci->cj", self.own.jacobian, by_record)
 
 
@@ -100,32 +125,37 @@ def gather(
     fixed_own: Bool[Array, "case own"],
     fixed_shared: Bool[Array, " parameter"],
 ) -> Information:
-    """Eliminate each record's own unknowns and add up the rests.
+    """Eliminate the own unknowns of each record and sum the remaining information.
 
     Args:
         triangles: from `record_triangles`.
         extra: further rows `[T r]` on the shared parameters: a prior, an earlier flight.
-        fixed_own, fixed_shared: unknowns that may not move now (they stand on a bound), whose columns are left out.
+        fixed_own, fixed_shared: unknowns that may not move now (they stand on a bound), whose
+            columns are left out.
     """
     count = fixed_own.shape[1]
     keep = jnp.concatenate([~fixed_shared, jnp.array([True])])
-    own, rests = jax.vmap(lambda factor, fixed: _eliminate(factor, fixed, keep, count))(triangles, fixed_own)
-    factor = stack_factors(rests)
+    own, remainders = jax.vmap(lambda factor, fixed: _eliminate(factor, fixed, keep, count))(
+        triangles, fixed_own
+    )
+    factor = stack_factors(remainders)
     return Information(triangle(jnp.concatenate([factor, extra * keep[None]])), own)
 
 
 def _eliminate(factor, fixed, keep, count):
-    """One record's own block, and the rows that are left for the shared parameters."""
+    """Return the block of one record and the remaining rows on the shared parameters."""
     jacobian = jnp.where(fixed[None], 0.0, factor[:count, :count])
-    top, rest = factor[:count, count:] * keep[None], factor[count:, count:] * keep[None]
+    top, remainder = factor[:count, count:] * keep[None], factor[count:, count:] * keep[None]
     length = jnp.linalg.norm(jacobian, axis=0)
     scale = jnp.where(length > 0, length, 1.0)
     U, s, Vt = jnp.linalg.svd(jacobian / scale[None])
     strong = s > RANK_TOLERANCE * jnp.max(s, initial=0.0)
-    turned = U.T @ top
-    inverse = (Vt.T / scale[:, None]) * jnp.where(strong, 1.0 / jnp.where(strong, s, 1.0), 0.0)[None]
-    mine = jnp.where(strong[:, None], turned, 0.0)
+    rotated = U.T @ top
+    inverse = (Vt.T / scale[:, None]) * jnp.where(strong, 1.0 / jnp.where(strong, s, 1.0), 0.0)[
+        None
+    ]
+    own_rows = jnp.where(strong[:, None], rotated, 0.0)
     undetermined = jnp.any(~strong[:, None] & (jnp.abs(Vt) > 1e-3), axis=0)
     own = jnp.where(strong, s, 0.0)[:, None] * Vt * scale[None]
-    block = OwnBlock(own, mine[:, :-1], mine[:, -1], inverse, undetermined)
-    return block, jnp.concatenate([rest, turned - mine])
+    block = OwnBlock(own, own_rows[:, :-1], own_rows[:, -1], inverse, undetermined)
+    return block, jnp.concatenate([remainder, rotated - own_rows])

@@ -1,4 +1,7 @@
-"""Output sensitivities by forward mode: few parameters, many samples (Eq. 4.6 to 4.9 without writing them by hand)."""
+"""Output sensitivities by forward-mode differentiation, in place of Eq. 4.6 to 4.9.
+
+Forward mode suits few parameters and many samples.
+"""
 
 from collections.abc import Callable
 
@@ -9,13 +12,15 @@ from .._foundation.types import Array, Float
 
 
 def value_and_jacobian(
-    function: Callable[[Float[Array, " parameter"]], Float[Array, "..."]], theta: Float[Array, " parameter"]
+    function: Callable[[Float[Array, " parameter"]], Float[Array, "..."]],
+    theta: Float[Array, " parameter"],
 ) -> tuple[Float[Array, "..."], Float[Array, "... parameter"]]:
-    """A function's value and its Jacobian, all columns pushed forward in one pass.
+    """Return the value of a function and its Jacobian, all columns in one pass.
 
         S = d function / d theta
 
-    Works through `lax.scan` and through diffrax with `ForwardMode`, whatever stepper made the simulation.
+    Works through `lax.scan` and through diffrax with `ForwardMode`, whatever stepper made the
+    simulation.
 
     Args:
         function: from a vector of parameters to an array.

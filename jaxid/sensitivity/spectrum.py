@@ -1,4 +1,4 @@
-"""Spectrum of the information: which combinations of parameters the data determine, and which they do not."""
+"""Spectrum of the information: combinations of parameters that the data do or do not determine."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,7 +8,8 @@ from .._foundation.types import Array, Bool, Float
 
 
 class Spectrum(eqx.Module):
-    """Singular values of the column-scaled triangle; squared, they are the eigenvalues of M* (Eq. 4.26).
+    """Singular values of the column-scaled triangle; squared, they are the eigenvalues of M* (Eq.
+    4.26).
 
     Attributes:
         singular_values: in falling order.
@@ -32,13 +33,14 @@ class Spectrum(eqx.Module):
         return self.eigenvalues < threshold * self.eigenvalues[:1]
 
     def step(self, weights: Float[Array, " parameter"]) -> Float[Array, " parameter"]:
-        """The step whose component along each scaled direction is `weights * turned`."""
+        """Return the step whose component along each scaled direction is `weights * turned`."""
         return (self.directions.T @ (weights * self.turned)) / self.scale
 
     def covariance(self, threshold: float) -> Float[Array, "parameter parameter"]:
         """Inverse of the information over the strong directions (Cramer-Rao).
 
-        A parameter with a share in a weak direction has an infinite variance; a column of zeros has none at all.
+        A parameter with a share in a weak direction has an infinite variance, and so has one with a
+        column of zeros.
         """
         strong = ~self.weak(threshold) & (self.singular_values > 0)
         half = (
@@ -51,18 +53,23 @@ class Spectrum(eqx.Module):
         return covariance + jnp.diag(jnp.where(undetermined, jnp.inf, 0.0))
 
 
-SHARE = 1e-3  # a share in a weak direction below this is rounding of the singular vectors, not participation
+# a share in a weak direction below this is rounding of the singular vectors, not participation
+SHARE = 1e-3
 
 
 def spectrum(
-    triangle: Float[Array, "row parameter"], rhs: Float[Array, " row"], scale: Float[Array, " parameter"] | None = None
+    triangle: Float[Array, "row parameter"],
+    rhs: Float[Array, " row"],
+    scale: Float[Array, " parameter"] | None = None,
 ) -> Spectrum:
-    """Decompose a triangle `T` with its right-hand side after scaling its columns (fixes a and b of section 4.3.1).
+    """Decompose a triangle `T` with its right-hand side after scaling its columns (fixes a and b of
+    section 4.3.1).
 
     Args:
         triangle: square-root information `T`.
         rhs: right-hand side `r`.
-        scale: typical sizes of the parameters, NaN where the column's own length serves; None for all.
+        scale: typical sizes of the parameters, NaN where the column's own length serves; None for
+            all.
     """
     length = jnp.linalg.norm(triangle, axis=0)
     length = jnp.where(length > 0, length, 1.0)
@@ -75,7 +82,7 @@ def spectrum(
 def weak_directions(
     names: tuple[str, ...],
     values: Float[np.ndarray, " parameter"],
-    found: Spectrum,
+    decomposition: Spectrum,
     threshold: float,
     share: float = 0.05,
 ) -> tuple[str, ...]:
@@ -84,25 +91,26 @@ def weak_directions(
     Args:
         names: names of the parameters.
         values: their values; a combination is written in units of the parameters themselves.
-        found: the spectrum.
+        decomposition: the spectrum.
         threshold: eigenvalues below this share of the largest are weak.
         share: components smaller than this share of the largest are left out of the sentence.
 
     Returns:
-        One sentence per weak direction, with the best determined combination of the same parameters beside it.
+        One sentence per weak direction, with the best determined combination of the same parameters
+        added.
     """
     sentences = []
-    for index in np.flatnonzero(np.asarray(found.weak(threshold))):
-        direction = np.asarray(found.directions[index])
+    for index in np.flatnonzero(np.asarray(decomposition.weak(threshold))):
+        direction = np.asarray(decomposition.directions[index])
         kept = np.flatnonzero(np.abs(direction) >= share * np.max(np.abs(direction)))
-        moved = direction[kept] / np.asarray(found.scale)[kept]
+        components = direction[kept] / np.asarray(decomposition.scale)[kept]
         together = [names[i] for i in kept]
-        weak = _combination(together, moved / moved[0])
+        weak = _combination(together, components / components[0])
         if len(kept) == 1:
             sentences.append(f"{names[kept[0]]} is not determined")
         elif len(kept) == 2:
             # The determined combination is the one that does not change along the weak direction.
-            strong = _combination(together, np.array([1.0, -moved[0] / moved[1]]))
+            strong = _combination(together, np.array([1.0, -components[0] / components[1]]))
             sentences.append(f"{strong} is determined, {weak} is not")
         else:
             sentences.append(f"{weak} is not determined")

@@ -1,11 +1,12 @@
-"""From a model and an input to a time history; equilibria, and the linear model at a point."""
+"""Simulation of models, equilibria, and linearisation at a point."""
 
-from .inputs import BandLimited, Cubic, Linear, ZeroOrder
+from . import hold as hold
+from .hold import BandLimited, Cubic, Linear, ZeroOrder
 from .linearise import Linearisation, linearise
 from .simulate import simulate
 from .solution import Solution
 from .steppers import RK4, Adaptive
-from .trim import Trim, balance
+from .trim import Trim, solve_equilibrium
 
 __all__ = [
     "RK4",
@@ -17,7 +18,8 @@ __all__ = [
     "Solution",
     "Trim",
     "ZeroOrder",
-    "balance",
+    "hold",
     "linearise",
     "simulate",
+    "solve_equilibrium",
 ]

@@ -1,4 +1,4 @@
-"""`linearise`: the linear model that touches a nonlinear one at a point."""
+"""`linearise`: the linear model tangent to a nonlinear one at a point."""
 
 from collections.abc import Sequence
 
@@ -10,16 +10,20 @@ import numpy as np
 from .._foundation.checks import require, require_known
 from .._foundation.types import Array, Float, Numbers
 from ..models.base import AbstractModel, canonical
+from ..models.equation_shapes import check_equations
 from ..models.linear import LinearModel
 
 
 class Linearisation(eqx.Module):
-    """The matrices of `d(dx)/dt = A dx + B du`, `dy = C dx + D du`, with the names of their rows and columns.
+    """Matrices of a linear model, with the names of their rows and columns.
 
-    Under `vmap` the matrices carry a leading axis, and the names stay.
+        d(dx)/dt = A dx + B du,    dy = C dx + D du
+
+    Under `vmap` the matrices have a leading axis; the names are shared.
 
     Attributes:
-        A, B, C, D: derivatives of the state's rate and of the output, in the units of the model's channels.
+        A, B, C, D: derivatives of the state's rate and of the output, in the units of the model's
+            channels.
         states, inputs, outputs: the names of the channels, in order.
     """
 
@@ -38,7 +42,9 @@ class Linearisation(eqx.Module):
         inputs: Sequence[str] | None = None,
         outputs: Sequence[str] | None = None,
     ) -> "Linearisation":
-        """The subsystem of some channels, in the order given; the states left out are held at the point.
+        """Return the subsystem of some channels, in the given order.
+
+        The other states are held at the point.
 
         Args:
             states, inputs, outputs: names to keep; all by default.
@@ -47,9 +53,9 @@ class Linearisation(eqx.Module):
             The matrices with the rows and columns of these names.
 
         Raises:
-            InputError: for a name that does not exist; those that do are listed.
+            InputError: for a name that does not exist, with the list of names.
         """
-        kept, at = [], []
+        selected, at = [], []
         for kind, chosen, available in (
             ("state", states, self.states),
             ("input", inputs, self.inputs),
@@ -57,15 +63,15 @@ class Linearisation(eqx.Module):
         ):
             names = available if chosen is None else tuple(chosen)
             require_known(f"{kind} of the linearisation", names, available)
-            kept.append(names)
+            selected.append(names)
             at.append(np.array([available.index(name) for name in names], int))
         x, u, y = at
         A, B = self.A[..., x[:, None], x[None]], self.B[..., x[:, None], u[None]]
         C, D = self.C[..., y[:, None], x[None]], self.D[..., y[:, None], u[None]]
-        return Linearisation(A, B, C, D, *kept)
+        return Linearisation(A, B, C, D, *selected)
 
     def as_model(self) -> LinearModel:
-        """The same as a `LinearModel`, whose channels are departures from the point; of one case only."""
+        """Return the `LinearModel` of deviations from the point; for one case only."""
         channels = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
         return LinearModel(self.A, self.B, self.C, self.D, **channels)
 
@@ -87,12 +93,12 @@ def linearise(
     x: Float[Numbers, " state"],
     u: Float[Numbers, " input"],
 ) -> Linearisation:
-    """The derivatives of a model's equations at a point, exact to rounding.
+    """Return the linearisation of a model at a point, exact to rounding.
 
         A = d rhs/dx,   B = d rhs/du,   C = d output/dx,   D = d output/du     at (t, x, u)
 
-    Pure: works under `jit`, `vmap` and `jacfwd`. The point need not be an equilibrium. At a corner of the equations (a limit, a
-    knot of a linear table) the derivative is that of one side.
+    Pure: works under `jit`, `vmap` and `jacfwd`. The point need not be an equilibrium. At a kink of
+    the equations (a limit, a knot of a linear table) the derivative is the one-sided one.
 
     Args:
         model: any model.
@@ -104,22 +110,28 @@ def linearise(
         Matrices and names.
 
     Raises:
-        InputError: when a shape does not fit the model's channels.
+        InputError: when a shape does not fit the model's channels, or `rhs` or `output` does
+            not return one number for each of its channels.
     """
     model = canonical(model)
     t, x, u = jnp.asarray(t, float), jnp.asarray(x, float), jnp.asarray(u, float)
     for name, array, channels in (("x", x, model.states), ("u", u, model.inputs)):
         require(
             array.shape == (len(channels),),
-            f"{name} has shape {array.shape}, but the model has {len(channels)} channels there: {', '.join(channels)}.",
+            f"{name} has shape {array.shape}, but the model has {len(channels)} channels there: "
+            f"{', '.join(channels)}.",
         )
+    check_equations(model)
     (A, B), (C, D) = _derivatives(model, t, x, u)
     return Linearisation(A, B, C, D, model.states, model.inputs, model.outputs)
 
 
 @eqx.filter_jit
 def _derivatives(model: AbstractModel, t: Array, x: Array, u: Array):
-    """Derivatives of the state's rate and of the output by state and input; compiled, for many operations make a model."""
+    """Return the derivatives of the state's rate and of the output by state and input.
+
+    They are compiled, since a model consists of many operations.
+    """
 
     def both(x, u):
         return model.rhs(t, x, u), model.output(t, x, u)

@@ -1,13 +1,18 @@
-"""`simulate`: the model's answer to an input."""
+"""`simulate`: the response of a model to an input."""
+
+from functools import partial
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.types import Array, Float, Numbers
-from ..models.base import AbstractModel, canonical
-from .inputs import AbstractHold, AbstractPath, Linear
+from ..models.base import AbstractModel, as_float, canonical
+from ..models.equation_shapes import check_equations
+from .hold import AbstractHold, Linear
+from .input_signal import AbstractInputSignal
 from .solution import Solution
 from .steppers import RK4, AbstractStepper
 
@@ -25,34 +30,67 @@ def simulate(
 
         dx/dt = rhs(t, x, u(t)),  x(t_0) = initial_state,    y_i = output(t_i, x_i, u_i)
 
-    Pure: works under `jit`, `vmap` and `jacfwd`. With a leading case axis the cases run side by side and share the model.
+    Pure: works under `jit`, `vmap` and `jacfwd`. With a leading case axis the cases run in
+    parallel and share the model. It is compiled once for each structure of model, hold and stepper
+    and each number of samples: other values do not compile again.
 
     Args:
         model: the model, whose array leaves may be traced.
         t: sample times [s], strictly increasing up to a padding that repeats the last one.
-        u: inputs at the samples.
-        initial_state: state at the first sample.
-        hold: how the input runs between its samples; `Linear()` by default.
-        stepper: `RK4(substeps)`, one step a sample by default, or `Adaptive(solver)`.
+        u: inputs at the samples [the units of the inputs].
+        initial_state: state at the first sample [the units of the states].
+        hold: interpolation of the input between its samples; `Linear()` by default.
+        stepper: `RK4(substeps)`, by default one step per sample, or `Adaptive(solver)`.
 
     Returns:
         States and outputs at the sample times, and whether all of them are finite.
 
     Raises:
-        InputError: when a shape does not fit the model's channels, or JAX is not in 64 bit.
+        InputError: when a shape does not fit the model's channels, `rhs` or `output` does not
+            return one number for each of its channels or cannot be traced, the hold or the stepper
+            cannot serve the sample times (`RK4` refuses holes), or JAX is not in 64 bit.
     """
     require_float64()
-    hold, stepper = hold or Linear(), stepper or RK4()
+    between, integrator = canonical(hold or Linear()), canonical(stepper or RK4())
     model = canonical(model)
-    t, u, initial_state = (jnp.asarray(array, float) for array in (t, u, initial_state))
-    for name, array, channels in (("u", u, model.inputs), ("initial_state", initial_state, model.states)):
+    t, u, initial_state = as_float(t), as_float(u), as_float(initial_state)
+    for name, array, channels in (
+        ("u", u, model.inputs),
+        ("initial_state", initial_state, model.states),
+    ):
         require(
-            array.shape[-1] == len(channels),
-            f"{name} has {array.shape[-1]} channels, but the model has {len(channels)}: {', '.join(channels)}.",
+            array.ndim > 0 and array.shape[-1] == len(channels),
+            f"{name} has {array.shape[-1] if array.ndim else 'no'} channels, "
+            f"but the model has {len(channels)}: {', '.join(channels)}.",
         )
+    require(t.ndim > 0, "t is a single number. Give the sample times, shape (time,).")
+    require(
+        u.ndim > 1 and u.shape[-2] == t.shape[-1],
+        f"u has {u.shape[-2] if u.ndim > 1 else 'no'} rows for {t.shape[-1]} sample times.",
+    )
+    for name, cases in (("u", u.shape[:-2]), ("initial_state", initial_state.shape[:-1])):
+        require(
+            cases == t.shape[:-1],
+            f"t has the case axes {t.shape[:-1]}, but {name} has {cases}. "
+            "Give each case its own row of t, u and initial_state.",
+        )
+    if not isinstance(t, Tracer):
+        between.check(t)
+        if model.states:
+            integrator.check(t)
+    check_equations(model)
+    return _cases(model, t, u, initial_state, between, integrator)
+
+
+@eqx.filter_jit
+def _cases(model, t, u, initial_state, hold, stepper) -> Solution:
+    """Return the solution of one case or, with leading axes, of many.
+
+    All calls share this compiled function.
+    """
     if t.ndim > 1:
-        return jax.vmap(lambda *case: simulate(model, *case, hold=hold, stepper=stepper))(t, u, initial_state)
-    require(t.ndim == 1 and u.shape[0] == t.size, f"u has {u.shape[0]} rows for {t.size} sample times.")
+        case = partial(_cases, model, hold=hold, stepper=stepper)
+        return jax.vmap(case)(t, u, initial_state)
     return run(model, t, u, initial_state, hold, stepper)
 
 
@@ -64,34 +102,44 @@ def run(
     hold: AbstractHold,
     stepper: AbstractStepper,
 ) -> Solution:
-    """One case without the border's checks: what the estimation differentiates."""
-    path, u = arriving(model, hold, t, u)
+    """Return the solution of one case without checks; the estimation differentiates this."""
+    path, u = effective_input(model, hold, t, u)
     x, dx = stepper.states(model, t, path, initial_state)
     y = _observed(model, t, x, u, dx)
     return Solution(t, x, y, jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y)))
 
 
-def arriving(
-    model: AbstractModel, hold: AbstractHold, t: Float[Array, " time"], u: Float[Array, "time input"]
-) -> tuple[AbstractPath, Float[Array, "time input"]]:
-    """The input as it arrives at the equations: its path, and its values at the samples, at which the outputs feel it."""
+def effective_input(
+    model: AbstractModel,
+    hold: AbstractHold,
+    t: Float[Array, " time"],
+    u: Float[Array, "time input"],
+) -> tuple[AbstractInputSignal, Float[Array, "time input"]]:
+    """Return the input of the equations as a signal, and its values at the samples.
+
+    The outputs are evaluated with these values.
+    """
     recorded = hold.path(t, u)
-    path = model.input_path(recorded)
+    path = model.input_signal(recorded)
     return path, u if path is recorded else jax.vmap(path)(t)
 
 
 @eqx.filter_jit
 def _observed(model, t, x, u, dx) -> Float[Array, "time output"]:
-    """What the instruments show of a trajectory; a function of its own, to be traced once."""
+    """Return the measured outputs of a trajectory; a separate function, to be traced once."""
     return model.observe(t, jax.vmap(model.output_given)(t, x, u, dx))
 
 
 def explain_divergence(solution: Solution, model: AbstractModel, where: str) -> InputError:
-    """The error that tells when and in which state a simulation first stopped being finite."""
+    """Return the error with time and state at which a simulation first is not finite."""
     bad = ~jnp.isfinite(solution.x)
     row = int(jnp.argmax(jnp.any(bad, axis=-1)))
-    states = [name for name, wrong in zip(model.states, bad[row], strict=True) if wrong] or list(model.outputs)
+    states = [name for name, wrong in zip(model.states, bad[row], strict=True) if wrong] or list(
+        model.outputs
+    )
     return InputError(
-        f"The simulation of {where} stops being finite at t = {float(solution.t[row]):g} s, in {', '.join(states)}. "
-        "Start from parameters for which the model is stable over the record, shorten the record, or raise `substeps`."
+        f"The simulation of {where} stops being finite at t = {float(solution.t[row]):g} s, in "
+        f"{', '.join(states)}. "
+        "Start from parameters for which the model is stable over the record, shorten the record, "
+        "or raise `substeps`."
     )

@@ -1,4 +1,4 @@
-"""What a simulation returns, whichever stepper made it."""
+"""`Solution`: the result of a simulation with any stepper."""
 
 import equinox as eqx
 
@@ -12,7 +12,7 @@ class Solution(eqx.Module):
         t: sample times [s].
         x: states at the samples, in the model's units.
         y: outputs at the samples, in the model's units.
-        finite: False where the simulation diverged; the numbers of that case are then worthless.
+        finite: False where the simulation diverged; the values of that case are then invalid.
     """
 
     t: Float[Array, "*case time"]

@@ -1,4 +1,4 @@
-"""Which terms the data support: regression, criteria, and the selection of subsets of candidates."""
+"""Model structure determination: regression, criteria, and selection of subsets of terms."""
 
 from .errors_in_variables import instrumental_variables, total_least_squares
 from .exchange import best_subsets

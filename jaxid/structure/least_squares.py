@@ -1,4 +1,4 @@
-"""Ordinary and weighted least squares, with standard errors for white residuals or for residuals of their own colour."""
+"""Ordinary and weighted least squares, with standard errors for white or coloured residuals."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -25,48 +25,51 @@ def least_squares(
     constant: bool = True,
     response: str = "y",
 ) -> Regression:
-    """The values that minimise `sum_i w_i (y_i - constant - X_i values)^2` (B.1, B.3), by orthogonal triangularisation.
+    """Return the values that minimise `sum_i w_i (y_i - constant - X_i values)^2` (B.1, B.3).
 
-    The level of the noise is taken from the residual, with weights too: only their ratios count. Values and standard errors are
-    unbiased where the columns are free of noise and the residual is white.
+    The problem is solved by orthogonal triangularisation. The noise level is estimated from the
+    residual, also with weights: only their ratios matter. Values and standard errors are unbiased
+    if the columns are free of noise and the residual is white.
 
     Args:
         X: columns, shape (time, term).
-        y: what they shall explain, shape (time,).
-        names: of the columns.
-        weights: of the samples, in inverse proportion to their variance.
+        y: the response, shape (time,).
+        names: names of the columns.
+        weights: weights of the samples, inversely proportional to their variance.
         deviations: standard deviation of each sample's noise, in place of weights.
-        constant: fit a constant beside the columns.
-        response: name of what is explained.
+        constant: fit a constant in addition to the columns.
+        response: name of the response.
 
     Raises:
-        InputError: as `prepare` says, and when a column is a combination of others.
+        InputError: see `prepare`; and if a column is a linear combination of others.
     """
-    problem = prepare(X, y, names, weights=weights, deviations=deviations, constant=constant, response=response)
+    problem = prepare(
+        X, y, names, weights=weights, deviations=deviations, constant=constant, response=response
+    )
     return regress(problem, range(len(problem.names)))
 
 
 def regress(problem: Problem, active: Sequence[int]) -> Regression:
-    """Least squares on some columns of a problem.
+    """Return the least-squares regression on some columns of a problem.
 
     Args:
-        problem: from `prepare`.
-        active: numbers of the columns, in the order in which the result names them.
+        problem: result of `prepare`.
+        active: numbers of the columns, in the order of the result's names.
 
     Raises:
-        InputError: when a column is a combination of others.
+        InputError: if a column is a linear combination of others.
     """
-    found = fit(problem, active)
-    values = found.inverse @ found.along / problem.scale[list(found.active)]
-    spread = _spread(problem, found)
+    fitted = fit(problem, active)
+    values = fitted.inverse @ fitted.coordinates / problem.scale[list(fitted.active)]
+    transform = _error_transform(problem, fitted)
     weighted = bool(np.ptp(problem.root) > 0)
     return assemble(
         problem,
-        found.active,
+        fitted.active,
         values,
-        spread @ spread.T * (found.SSE / found.dof),
-        SSE=found.SSE,
-        overall_F=criteria.overall_F(found.SSE, problem.SST, len(found.active), found.dof),
+        transform @ transform.T * (fitted.SSE / fitted.dof),
+        SSE=fitted.SSE,
+        overall_F=criteria.overall_F(fitted.SSE, problem.SST, len(fitted.active), fitted.dof),
         method="weighted least squares" if weighted else "least squares",
     )
 
@@ -81,7 +84,10 @@ def assemble(
     overall_F: float,
     method: str,
 ) -> Regression:
-    """A result from values and the covariance of values and, where one is fitted, of the constant after them."""
+    """Return a regression from values and their covariance.
+
+    If a constant is fitted, the last row and column of the covariance belong to it.
+    """
     active, terms = list(active), len(active)
     constant = problem.mean - float(problem.means[active] @ values) if problem.constant else 0.0
     within, errors = covariance[:terms, :terms], np.sqrt(np.diagonal(covariance))
@@ -116,24 +122,27 @@ def with_coloured_errors(
     weights: Float[Numbers, " time"] | None = None,
     runs: Labels | None = None,
 ) -> Regression:
-    """The same values with standard errors for a residual of the autocorrelation that it shows.
+    """Return the regression with standard errors for a coloured residual.
 
         cov = A (Q' E[v v'] Q) A',    values = A Q' y,    Q the orthonormal basis of the columns
 
-    Where samples are near enough in time to share what the model lacks, errors for white residuals are too small.
+    The autocorrelation is estimated from the residual v. If neighbouring samples share a modelling
+    error, standard errors for white residuals are too small.
 
     Args:
-        regression: by ordinary or weighted least squares.
-        X: columns, shape (time, term), equally spaced in time within a run; more than those of the regression are allowed.
-        names: of the columns.
-        weights: as the regression had them.
-        runs: label of the manoeuvre of each sample; samples of two manoeuvres do not correlate. One by default.
+        regression: result of ordinary or weighted least squares.
+        X: columns, shape (time, term), equally spaced in time within a manoeuvre; columns that are
+            not in the regression are ignored.
+        names: names of the columns.
+        weights: weights of the regression.
+        runs: label of the manoeuvre of each sample; samples of different manoeuvres are
+            uncorrelated. One manoeuvre by default.
 
     Returns:
-        The regression with other standard errors, covariances and F, `overall_F` as it was.
+        The regression with new standard errors, covariances and F, and the same `overall_F`.
 
     Raises:
-        InputError: when a name of the regression is not among those of the columns, or shapes do not match.
+        InputError: if a name of the regression is not among the columns, or shapes do not match.
 
     (Morelli & Klein, Journal of Aircraft 34(6), 1997.)
     """
@@ -141,36 +150,62 @@ def with_coloured_errors(
     X = np.asarray(X, float)[:, [tuple(names).index(name) for name in regression.names]]
     y = regression.predict(X) + regression.residuals
     problem = prepare(X, y, regression.names, weights=weights, constant=regression.has_constant)
-    found = fit(problem, range(len(regression.names)))
-    basis = problem.Q @ found.basis
+    fitted = fit(problem, range(len(regression.names)))
+    basis = problem.Q @ fitted.basis
     if problem.constant:
         basis = np.column_stack([basis, problem.root / np.linalg.norm(problem.root)])
     labels = np.zeros(len(y)) if runs is None else np.asarray(runs)
-    require(labels.shape == y.shape, f"There are {len(y)} samples and {labels.shape} labels of runs.")
+    require(
+        labels.shape == y.shape,
+        f"There are {len(y)} samples, and the labels of runs have shape {labels.shape}. Give one "
+        "label for each sample.",
+    )
     v = problem.root * regression.residuals
     cases = [labels == label for label in dict.fromkeys(labels.tolist())]
-    score = np.asarray(score_covariance(_stack(basis, cases)[:, :, None], _stack(v, cases)[:, :, None]))
-    spread = _spread(problem, found)
-    covariance = spread @ score @ spread.T * (problem.samples / problem.dof(len(found.active)))
-    same = assemble(problem, found.active, regression.values, covariance, SSE=found.SSE, overall_F=0.0, method="")
+    # Samples of weight zero and the padding of shorter runs count as missing.
+    valid = _stack(problem.root > 0, cases) > 0
+    score = score_covariance(
+        _stack(basis, cases)[:, :, None], _stack(v, cases)[:, :, None], valid[:, :, None]
+    )
+    transform = _error_transform(problem, fitted)
+    covariance = (
+        transform
+        @ np.asarray(score)
+        @ transform.T
+        * (problem.samples / problem.dof(len(fitted.active)))
+    )
+    coloured = assemble(
+        problem,
+        fitted.active,
+        regression.values,
+        covariance,
+        SSE=fitted.SSE,
+        overall_F=0.0,
+        method="",
+    )
     changed = ("standard_errors", "covariance", "F", "constant_error", "constant_covariance")
     method = f"{regression.method}, standard errors for a coloured residual"
-    return dataclasses.replace(regression, method=method, **{name: getattr(same, name) for name in changed})
+    return dataclasses.replace(
+        regression, method=method, **{name: getattr(coloured, name) for name in changed}
+    )
 
 
-def _spread(problem: Problem, found: Fit) -> np.ndarray:
-    """From white noise along the orthonormal basis, and along the constant, to errors of the values and of the constant."""
-    active = list(found.active)
-    spread = found.inverse / problem.scale[active][:, None]
+def _error_transform(problem: Problem, fitted: Fit) -> np.ndarray:
+    """Return the matrix that maps noise to errors of the values and of the constant.
+
+    The noise is given in the orthonormal basis, and along the constant if there is one.
+    """
+    active = list(fitted.active)
+    transform = fitted.inverse / problem.scale[active][:, None]
     if not problem.constant:
-        return spread
+        return transform
     level = 1.0 / np.linalg.norm(problem.root)
-    below = np.append(-problem.means[active] @ spread, level)
-    return np.vstack([np.column_stack([spread, np.zeros(len(active))]), below])
+    last_row = np.append(-problem.means[active] @ transform, level)
+    return np.vstack([np.column_stack([transform, np.zeros(len(active))]), last_row])
 
 
 def _stack(values: np.ndarray, cases: list[np.ndarray]):
-    """Runs of different lengths along a leading axis, filled up with zeros."""
+    """Return runs of different lengths along a leading axis, padded with zeros."""
     longest = max(int(np.sum(case)) for case in cases)
     stacked = np.zeros((len(cases), longest, *values.shape[1:]))
     for row, case in zip(stacked, cases, strict=True):

@@ -1,4 +1,4 @@
-"""How a subset is built up: levels of F, tolerance, terms that must or must not be in."""
+"""Options of stepwise regression: levels of F, tolerance, forced terms, limits."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,32 +6,38 @@ from typing import Literal
 from .._foundation.checks import require, require_known, require_unique
 from .criteria import critical_F
 
-DEFAULT_F = 4.0  # near the 95 % level for many samples; the usual choice of the field (Efroymson, 1960)
+# about the 95 % level for many samples; the usual value (Efroymson, 1960)
+DEFAULT_F = 4.0
 
 
 @dataclass(frozen=True)
 class SubsetOptions:
-    """Rules of stepwise regression (Appendix B.2.3, Table 6.2).
+    """Options of stepwise regression (Appendix B.2.3, Table 6.2).
 
-    Give a level of F as a number or as a probability, not both. As a probability its number grows as degrees of freedom are
-    used up. A removal level above the entry level would let one term enter and leave for ever, and is refused.
+    Give a level of F as a number or as a probability, not both. The F of a probability increases as
+    degrees of freedom are used up. A removal level above the entry level is refused, because a term
+    could enter and leave endlessly.
 
     Args:
-        F_in, F_out: least F at which a term enters, and stays.
-        level_in, level_out: the same as probabilities of exceeding it by chance; `level_out` is `level_in` by default.
-        tolerance: least share of a column that the terms inside leave unexplained, for it to enter (section B.3).
-        R2_stop: nothing more enters when the multiple correlation R2 has reached this; 1 never stops.
-        direction: `"forward"` only adds terms, `"backward"` only removes them, `"both"` checks for removal before each entry.
-            `"there and back"` adds terms until none is left and removes them again, whatever their F: for rules that judge
-            models by a criterion, as a term that entered early in place of others leaves on the way back, and the right
-            model is among these more often.
+        F_in, F_out: least F for a term to enter, and to stay.
+        level_in, level_out: the same as probabilities of exceeding F by chance; `level_out` is
+            `level_in` by default.
+        tolerance: least share of a column, unexplained by the terms in the model, for its term to
+            enter (section B.3).
+        R2_stop: squared multiple correlation at which no further term enters; never for 1.
+        direction: `"forward"` only adds terms, `"backward"` only removes them, `"both"` checks for
+            removal before each entry. `"there and back"` adds all terms and removes all, whatever
+            their F, for rules that select a model by a criterion: a term that entered early in
+            place of others leaves in the backward pass, so that the path contains the right model
+            more often.
         force_in: terms that enter first, in this order, and stay.
         force_out: terms that never enter.
-        max_terms: most terms in a model; no limit by default.
-        PSE_bound: largest variance of the noise for PSE [response^2]; mean square of the response about its mean by default.
+        max_terms: largest number of terms in a model; no limit by default.
+        PSE_bound: upper bound of the noise variance for PSE [response^2]; mean square of the
+            response about its mean by default.
 
     Raises:
-        InputError: when an option is out of its range or two contradict each other.
+        InputError: if an option is out of range, or two options contradict each other.
     """
 
     F_in: float | None = None
@@ -49,44 +55,67 @@ class SubsetOptions:
     def __post_init__(self):
         numbers = self.F_in is not None or self.F_out is not None
         levels = self.level_in is not None or self.level_out is not None
-        require(not (numbers and levels), "Levels of F are given as numbers and as probabilities. Give one kind.")
-        require(self.level_out is None or self.level_in is not None, "level_out is given without level_in. Give both.")
         require(
-            0 < self.tolerance < 1, f"The tolerance is {self.tolerance}; it lies between 0 and 1, the report's is 0.01."
+            not (numbers and levels),
+            "Levels of F are given as numbers and as probabilities. Give one kind.",
         )
-        require(0 < self.R2_stop <= 1, f"R2_stop is {self.R2_stop}; it lies above 0 and is at most 1.")
+        require(
+            self.level_out is None or self.level_in is not None,
+            "level_out is given without level_in. Give both.",
+        )
+        require(
+            0 < self.tolerance < 1,
+            f"The tolerance is {self.tolerance}; it lies between 0 and 1, the report's is 0.01.",
+        )
+        require(
+            0 < self.R2_stop <= 1, f"R2_stop is {self.R2_stop}; it lies above 0 and is at most 1."
+        )
         require(
             self.direction in ("both", "forward", "backward", "there and back"),
-            f"The direction is {self.direction!r}. Choose 'both', 'forward', 'backward' or 'there and back'.",
+            f"The direction is {self.direction!r}. Choose 'both', 'forward', 'backward' or 'there "
+            "and back'.",
         )
         require(
             self.direction != "there and back" or not (numbers or levels),
-            "There and back no level of F decides. Leave the levels out, or choose another direction.",
+            "The direction 'there and back' uses no level of F. Leave the levels out, or choose "
+            "another direction.",
         )
         require_unique("term in force_in and force_out", (*self.force_in, *self.force_out))
         most, forced = self.max_terms, len(self.force_in)
-        require(most is None or most >= max(forced, 1), f"max_terms is {most}, and {forced} terms are forced in.")
-        require(self.PSE_bound is None or self.PSE_bound > 0, f"PSE_bound is {self.PSE_bound}; a variance is positive.")
+        require(
+            most is None or most >= max(forced, 1),
+            f"max_terms is {most}, and {forced} terms are forced in. Allow at least as many terms, "
+            "and at least one.",
+        )
+        require(
+            self.PSE_bound is None or self.PSE_bound > 0,
+            f"PSE_bound is {self.PSE_bound}; a variance is positive.",
+        )
         enter, leave = self.F_to_enter(100), self.F_to_stay(100)
         require(
             0 <= leave <= enter,
-            f"A term enters at F = {enter:g} and stays at {leave:g}. The level to stay must not be negative or the higher one.",
+            f"A term enters at F = {enter:g} and stays at {leave:g}. The level to stay must not be "
+            "negative or the higher of the two.",
         )
 
     def F_to_enter(self, dof: int) -> float:
-        """Least F of a term that enters, `dof` degrees of freedom with it in."""
+        """Return the least F for a term to enter, `dof` counted with the term in the model."""
         if self.level_in is not None:
             return critical_F(self.level_in, dof)
         return DEFAULT_F if self.F_in is None else self.F_in
 
     def F_to_stay(self, dof: int) -> float:
-        """Least F of a term that stays, `dof` degrees of freedom with it in."""
+        """Return the least F for a term to stay, `dof` counted with the term in the model."""
         if self.level_in is not None:
             return critical_F(self.level_in if self.level_out is None else self.level_out, dof)
         return self.F_to_enter(dof) if self.F_out is None else self.F_out
 
     def check(self, names: tuple[str, ...]) -> None:
-        """Refuse names that are not among the candidates."""
+        """Check that forced names are candidates.
+
+        Raises:
+            InputError: if a name is not among the candidates.
+        """
         require_known("candidate to force in", self.force_in, names)
         require_known("candidate to force out", self.force_out, names)
 

@@ -1,7 +1,8 @@
-"""A regression, checked once, centred and scaled, and reduced to a triangle on which every subset of its terms is fitted.
+"""A regression problem, checked, centred, scaled, and reduced to a triangle.
 
-Only orthogonal transformations touch the data, so that its condition number is never squared; the triangle has as many rows as
-there are terms, and one, however long the records are.
+Every subset of its terms is fitted on that triangle. Only orthogonal transformations are applied to
+the data, so that its condition number is never squared. The triangle has one row more than there
+are terms, however long the records are.
 """
 
 from collections.abc import Sequence
@@ -12,25 +13,27 @@ import numpy as np
 from .._foundation.checks import require, require_unique
 from .._foundation.types import Float, Numbers
 
-Labels = Sequence | Numbers  # of samples, one each: the manoeuvre to which it belongs
-ROUNDING = 1e3 * float(np.finfo(float).eps)  # of the response's length: a residual below it is zero
+Labels = Sequence | Numbers  # label of the manoeuvre of each sample
+# share of the response's length (chosen, 1000 roundings): a smaller residual is rounding error
+RESIDUAL_ROUNDING = 1e3 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Columns, response and their triangle, `root * [X - means, y - mean] = Q T` with the columns of X at length one,
-    or zero where a column does not vary.
+    """Columns, response and their triangle, `root * [X - means, y - mean] = Q T`.
+
+    The weighted centred columns of X are scaled to length one; a column that does not vary is zero.
 
     Attributes:
-        names, response: of the columns and of what they explain.
-        X, y: as given, shapes (time, term) and (time,).
+        names, response: names of the columns and of the response.
+        X, y: the unscaled data, shapes (time, term) and (time,).
         root: square roots of the weights, shape (time,).
-        constant: whether a constant is fitted; without it nothing is centred.
+        constant: whether a constant is fitted; without it the data are not centred.
         means, mean: weighted means of the columns and of the response, zero without a constant.
-        scale: length of each weighted centred column, one where it does not vary.
-        varies: whether each column does, so that something can be learnt from it.
+        scale: length of each weighted centred column, one if it does not vary.
+        varies: whether each column varies.
         Q, T: shapes (time, term + 1) and (term + 1, term + 1), the response last.
-        rounding: sum of squares that rounding leaves of an exact fit.
+        rounding: residual sum of squares of an exact fit due to rounding.
     """
 
     names: tuple[str, ...]
@@ -53,11 +56,11 @@ class Problem:
 
     @property
     def SST(self) -> float:
-        """Weighted sum of squares of the response, about its mean where a constant is fitted."""
+        """Weighted sum of squares of the response, about its mean if a constant is fitted."""
         return float(self.T[:, -1] @ self.T[:, -1])
 
     def dof(self, terms: int) -> int:
-        """Degrees of freedom that a fit with so many terms leaves."""
+        """Return the degrees of freedom of a fit with this number of terms."""
         return self.samples - terms - self.constant
 
 
@@ -71,70 +74,102 @@ def prepare(
     constant: bool = True,
     response: str = "y",
 ) -> Problem:
-    """Check a regression and reduce it to a triangle.
+    """Return a checked regression problem, reduced to a triangle.
+
+    A column that does not vary is kept: a selection logs it, and a fit with it is refused.
 
     Args:
         X: columns, shape (time, term).
         y: the response, shape (time,).
-        names: of the columns.
-        weights: of the samples, in inverse proportion to the variance of their noise; equal by default.
+        names: names of the columns.
+        weights: weights of the samples, inversely proportional to the variance of their noise;
+            equal by default.
         deviations: standard deviation of each sample's noise, in place of weights.
-        constant: fit a constant beside the columns.
-        response: name of what is explained, for messages and tables.
+        constant: fit a constant in addition to the columns.
+        response: name of the response, for messages and tables.
 
     Raises:
-        InputError: for shapes or names that do not match, values that are not finite, a response that does not vary, weights
-            that are not positive, or fewer samples than a fit of all terms needs. A column that does not vary is kept: a
-            selection logs it, a fit with it is refused.
+        InputError: for shapes or names that do not match, values that are not finite, a response
+            that does not vary, weights that are not positive, or fewer samples than a fit of all
+            terms needs.
     """
     X, y, names = np.asarray(X, float), np.asarray(y, float), tuple(names)
     _check(X, y, names, constant, response)
     root = _root(weights, deviations, len(y))
-    both = np.column_stack([X, y])
-    means = (root**2 @ both) / np.sum(root**2) if constant else np.zeros(len(names) + 1)
-    centred = root[:, None] * (both - means)
-    length, before = np.linalg.norm(centred, axis=0), np.linalg.norm(root[:, None] * both, axis=0)
-    flat = length <= 64 * np.finfo(float).eps * before
-    require(not flat[-1], f"The response {response!r} does not vary, so that there is nothing to explain.")
+    data = np.column_stack([X, y])
+    means = (root**2 @ data) / np.sum(root**2) if constant else np.zeros(len(names) + 1)
+    centred = root[:, None] * (data - means)
+    length = np.linalg.norm(centred, axis=0)
+    uncentred = np.linalg.norm(root[:, None] * data, axis=0)
+    flat = length <= 64 * np.finfo(float).eps * uncentred
+    require(
+        not flat[-1],
+        f"The response {response!r} does not vary, so that there is nothing to fit. Give another "
+        "response.",
+    )
     centred = np.where(flat, 0.0, centred)
     scale = np.where(flat, 1.0, length)[:-1]
     Q, T = np.linalg.qr(centred / np.append(scale, 1.0))
-    floor = (ROUNDING * float(before[-1])) ** 2
-    return Problem(names, response, X, y, root, constant, means[:-1], float(means[-1]), scale, ~flat[:-1], Q, T, floor)
+    floor = (RESIDUAL_ROUNDING * float(uncentred[-1])) ** 2
+    return Problem(
+        names,
+        response,
+        X,
+        y,
+        root,
+        constant,
+        means[:-1],
+        float(means[-1]),
+        scale,
+        ~flat[:-1],
+        Q,
+        T,
+        floor,
+    )
 
 
-def _check(X: np.ndarray, y: np.ndarray, names: tuple[str, ...], constant: bool, response: str) -> None:
+def _check(
+    X: np.ndarray, y: np.ndarray, names: tuple[str, ...], constant: bool, response: str
+) -> None:
     require(
         X.ndim == 2 and X.shape == (len(y), len(names)),
-        f"X has shape {X.shape}; with {len(y)} samples of {response!r} and {len(names)} names it must be "
-        f"({len(y)}, {len(names)}).",
+        f"X has shape {X.shape}; with {len(y)} samples of {response!r} and {len(names)} names it "
+        f"must be ({len(y)}, {len(names)}).",
     )
     require_unique("column", (*names, response))
     for name, values in zip((*names, response), (*X.T, y), strict=True):
         bad = np.flatnonzero(~np.isfinite(values))
         require(
             bad.size == 0,
-            f"The column {name!r} has {bad.size} values that are not finite, the first in row {bad[0] if bad.size else 0}. "
-            "Leave those samples out.",
+            f"The column {name!r} has {bad.size} values that are not finite, the first in row "
+            f"{bad[0] if bad.size else 0}. Leave those samples out.",
         )
     needed = len(names) + constant + 1
     require(
         len(y) >= needed,
-        f"There are {len(y)} samples of {response!r} and {len(names)} terms, which need at least {needed}. Give fewer terms.",
+        f"There are {len(y)} samples of {response!r} and {len(names)} terms, which need at least "
+        f"{needed}. Give fewer terms.",
     )
 
 
 def _root(weights, deviations, count: int) -> np.ndarray:
-    """Square roots of the weights."""
-    require(weights is None or deviations is None, "Give weights or standard deviations of the noise, not both.")
+    """Return the square roots of the weights."""
+    require(
+        weights is None or deviations is None,
+        "Give weights or standard deviations of the noise, not both.",
+    )
     if weights is None and deviations is None:
         return np.ones(count)
-    what, given = ("weights", weights) if deviations is None else ("deviations", deviations)
-    given = np.asarray(given, float)
-    require(given.shape == (count,), f"The {what} have shape {given.shape}; there are {count} samples.")
-    good = np.isfinite(given) & (given > 0)
+    label, values = ("weights", weights) if deviations is None else ("deviations", deviations)
+    values = np.asarray(values, float)
     require(
-        bool(good.all()),
-        f"The {what} must be positive and finite; {np.sum(~good)} are not, the first in row {int(np.argmin(good))}.",
+        values.shape == (count,),
+        f"The {label} have shape {values.shape}; there are {count} samples.",
     )
-    return np.sqrt(given) if deviations is None else 1.0 / given
+    valid = np.isfinite(values) & (values > 0)
+    require(
+        bool(valid.all()),
+        f"The {label} must be positive and finite; {np.sum(~valid)} are not, the first in row "
+        f"{int(np.argmin(valid))}.",
+    )
+    return np.sqrt(values) if deviations is None else 1.0 / values

@@ -1,4 +1,4 @@
-"""Columns of a regression from named terms: a term means the same here as in a model's polynomial."""
+"""Columns of a regression from named terms, with the syntax of a model's polynomial."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,19 +16,21 @@ def columns(
     signals: Mapping[str, Float[Numbers, " time"]],
     centre: Mapping[str, float | Float[Numbers, ""]] | None = None,
 ) -> Float[np.ndarray, "time term"]:
-    """The value of each term at each sample, `X_ik = prod_s (s_i - centre_s)^n_ks`, or with sizes and knots.
+    """Return the value of each term at each sample, `X_ik = prod_s (s_i - centre_s)^n_ks`.
+
+    A factor can also be an absolute value, or a spline with a knot.
 
     Args:
         terms: such as `"alpha^2 q"`, `"|beta| beta"`, `"(alpha-0.26)+^2"`.
         signals: time histories by name.
-        centre: by signal, what is taken from it first; nothing by default.
+        centre: value subtracted from each signal, by name; zero by default.
 
     Returns:
         One column for each term, in their order.
 
     Raises:
-        InputError: when a term is given twice, cannot be read, or names a signal that is not there, and when JAX does not run
-            in 64 bit.
+        InputError: if a term is given twice, cannot be parsed, or contains an unknown signal, and
+            if JAX does not run in 64 bit.
     """
     require_float64()
     terms = tuple(terms)
@@ -36,10 +38,13 @@ def columns(
     needed = signals_in(terms)
     used = {name: jnp.asarray(signals[name], float) for name in needed if name in signals}
     about = {name: jnp.asarray(value, float) for name, value in (centre or {}).items()}
-    if not used:  # constants alone, or a name that `monomials` refuses
+    if not used:  # all terms are constants, or a name is unknown, which `monomials` reports
         require(bool(signals), "There are no signals, so there are no samples. Give at least one.")
         count = len(next(iter(signals.values())))
         return np.tile(np.asarray(monomials(terms, {}, about)), (count, 1))
     lengths = {name: len(value) for name, value in used.items()}
-    require(len(set(lengths.values())) == 1, f"The signals have different numbers of samples: {lengths}.")
-    return np.asarray(jax.vmap(lambda at: monomials(terms, at, about))(used))
+    require(
+        len(set(lengths.values())) == 1,
+        f"The signals have different numbers of samples: {lengths}. Give signals of one length.",
+    )
+    return np.asarray(jax.vmap(lambda sample: monomials(terms, sample, about))(used))

@@ -1,4 +1,4 @@
-"""Rules that pick one model of a selection's path."""
+"""Rules that select one model of a path."""
 
 import abc
 from typing import Literal
@@ -14,15 +14,18 @@ from .selection import Selection
 
 
 class AbstractRule(eqx.Module):
-    """Which model of a path is taken."""
+    """Rule for the selection of a model of a path."""
 
     @abc.abstractmethod
     def pick(self, selection: Selection) -> int:
-        """Number of the model among `selection.models`."""
+        """Return the index of the selected model in `selection.models`."""
 
 
 class FirstMaximumF(AbstractRule):
-    """The report's: the first model of the path after which the overall F (B.20) falls (section 3.3.2, Figs 3.3, 3.4)."""
+    """The report's rule: the first maximum of the overall F (B.20) along the path.
+
+    Source: section 3.3.2, Figs 3.3, 3.4.
+    """
 
     def pick(self, selection: Selection) -> int:
         F = _overall_F(selection)
@@ -31,41 +34,45 @@ class FirstMaximumF(AbstractRule):
 
 
 class MaximumF(AbstractRule):
-    """The model of the largest overall F (B.20), the first of several (section 6.2.2, rule 4)."""
+    """The first model with the largest overall F (B.20) (section 6.2.2, rule 4)."""
 
     def pick(self, selection: Selection) -> int:
         return int(np.argmax(_overall_F(selection)))
 
 
 class Minimum(AbstractRule):
-    """The model for which a criterion is least, the first of several.
+    """The first model with the least value of a criterion.
 
     Args:
-        criterion: one of those that a step has.
+        criterion: name of a criterion of `Step`.
     """
 
     criterion: Literal["PSE", "PRESS", "AIC", "BIC"] = eqx.field(static=True)
 
     def pick(self, selection: Selection) -> int:
         known = ("PSE", "PRESS", "AIC", "BIC")
-        require(self.criterion in known, f"There is no criterion {self.criterion!r}. Choose one of {', '.join(known)}.")
+        require(
+            self.criterion in known,
+            f"There is no criterion {self.criterion!r}. Choose one of {', '.join(known)}.",
+        )
         return int(np.argmin([getattr(model, self.criterion) for model in selection.models]))
 
 
 class LastStep(AbstractRule):
-    """The model with which the path stopped: what the levels of F leave."""
+    """The last model of the path, determined by the levels of F."""
 
     def pick(self, selection: Selection) -> int:
         return len(selection.models) - 1
 
 
 class CrossValidation(AbstractRule):
-    """The model that predicts whole manoeuvres best, each from a fit to all others; the first of several.
+    """The first model with the least error of predicting each manoeuvre from all others.
 
-    The models are those of the path, which all manoeuvres led; only their values are fitted anew.
+    The terms of each model are taken from the path, which is determined by all manoeuvres; only the
+    values are fitted without the predicted manoeuvre.
 
     Args:
-        groups: label of the manoeuvre of each sample, such as whole numbers, shape (time,).
+        groups: label of the manoeuvre of each sample, such as an integer, shape (time,).
     """
 
     groups: np.ndarray = eqx.field(converter=np.asarray)
@@ -74,50 +81,54 @@ class CrossValidation(AbstractRule):
         return int(np.argmin(self.errors(selection)))
 
     def errors(self, selection: Selection) -> Float[np.ndarray, " model"]:
-        """Weighted mean square of the error of prediction of each model [response^2].
+        """Return the weighted mean square prediction error of each model [response^2].
 
         Raises:
-            InputError: when there are not as many labels as samples, fewer than two manoeuvres, or one whose absence leaves too
-                few samples.
+            InputError: if the number of labels is not the number of samples, there are fewer than
+                two manoeuvres, or too few samples remain without a manoeuvre.
         """
         problem, labels = selection.problem, np.asarray(self.groups)
         require(
             labels.shape == (problem.samples,),
-            f"There are {problem.samples} samples, and the groups have shape {labels.shape}. Give a label for each sample.",
+            f"There are {problem.samples} samples, and the groups have shape {labels.shape}. Give "
+            "a label for each sample.",
         )
         each = np.unique(labels)
-        require(len(each) >= 2, "There is one manoeuvre; cross-validation needs two at least.")
+        require(len(each) >= 2, "There is one manoeuvre. Cross-validation needs at least two.")
         models = [[problem.names.index(name) for name in model.terms] for model in selection.models]
         most = max(map(len, models)) + problem.constant
-        whole = (
-            np.column_stack([problem.X / problem.scale, np.ones(problem.samples), problem.y]) * problem.root[:, None]
+        weighted = (
+            np.column_stack([problem.X / problem.scale, np.ones(problem.samples), problem.y])
+            * problem.root[:, None]
         )
         total = np.zeros(len(models))
         for label in each.tolist():
-            held = labels == label
+            test = labels == label
             require(
-                bool(np.sum(~held) > most),
-                f"Without the manoeuvre {label!r} there are {np.sum(~held)} samples, too few for {most} values.",
+                bool(np.sum(~test) > most),
+                f"Without the manoeuvre {label!r} there are {np.sum(~test)} samples, too few for "
+                f"{most} values. Give smaller models or more samples.",
             )
-            triangle = np.asarray(np.linalg.qr(whole[~held], mode="r"))
+            triangle = np.asarray(np.linalg.qr(weighted[~test], mode="r"))
             for k, model in enumerate(models):
                 use = [*model, *([len(problem.names)] if problem.constant else [])]
                 values = np.linalg.lstsq(triangle[:, use], triangle[:, -1], rcond=None)[0]
-                total[k] += np.sum((whole[held, -1] - whole[held][:, use] @ values) ** 2)
+                total[k] += np.sum((weighted[test, -1] - weighted[test][:, use] @ values) ** 2)
         return total / problem.samples
 
 
 def choose(selection: Selection, rule: AbstractRule) -> Regression:
-    """The model of the path that the rule picks, fitted to all samples.
+    """Return the regression of the model that the rule selects, fitted to all samples.
 
     Args:
-        selection: from `stepwise` or `best_subsets`.
-        rule: `FirstMaximumF()`, `MaximumF()`, `Minimum("BIC")`, `LastStep()`, `CrossValidation(groups)`.
+        selection: result of `stepwise` or `best_subsets`.
+        rule: `FirstMaximumF()`, `MaximumF()`, `Minimum("BIC")`, `LastStep()`,
+            `CrossValidation(groups)`.
     """
     terms = selection.models[rule.pick(selection)].terms
     return regress(selection.problem, [selection.problem.names.index(name) for name in terms])
 
 
 def _overall_F(selection: Selection) -> np.ndarray:
-    """Overall F along the path, zero where there is no term."""
+    """Return the overall F along the path, zero for a model without a term."""
     return np.nan_to_num([model.overall_F for model in selection.models], nan=0.0, posinf=np.inf)

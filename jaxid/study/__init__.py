@@ -1,4 +1,4 @@
-"""What a user runs whole."""
+"""Complete workflows: model completion, identification, instrument consistency."""
 
 from .close_loop import close_loop
 from .consistency import consistency
@@ -7,19 +7,23 @@ from .identification import Identification
 from .identify import identify
 from .identify_options import LONG_RECORDS, IdentifyOptions
 from .options import LoopOptions
-from .rivals import Rival, told_apart
+from .outcome import Outcome
+from .rivals import discrimination
+from .rounds import Decision, Rival
 from .study import Study
 
 __all__ = [
     "LONG_RECORDS",
     "Consistency",
+    "Decision",
     "Identification",
     "IdentifyOptions",
     "LoopOptions",
+    "Outcome",
     "Rival",
     "Study",
     "close_loop",
     "consistency",
+    "discrimination",
     "identify",
-    "told_apart",
 ]

@@ -1,4 +1,6 @@
-"""What the check records say: an error in one number, how well it is known, and how well a difference of two."""
+"""What the check records say: an error in one number, how well it is known, and how well a
+difference of two.
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -6,17 +8,23 @@ import numpy as np
 
 from .._foundation.types import Bool, Float
 from ..diagnosis.validation import Prediction
-from ..estimation.coloured import tapered_covariance
+from ..estimation.coloured import score_covariance, tapered_covariance, valid_pairs
 
 
 def mean_log(prediction: Prediction) -> float:
-    """Mean over the channels that were seen of the logarithm of the error; infinite where the simulation fails."""
+    """Mean over the channels that were seen of the logarithm of the error; infinite where the
+    simulation fails.
+    """
     return mean_log_of(np.asarray(prediction.rms)[seen(prediction)])
 
 
 def mean_log_of(rms: Float[np.ndarray, " output"]) -> float:
     """The same of errors by channel."""
-    return float(np.mean(np.log(np.maximum(rms, np.finfo(float).tiny)))) if np.all(np.isfinite(rms)) else np.inf
+    return (
+        float(np.mean(np.log(np.maximum(rms, np.finfo(float).tiny))))
+        if np.all(np.isfinite(rms))
+        else np.inf
+    )
 
 
 def seen(prediction: Prediction) -> Bool[np.ndarray, " output"]:
@@ -31,8 +39,8 @@ def of_channel(prediction: Prediction, index: int) -> Prediction:
 
 
 def difference_error(before: Prediction, after: Prediction) -> float:
-    """Standard error of the difference of two `mean_log`, whose residuals are of the same samples and coloured; zero where a
-    simulation failed.
+    """Standard error of the difference of two `mean_log`, whose residuals are of the same samples
+    and coloured; zero where a simulation failed.
 
     d(log rms) = 1/(2 N) sum_i (v_i^2 / mean v^2 - 1), the sum's variance from its autocovariance
     """
@@ -43,19 +51,24 @@ def difference_error(before: Prediction, after: Prediction) -> float:
         return 0.5 * v**2 / (power * jnp.maximum(counts, 1) * jnp.sum(counts > 0))[None, None]
 
     apart = jnp.sum(influence(before) - influence(after), axis=-1, keepdims=True)
-    rows = jnp.sum(jnp.any(before.scored, axis=-1))
-    error = float(jnp.sqrt(jnp.maximum(rows * jnp.sum(tapered_covariance(apart)), 0.0)))
+    rows = jnp.any(before.scored, axis=-1, keepdims=True)
+    error = float(jnp.sqrt(score_covariance(rows[..., None] * 1.0, apart, rows)[0, 0]))
     return error if np.isfinite(error) else 0.0
 
 
 def uncertainty(prediction: Prediction) -> float:
-    """Standard error of `mean_log`, from the number of independent samples that the coloured residual amounts to.
+    """Standard error of `mean_log`, from the number of independent samples that the coloured
+    residual amounts to.
 
-    var(log rms) = 1/(4 N) sum_k 2 r_k^2        for a Gaussian residual with autocorrelation r_k
+    var(log rms) = 1/(4 N^2) sum_k 2 n_k r_k^2
+
+    for a Gaussian residual with autocorrelation r_k, of which n_k pairs of valid samples are k
+    samples apart.
     """
     v = jnp.where(prediction.scored, prediction.residuals, 0.0)
     count = jnp.sum(prediction.scored, axis=(0, 1))
-    covariance = tapered_covariance(v)
-    squared = jnp.sum((covariance / jnp.where(covariance[:1] > 0, covariance[:1], 1.0)) ** 2, axis=0)
-    variance = jnp.where(count > 0, 0.5 * squared / jnp.maximum(count, 1), 0.0)
+    covariance = tapered_covariance(v, prediction.scored)
+    correlation = covariance / jnp.where(covariance[:1] > 0, covariance[:1], 1.0)
+    squared = jnp.sum(valid_pairs(prediction.scored) * correlation**2, axis=0)
+    variance = jnp.where(count > 0, 0.5 * squared / jnp.maximum(count, 1) ** 2, 0.0)
     return float(jnp.sqrt(jnp.sum(variance)) / jnp.sum(count > 0))

@@ -1,4 +1,6 @@
-"""`Columns`: all that a workbench can estimate, the declared free parameters and those of its effects, each in its column."""
+"""`Columns`: the parameters that a workbench can estimate, one column for each: the declared free
+parameters and those of its effects.
+"""
 
 from collections.abc import Sequence
 
@@ -7,23 +9,24 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.types import Array, Bool
+from ..effects.base import Effect
 from ..estimation.problem import Limits
-from ..models.effects import Effect
 from ..models.free import Free, Parameters
 
 
 class Columns:
-    """The columns of a workbench; those that the records have for themselves stand before them and are not counted here.
+    """The columns of a workbench, without those of the per-record parameters, which precede them.
 
     Attributes:
         names: dotted, the declared parameters first.
         index: the column of each name.
-        own: names of the parameters of each effect that are estimated once it is in, its gain first.
+        own: names of the parameters of each effect that are estimated when it is in the model, its
+            gain first.
         gains: the column of each effect's gain.
         lower, upper: bounds.
 
     Args:
-        free: what is free in the declared model.
+        free: free parameters of the declared model.
         effects: the library.
     """
 
@@ -36,40 +39,44 @@ class Columns:
         self.bound(effects)
 
     def bound(self, effects: Sequence[Effect]) -> None:
-        """Set the bounds; those of an effect may follow from its shape."""
+        """Set the bounds; the bounds of an effect may depend on its shape."""
         extra = np.full(len(self.names) - self.declared, np.inf)
         self.lower, self.upper = (
-            np.r_[np.asarray(own), sign * extra] for own, sign in zip(self.free.bounds("shared"), (-1, 1), strict=True)
+            np.r_[np.asarray(own), sign * extra]
+            for own, sign in zip(self.free.bounds("shared"), (-1, 1), strict=True)
         )
         for effect in effects:
-            for field, (low, high) in effect.bounds.items():
+            for field, (low, high) in effect.card.bounds.items():
                 column = self.index[f"{effect.name}.{field}"]
                 self.lower[column], self.upper[column] = low, high
 
     def chosen(self, effects: Sequence[str]) -> list[int]:
-        """Columns of the declared parameters and of those of some effects."""
+        """Return the columns of the declared parameters and of the parameters of `effects`."""
         return [*range(self.declared), *self.of(effects)]
 
     def of(self, effects: Sequence[str]) -> list[int]:
-        """Columns of the parameters of some effects."""
+        """Return the columns of the parameters of `effects`."""
         return [self.index[own] for effect in effects for own in self.own[effect]]
 
     def marked(self, columns: Sequence[int]) -> Bool[Array, " column"]:
-        """True at some columns."""
+        """Return a mask that is True at `columns`."""
         return jnp.zeros(len(self.names), bool).at[np.array(columns, int)].set(True)
 
-    def same_named(self, one: str, other: str) -> tuple[tuple[int, int], ...]:
-        """Columns of the parameters of the same name that two effects have."""
-        own = (name.removeprefix(f"{one}.") for name in self.own[one])
-        pairs = ((f"{one}.{field}", f"{other}.{field}") for field in own)
-        return tuple((self.index[mine], self.index[theirs]) for mine, theirs in pairs if theirs in self.index)
+    def same_named(self, first: str, other: str) -> tuple[tuple[int, int], ...]:
+        """Return the pairs of columns of the parameters that two effects have under one name."""
+        fields = (name.removeprefix(f"{first}.") for name in self.own[first])
+        pairs = ((f"{first}.{field}", f"{other}.{field}") for field in fields)
+        return tuple(
+            (self.index[mine], self.index[theirs]) for mine, theirs in pairs if theirs in self.index
+        )
 
     def limits(self, chosen: Sequence[int], padding: int, n_cases: int) -> Limits:
-        """Bounds, scales and priors of chosen columns, of some that pad them, and of what the records have for themselves.
+        """Return bounds, scales and priors of the chosen columns, their padding, and the per-record
+        parameters.
 
         Args:
             chosen: columns.
-            padding: columns that do nothing.
+            padding: number of padding columns, which have no effect.
             n_cases: number of records.
         """
         free = self.free
@@ -77,9 +84,12 @@ class Columns:
         declared = Limits.of(Free(free.shared, (), {}, {}, free.scale, free.prior), n_cases)
 
         def wide(vector, fill):
-            """A vector over the declared parameters, extended to all columns, chosen, and padded."""
-            whole = np.r_[np.asarray(vector), np.full(len(self.names) - len(vector), fill)]
-            return jnp.asarray(np.r_[whole[[*chosen]], np.full(padding, fill)])
+            """Return the chosen entries of a vector over the declared parameters, padded.
+
+            The vector is first extended to all columns by `fill`.
+            """
+            extended = np.r_[np.asarray(vector), np.full(len(self.names) - len(vector), fill)]
+            return jnp.asarray(np.r_[extended[[*chosen]], np.full(padding, fill)])
 
         pad = np.full(padding, np.inf)
         return Limits(
@@ -92,7 +102,14 @@ class Columns:
 
 
 def own_parameters(effect: Effect) -> tuple[str, ...]:
-    """Dotted names of the parameters of an effect that are estimated once it is in, its gain first."""
-    fields = [name for name in effect.__dataclass_fields__ if eqx.is_inexact_array(getattr(effect, name))]
-    fields = ["gain", *(name for name in fields if name != "gain" and name not in effect.fixed)]
+    """Return the dotted names of the parameters of an effect that are estimated when it is in the
+    model, its gain first.
+    """
+    fields = [
+        name for name in effect.__dataclass_fields__ if eqx.is_inexact_array(getattr(effect, name))
+    ]
+    fields = [
+        "gain",
+        *(name for name in fields if name != "gain" and name not in effect.card.fixed),
+    ]
     return tuple(f"{effect.name}.{field}" for field in fields)

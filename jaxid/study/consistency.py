@@ -1,4 +1,6 @@
-"""`consistency`: do the instruments of a record agree with each other, and if not, which of them errs and by how much."""
+"""`consistency`: test whether the instruments of a record agree with each other, and estimate the
+errors of those that do not.
+"""
 
 import dataclasses
 import math
@@ -17,11 +19,10 @@ from ..estimation.input_noise import input_noise_covariance
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, canonical
 from ..models.free import INITIAL_STATE, free
-from ..models.names import read
-from ..simulation.inputs import Cubic
+from ..models.names import read_parameters
+from ..simulation.hold import Cubic
 from .consistency_result import Channel, Consistency, SensorError
-
-IMITATED = 1e-7  # share of a sensitivity that is left by rounding when it is a sum of others
+from .thresholds import IMITATED
 
 
 def consistency(
@@ -36,74 +37,87 @@ def consistency(
     input_noise: Mapping[str, float] | None = None,
     skip: float = 0.0,
 ) -> Consistency:
-    """Estimate the errors of the instruments with a model that holds nothing else uncertain, and tell which instruments disagree.
+    """Estimate the errors of the instruments with a model that has no other uncertainty, and test
+    which instruments disagree.
 
-    The model says what must hold between the channels (for an aircraft `Kinematics`: rates and specific forces, integrated,
-    give speed, air angles, attitude and altitude). The errors are estimated by maximum likelihood, each record with an
-    initial state of its own. An error counts as found when it is significant by Holm's step-down test over all errors
-    tried: were there none at all, the probability to name one is at most `level`. Its standard error is the one that the
-    colour of the residuals is accounted for in.
+    The model relates the channels to each other (for an aircraft `Kinematics`: rates and specific
+    forces, integrated, give speed, air angles, attitude and altitude). The errors are estimated by
+    maximum likelihood, with one initial state for each record. An error is significant by Holm's
+    step-down test over all errors tried: if no instrument has an error, the probability that one is
+    named is at most `level`. Its standard error is corrected for the colour of the residuals.
 
     Args:
-        model: its free parameters are errors of instruments, zero (or at values known before) at the start.
-        records: one, several or a stack; each may hold more channels than the model, `model.prepared` chooses.
-        errors: names of the parameters to try; those that `model.sensor_errors()` proposes where left out.
-        per_record: those among them with a value of its own in each record; the colour of residuals is not accounted for in
-            their standard errors.
-        likelihood: how the misfit is measured; `OutputError(hold=Cubic())` by default, as measured inputs are smooth. Give
-            another where an input jumps, or an output is free of noise as only a simulated one is (`FixedNoise`).
-        solver: how to iterate.
-        level: probability to name an instrument that has no error.
-        input_noise: standard deviation of the white noise in each sample of an input, by name [its unit]. Output error does
-            not know of it, and residuals hardly show it: what gyros and accelerometers of the report's base level add in 10 s
-            leaves the 95 % intervals of white residuals covering 57 to 84 %. With it given they cover. A smoothed channel
-            tells it (its scatter about the smooth curve); to smooth the inputs themselves does not help, as what
-            is integrated is the slow part of the noise.
-        skip: time at the start of each record whose outputs are not compared [s]. A channel that is late shows then what was
-            before the record began; 0 is right for a record that begins in steady motion.
+        model: its free parameters are errors of instruments; at the start they are zero, or have
+            values known from elsewhere.
+        records: one, several or a stack; each may hold more channels than the model,
+            `model.prepared` selects the channels.
+        errors: names of the parameters to try; by default those of `model.sensor_errors()`.
+        per_record: those among them with one value for each record; their standard errors are not
+            corrected for the colour of the residuals.
+        likelihood: measure of the misfit; `OutputError(hold=Cubic())` by default, because measured
+            inputs are smooth. Give another if an input jumps, or if an output has no noise, as in a
+            simulation (`FixedNoise`).
+        solver: the Gauss-Newton solver.
+        level: probability of naming an instrument that has no error.
+        input_noise: standard deviation of the white noise in each sample of an input, by name [its
+            unit]. Output error neglects it, and the residuals hardly show it: with the noise that
+            gyros and accelerometers of the report's base level add in 10 s, the 95 % intervals from
+            white residuals cover 57 to 84 %. If it is given, they cover 95 %. It can be taken from
+            the scatter of a channel about its smoothed curve. Smoothing the inputs themselves does
+            not help, because the slow part of the noise is the part that is integrated.
+        skip: time at the start of each record whose outputs are not compared [s]. There a delayed
+            channel still shows the time before the record; 0 is right for a record that begins in
+            steady motion.
 
     Returns:
-        The errors with what judges them, residuals before and after, a verdict in words, and what takes the errors out
-        of a record.
+        The errors with their significance, the residuals before and after, a verdict in words, and
+        a method that removes the errors from a record.
 
     Raises:
-        InputError: when no error is named and the model proposes none, a name is not a parameter or an input, a channel is
-            missing, `skip` leaves no sample, or `input_noise` is given with errors of single records, which it does not reach.
+        InputError: if no error is named and the model proposes none, a name is not a parameter or
+            an input, a channel is missing, `skip` leaves no sample, or `input_noise` is given with
+            per-record errors, for which it is not implemented.
 
-    Source: V. Klein, E. A. Morelli, Aircraft System Identification, AIAA 2006, chapter 10; S. Holm, Scandinavian Journal of
-    Statistics 6, 1979.
+    Source: V. Klein, E. A. Morelli, Aircraft System Identification, AIAA 2006, chapter 10; S. Holm,
+    Scandinavian Journal of Statistics 6, 1979.
     """
     names = _names(model, errors)
     shared = tuple(name for name in names if name not in per_record)
-    whole = _prepared(model, records, skip, per_record)
+    prepared = _prepared(model, records, skip, per_record)
     likelihood, solver = likelihood or OutputError(hold=Cubic()), solver or GaussNewton()
-    apart = (*per_record, INITIAL_STATE)
-    before = estimate(model, free(model, per_record=(INITIAL_STATE,)), whole, likelihood, solver=solver)
-    found = estimate(model, free(model, *shared, per_record=apart), whole, likelihood, solver=solver)
-    lost = _lost(found)
-    if lost:
-        left = [name for name in shared if name not in lost]
-        found = estimate(model, free(model, *left, per_record=apart), whole, likelihood, solver=solver)
-    deviations = _deviations(model, found, whole, likelihood, input_noise or {}, per_record)
+    by_record = (*per_record, INITIAL_STATE)
+    before = estimate(
+        model, free(model, per_record=(INITIAL_STATE,)), prepared, likelihood, solver=solver
+    )
+    after = estimate(
+        model, free(model, *shared, per_record=by_record), prepared, likelihood, solver=solver
+    )
+    imitated = _imitated(after)
+    if imitated:
+        kept = [name for name in shared if name not in imitated]
+        after = estimate(
+            model, free(model, *kept, per_record=by_record), prepared, likelihood, solver=solver
+        )
+    deviations = _deviations(model, after, prepared, likelihood, input_noise or {}, per_record)
     return Consistency(
         model=model,
-        estimate=found,
-        errors=_judged(_rows(found, deviations, model, whole.names, shared), level),
-        channels=_channels(before, found, whole),
+        estimate=after,
+        errors=_tested(_rows(after, deviations, model, prepared.names, shared), level),
+        channels=_channels(before, after, prepared),
         level=level,
-        records=whole.names,
+        records=prepared.names,
         noise_known=bool(input_noise),
     )
 
 
 def _names(model: AbstractModel, errors: Sequence[str] | None) -> tuple[str, ...]:
-    """The errors to try, groups written out."""
+    """Return the names of the errors to try, groups expanded."""
     names: Sequence[str] = model.sensor_errors() if errors is None else errors
     if errors is None:
         require(
             bool(names),
-            f"{type(model).__name__} proposes no errors of instruments. Name the parameters that are such errors, or write "
-            "its method `sensor_errors()`.",
+            f"{type(model).__name__} proposes no errors of instruments. Name the parameters that "
+            "are such errors, or write its method `sensor_errors()`.",
         )
     return free(model, *names).shared
 
@@ -111,7 +125,7 @@ def _names(model: AbstractModel, errors: Sequence[str] | None) -> tuple[str, ...
 def _prepared(
     model: AbstractModel, records: Record | Sequence[Record], skip: float, per_record: Sequence[str]
 ) -> Record:
-    """A stack with the model's channels, the outputs of the first `skip` seconds masked."""
+    """Return a stack with the model's channels, the outputs of the first `skip` seconds masked."""
     single = [records] if isinstance(records, Record) and not records.is_stack else list(records)
     require(bool(single), "There is no record to check. Give at least one.")
     if per_record:
@@ -122,66 +136,91 @@ def _prepared(
     late = prepared.t >= prepared.t[:, :1] + skip
     require(
         bool(jnp.all(jnp.any(late, axis=1))),
-        f"`skip` is {skip:g} s, and a record is not longer. Skip less: the longest delay is enough.",
+        f"`skip` is {skip:g} s, and a record is not longer. Skip less: the longest delay is "
+        "enough.",
     )
     mask = prepared.mask & late[..., None]
     return dataclasses.replace(prepared, mask=mask, z=jnp.where(mask, prepared.z, 0.0))
 
 
 def _deviations(
-    model, found: Estimate, records: Record, likelihood, input_noise, per_record
+    model, fitted: Estimate, records: Record, likelihood, input_noise, per_record
 ) -> Float[Array, " parameter"]:
-    """Standard errors of the shared errors: colour of the residuals, and known noise of the inputs."""
+    """Standard errors of the shared errors, for the colour of the residuals and the known noise of
+    the inputs.
+    """
     if not input_noise:
-        return found.coloured_errors
+        return fitted.corrected_errors
     require(
         not per_record,
-        "`input_noise` reaches errors that the records share, and some are one per record. Check the records one at a time.",
+        "`input_noise` applies to errors that all records share, and some are one per record. "
+        "Check the records one at a time.",
     )
-    added = input_noise_covariance(model, found, records, likelihood, input_noise)
-    return jnp.sqrt(found.coloured_errors**2 + jnp.diagonal(added))
+    added = input_noise_covariance(model, fitted, records, likelihood, input_noise)
+    return jnp.sqrt(fitted.corrected_errors**2 + jnp.diagonal(added))
 
 
-def _lost(found: Estimate) -> tuple[str, ...]:
-    """Shared errors that the records' own unknowns imitate altogether: their column is gone once those are eliminated."""
-    left = jnp.sum(found.information.triangle**2, axis=0)
-    imitated = jnp.sum(found.information.own.coupling**2, axis=(0, 1))
-    gone = np.asarray(left <= IMITATED**2 * imitated)
-    return tuple(name for name, is_gone in zip(found.names, gone, strict=True) if is_gone)
+def _imitated(fitted: Estimate) -> tuple[str, ...]:
+    """Shared errors that the per-record parameters imitate completely.
+
+    Their columns vanish when the per-record parameters are eliminated.
+    """
+    remaining = jnp.sum(fitted.information.triangle**2, axis=0)
+    eliminated = jnp.sum(fitted.information.own.coupling**2, axis=(0, 1))
+    vanished = np.asarray(remaining <= IMITATED**2 * eliminated)
+    return tuple(name for name, gone in zip(fitted.names, vanished, strict=True) if gone)
 
 
 def _rows(
-    found: Estimate,
+    fitted: Estimate,
     deviations: Float[Array, " parameter"],
     model: AbstractModel,
     records: tuple[str, ...],
     shared: tuple[str, ...],
 ) -> list[SensorError]:
-    """Every error, those of one record each after those of all; one that is imitated stays at its start."""
-    units, numbers = model.units(), zip(found.values, deviations, strict=True)
-    known = {name: (float(value), float(error)) for name, (value, error) in zip(found.names, numbers, strict=True)}
-    begin = dict(zip(shared, np.asarray(read(canonical(model), shared)).tolist(), strict=True))
-    rows = [SensorError(name, None, *known.get(name, (begin[name], np.inf)), units.get(name, "")) for name in shared]
-    for column, name in enumerate(found.free.per_record):
+    """All errors, the shared ones first, then the per-record ones.
+
+    An error that the initial states imitate keeps its starting value.
+    """
+    units, numbers = model.units(), zip(fitted.values, deviations, strict=True)
+    known = {
+        name: (float(value), float(error))
+        for name, (value, error) in zip(fitted.names, numbers, strict=True)
+    }
+    initial = dict(
+        zip(shared, np.asarray(read_parameters(canonical(model), shared)).tolist(), strict=True)
+    )
+    rows = [
+        SensorError(name, None, *known.get(name, (initial[name], np.inf)), units.get(name, ""))
+        for name in shared
+    ]
+    for column, name in enumerate(fitted.free.per_record):
         if not name.startswith(f"{INITIAL_STATE}."):
-            values = zip(records, found.own[:, column], found.own_errors[:, column], strict=True)
-            rows += [SensorError(name, case, float(v), float(s), units.get(name, "")) for case, v, s in values]
+            values = zip(records, fitted.own[:, column], fitted.own_errors[:, column], strict=True)
+            rows += [
+                SensorError(name, case, float(v), float(s), units.get(name, ""))
+                for case, v, s in values
+            ]
     return rows
 
 
-def _judged(rows: list[SensorError], level: float) -> tuple[SensorError, ...]:
-    """The errors with their probability under chance, corrected for the number tried, `max_(j<=k) (m - j) p_(j)` (Holm)."""
-    # Two sides of the normal distribution: 2 Phi(-z) = erfc(z / sqrt(2)).
+def _tested(rows: list[SensorError], level: float) -> tuple[SensorError, ...]:
+    """The errors with their p-values, corrected for the number of tests, `max_(j<=k) (m - j)
+    p_(j)` (Holm).
+    """
+    # Two-sided test of a normal variable: 2 Phi(-z) = erfc(z / sqrt(2)).
     z = [abs(row.value) / row.standard_error if row.is_known else 0.0 for row in rows]
     p = np.array([math.erfc(size / math.sqrt(2.0)) for size in z])
     order = np.argsort(p, kind="stable")
     corrected = np.minimum(np.maximum.accumulate((p.size - np.arange(p.size)) * p[order]), 1.0)
     chance = dict(zip(order.tolist(), corrected.tolist(), strict=True))
-    return tuple(row._replace(chance=chance[k], found=chance[k] < level) for k, row in enumerate(rows))
+    return tuple(
+        row._replace(chance=chance[k], significant=chance[k] < level) for k, row in enumerate(rows)
+    )
 
 
 def _channels(before: Estimate, after: Estimate, records: Record) -> tuple[Channel, ...]:
-    """Residuals without and with the errors, channel by channel."""
-    rms = [root_mean_square(one.residuals, one.mask) for one in (before, after)]
+    """Residuals without and with the errors, for each channel."""
+    rms = [root_mean_square(fit.residuals, fit.mask) for fit in (before, after)]
     rows = zip(records.outputs, records.output_units, *rms, strict=True)
     return tuple(Channel(name, unit, float(b), float(a)) for name, unit, b, a in rows)

@@ -6,32 +6,31 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._foundation.location import LocationKind
 from .._foundation.types import Float
-from ..diagnosis.where import Where
-from ..models.effects import Effect
+from ..diagnosis.localise import LocalisationResult
+from ..effects.base import Effect
+from .fit import Fitted
 from .kin import near_kin
-from .rivals import Rival
-from .study import Round
-from .workbench import Fitted, Workbench
+from .rounds import Rival, Round
+from .thresholds import SETTLED
+from .workbench import Workbench
 
-SETTLED = 25.0  # by how much worse another shape must fit for this one to be the cause: a discovery's five standard deviations
-# The misfits of shapes in equal steps grow as squares, 0, 1, 4: where the truth, a step to the other side, would fit better by
-# SETTLED, the next shape fits worse by three times that. No library holds the end of such a row.
+# The misfits of shapes in equal steps grow as squares, 0, 1, 4: where the truth, a step to the
+# other side, would fit better by SETTLED, the next shape fits worse by three times that. No library
+# holds the end of such a row.
 NEXT = 3.0 * SETTLED
-PLACES = {
-    "equation": "equation of",
-    "input": "input",
-    "output": "sensor",
-    "parameter": "parameter",
-}  # as `Effect.place` calls them
-# Of the residual's power: places whose shares differ by more are not the same. Two effects in two places can together do what
-# one does in a third, so that more is asked of them.
+# Of the residual's power: places whose shares differ by more are not the same. Two effects in two
+# places can together do what one does in a third, so that more is asked of them.
 NEAR, NEAR_OF_SEVERAL = 0.2, 0.05
-# A gain that is whole or none may be off by so much, and be known no worse: it is then told from none, and from twice, by the
-# five standard deviations of SETTLED. Two lags in a row look like one of 1.3, a delay like one of 2.
+# A gain that is whole or none may be off by so much, and be known no worse: it is then told from
+# none, and from twice, by the five standard deviations of SETTLED. Two lags in a row look like one
+# of 1.3, a delay like one of 2.
 PARTIAL = 0.2
 OFF = 3.0  # standard errors that such a gain may be off
-ALIKE = 0.01  # of what an effect explains: a contender that differs by less is to these records the same, and one set with it
+# of what an effect explains: a contender that differs by less is to these records the same, and one
+# set with it
+SAME_FIT = 0.01
 
 
 class Doubts(NamedTuple):
@@ -39,10 +38,12 @@ class Doubts(NamedTuple):
 
     Attributes:
         parts: those that only together make up one function (`parts_of_one`).
-        elsewhere: whether most of them act elsewhere than where the residual sits (`act_elsewhere`).
+        elsewhere: whether most of them act elsewhere than where the residual sits
+            (`act_elsewhere`).
         unsettled: what might as well be the cause (`unsettled`, `near_kin`).
         partial: gains of what is whole or none, and is not seen to be whole (`partial`).
-        dropped: what they left nothing but noise with, and the whole of the training records does not bear out.
+        dropped: what they left nothing but noise with, and the whole of the training records does
+            not bear out.
     """
 
     parts: tuple[str, ...] = ()
@@ -55,19 +56,32 @@ class Doubts(NamedTuple):
         """The first of them in a sentence; empty where there is none."""
         if self.dropped:
             also = " and ".join(self.dropped)
-            return f"Nothing but noise stayed with {also} beside them, which the whole of the training records does not bear out."
+            return (
+                f"Nothing but noise stayed with {also} beside them, which the whole of the "
+                "training records does not bear out."
+            )
         if self.parts:
-            return f"Together {' and '.join(self.parts)} make up one function, and its form is not settled."
+            parts = " and ".join(self.parts)
+            return f"Together {parts} make up one function, and its form is not settled."
         if self.elsewhere:
             return "They leave nothing but noise, but act elsewhere than where the residual sits."
         if self.unsettled:
             nearly = ", ".join(self.unsettled)
-            return f"What stays is noise, but these records do not settle the form: {nearly} would do nearly as well."
+            return (
+                f"What stays is noise, but these records do not settle the form: {nearly} would do "
+                "nearly as well."
+            )
         if not self.partial:
             return ""
-        gains = (f"{name} has a gain of {one:.2f} ± {error:.2f}" for name, (one, error) in self.partial.items())
+        gains = (
+            f"{name} has a gain of {one:.2f} ± {error:.2f}"
+            for name, (one, error) in self.partial.items()
+        )
         told = " and ".join(gains)
-        return f"What stays is noise, but the form is not settled: {told}, and is what it is called at 1 only."
+        return (
+            f"What stays is noise, but the form is not settled: {told}, and is what it is called "
+            "at 1 only."
+        )
 
 
 def doubts_about(
@@ -75,10 +89,11 @@ def doubts_about(
     found: Fitted,
     rounds: tuple[Round, ...],
     contenders: tuple[Rival, ...],
-    where: Where,
+    where: LocalisationResult,
     inflation: float,
 ) -> Doubts:
-    """Every reason, but that shapes which no library holds are only asked about where there is no other.
+    """Every reason, but that shapes which no library holds are only asked about where there is no
+    other.
 
     Args:
         bench: with the library.
@@ -89,59 +104,80 @@ def doubts_about(
         inflation: by how much worse than white noise coloured noise lets slow quantities be known.
     """
     effects = tuple(bench.effects[name] for name in found.effects)
-    near, torn = unsettled(contenders, rounds), partial(effects, bench.standard_errors(found), bench.measured)
+    near, torn = (
+        unsettled(contenders, rounds),
+        partial(effects, bench.standard_errors(found), bench.measured),
+    )
     doubts = Doubts(parts_of_one(effects), act_elsewhere(effects, where), near, torn)
     return doubts if any(doubts) else Doubts(unsettled=near_kin(bench, found, NEXT * inflation))
 
 
 def parts_of_one(effects: tuple[Effect, ...]) -> tuple[str, ...]:
-    """Names of effects that, being of different shapes, only together make up a function of the same signals in one place.
+    """Names of effects that, being of different shapes, only together make up a function of the
+    same signals in one place.
 
-    A series of terms is a way to write a function; a kink, a friction and a cubic that it takes to say what one signal does are
-    not three causes, and a delay with a lag says that an input is late in a way of which two things are known. An instrument that
-    stands elsewhere along two axes stands elsewhere.
+    A series of terms is a way to write a function; a kink, a friction and a cubic that it takes to
+    say what one signal does are not three causes, and a delay with a lag says that an input is late
+    in a way of which two things are known. An instrument that stands elsewhere along two axes
+    stands elsewhere.
     """
     groups: dict[tuple, list[Effect]] = {}
     for effect in effects:
-        if effect.signals_used:
-            groups.setdefault((effect.place, effect.signals_used), []).append(effect)
+        card = effect.card
+        if card.signals:
+            groups.setdefault((card.location, card.signals), []).append(effect)
     mixed = [
-        group for group in groups.values() if len(set(map(type, group))) > 1 and not all(one.terms for one in group)
+        group
+        for group in groups.values()
+        if len(set(map(type, group))) > 1 and not all(one.terms for one in group)
     ]
     return tuple(effect.name for group in mixed for effect in group)
 
 
-def act_elsewhere(effects: tuple[Effect, ...], where: Where) -> bool:
-    """Whether most of the effects act in places that explain clearly less of the residual than the best one does.
+def act_elsewhere(effects: tuple[Effect, ...], where: LocalisationResult) -> bool:
+    """Whether most of the effects act in places that explain clearly less of the residual than the
+    best one does.
 
-    What predicts well may still be of another kind than the cause: two late sensors for a late input. Only equations, inputs and
-    sensors are held against it; what acts through a coefficient or a parameter may move several equations, and so does what acts
-    between two parts, a function of the same signals in the equation of each.
+    What predicts well may still be of another kind than the cause: two late sensors for a late
+    input. Only equations, inputs and sensors are held against it; what acts through a coefficient
+    or a parameter may move several equations, and so does what acts between two parts, a function
+    of the same signals in the equation of each.
     """
     if act_between(effects):
         return False
-    told = [effect.place for effect in effects]
-    where = where._replace(places=tuple(one for one in where.places if one.kind != "air"))  # no effect is a gust
-    rivals = where.rivals(NEAR if len(set(told)) == 1 else NEAR_OF_SEVERAL)
-    known, close = ({f"{PLACES[one.kind]} {one.name}" for one in some} for some in (where.places, rivals))
-    return set(told) <= known and 2 * sum(place not in close for place in told) > len(told)
+    told = [effect.card.location for effect in effects]
+    # no effect is a gust
+    solid = tuple(one for one in where.places if one.location.kind is not LocationKind.AIR)
+    where = where._replace(places=solid)
+    rivals = where.near_best(NEAR if len(set(told)) == 1 else NEAR_OF_SEVERAL)
+    known, close = ({one.location for one in some} for some in (where.places, rivals))
+    return set(told) <= known and 2 * sum(one not in close for one in told) > len(told)
 
 
 def act_between(effects: tuple[Effect, ...]) -> bool:
-    """Whether the effects are one action between two parts: of the same difference of signals, in the equations of both."""
-    places, signals = {effect.place for effect in effects}, {effect.signals_used for effect in effects}
+    """Whether the effects are one action between two parts: of the same difference of signals, in
+    the equations of both.
+    """
+    cards = [effect.card for effect in effects]
+    locations, signals = {card.location for card in cards}, {card.signals for card in cards}
     alike = len(signals) == 1 and all("-" in signal for one in signals for signal in one)
-    return alike and len(places) == len(effects) > 1 and all(place.startswith(PLACES["equation"]) for place in places)
+    in_equations = all(one.kind is LocationKind.EQUATION for one in locations)
+    return alike and len(locations) == len(effects) > 1 and in_equations
 
 
 def unsettled(contenders: tuple[Rival, ...], rounds: tuple[Round, ...]) -> tuple[str, ...]:
     """Names of the contenders that these records do not refute, although they are of another shape.
 
-    A faint effect is fitted to within the noise by whatever resembles it. Where the library's nearest other shape is not
-    clearly worse, a shape that the library lacks could be the cause as well.
+    A faint effect is fitted to within the noise by whatever resembles it. Where the library's
+    nearest other shape is not clearly worse, a shape that the library lacks could be the cause as
+    well.
     """
     falls = {one.came_in: one.winner.cost_fall for one in rounds if one.winner}
-    return tuple(one.name for one in contenders if abs(one.chi_square) > ALIKE * (falls[one.instead_of] or 0.0))
+    return tuple(
+        one.name
+        for one in contenders
+        if abs(one.chi_square) > SAME_FIT * (falls[one.instead_of] or 0.0)
+    )
 
 
 def partial(
@@ -149,18 +185,22 @@ def partial(
     estimates: Mapping[str, tuple[float, float]],
     measured: dict[str, Float[np.ndarray, " _"]],
 ) -> dict[str, tuple[float, float]]:
-    """Gains, with standard errors, of effects that are whole or none and are not seen to be whole: something else may stand
-    behind them.
+    """Gains, with standard errors, of effects that are whole or none and are not seen to be whole:
+    something else may stand behind them.
 
-    A delay is a lag of gain two, to second order in its time; two lags in a row are one of 1.3. What the records show by
-    themselves, such as a stop, needs no such proof.
+    A delay is a lag of gain two, to second order in its time; two lags in a row are one of 1.3.
+    What the records show by themselves, such as a stop, needs no such proof.
 
     Args:
         effects: what is in.
         estimates: value and standard error by name.
         measured: samples of the outputs, by name.
     """
-    asked = [effect.name for effect in effects if effect.whole and not effect.shown(measured)]
+    asked = [
+        effect.name
+        for effect in effects
+        if effect.card.unit_gain and not effect.evident_in_data(measured)
+    ]
     gains = {name: estimates[f"{name}.gain"] for name in asked}
     return {
         name: (gain, error)

@@ -1,4 +1,4 @@
-"""What `identify` found: both stages side by side."""
+"""`Identification`: the result of `identify`, with both of its stages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,29 +11,29 @@ import numpy as np
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..data.stack import stack
-from ..diagnosis.bands import Bands, bands
+from ..diagnosis.bands import Bands, prediction_bands
 from ..diagnosis.validation import Prediction, predict
 from ..estimation import Estimate
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..models.base import AbstractModel
-from ..models.free import Free, start
+from ..models.free import Free, initial_parameters
 from ..models.noise import FixedNoise
 from ..sensitivity.spectrum import spectrum
 from ..structure import Regression, Selection
-
-THRESHOLD = 1e-10  # of eigenvalues relative to the largest, as the report has it (section 4.4)
+from .thresholds import SMALLEST_EIGENVALUE
 
 
 class Equation(NamedTuple):
     """One response in the first stage.
 
     Attributes:
-        selection: the log of its stepwise regression; None where the terms were given.
-        regression: the model that was taken of it.
-        kept: whether its equation goes on to maximum likelihood.
-        why: in words.
-        estimated: the terms that maximum likelihood estimates; the others keep the regression's values.
+        selection: the log of its stepwise regression; None if the terms were given.
+        regression: the regression model that was chosen.
+        kept: True if its equation is used in maximum likelihood.
+        why: reason for `kept`, in words.
+        estimated: the terms that maximum likelihood estimates; the others keep the regression's
+            values.
     """
 
     selection: Selection | None
@@ -44,12 +44,13 @@ class Equation(NamedTuple):
 
 
 class Start(NamedTuple):
-    """The second stage at the regression's values, before its first step.
+    """The second stage at the values of the regression, before its first step.
 
     Attributes:
-        names: of the estimated parameters.
-        values: where they start.
-        F: `(value / standard error)^2` with the standard errors that maximum likelihood would give there.
+        names: names of the estimated parameters.
+        values: their starting values.
+        F: `(value / standard error)^2` with the standard errors of maximum likelihood at the
+            starting values.
         cost: negative log-likelihood without its constant.
     """
 
@@ -60,13 +61,14 @@ class Start(NamedTuple):
 
 
 class Parameter(NamedTuple):
-    """One line of the result, as in Table 6.5; NaN where a stage does not have the number.
+    """One row of the result, as in Table 6.5; NaN if a stage does not have the number.
 
     Attributes:
-        name: in the model.
+        name: name in the model.
         regression, regression_F: value and F of the regression.
         start, start_F: value and F at the start of maximum likelihood.
-        value, standard_error, coloured_error, F: of maximum likelihood; a parameter that it did not estimate has none.
+        value, standard_error, coloured_error, F: result of maximum likelihood; NaN for a parameter
+            that it did not estimate.
     """
 
     name: str
@@ -85,13 +87,13 @@ class Identification:
     """Structure and parameters of a model, from regression and from maximum likelihood.
 
     Attributes:
-        equations: the first stage by response, those left out included.
+        equations: the first stage by response, including the equations left out.
         centre: the means about which terms are written, by signal.
-        started: the model with the regression's values.
+        started: the model with the values of the regression.
         start: the second stage before its first step.
         estimate: the second stage.
-        records: the prepared records that it was fitted to, a stack.
-        likelihood: how the misfit was measured.
+        records: the prepared records that were fitted, a stack.
+        likelihood: measure of the misfit.
     """
 
     equations: dict[str, Equation]
@@ -110,41 +112,45 @@ class Identification:
     @property
     def left_out(self) -> tuple[str, ...]:
         """Responses whose equation was left out."""
-        return tuple(name for name, one in self.equations.items() if not one.kept)
+        return tuple(name for name, equation in self.equations.items() if not equation.kept)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Every term of the equations that were kept and every added parameter, with what each stage says of it."""
+        """Results of both stages for every term of the equations kept and every added parameter."""
         regressed = {
             f"{name}.{term}": (float(value), float(F))
-            for name, one in self.equations.items()
-            if one.kept
-            for term, value, F in _terms(one.regression)
+            for name, equation in self.equations.items()
+            if equation.kept
+            for term, value, F in _terms(equation.regression)
         }
-        first = dict(zip(self.start.names, zip(self.start.values, self.start.F, strict=True), strict=True))
-        found = self.estimate
-        last = dict(
-            zip(
-                found.names,
-                np.stack([found.values, found.standard_errors, found.coloured_errors, found.F], axis=1).tolist(),
-                strict=True,
-            )
+        start, estimate = self.start, self.estimate
+        first = dict(zip(start.names, zip(start.values, start.F, strict=True), strict=True))
+        columns = (
+            estimate.values,
+            estimate.standard_errors,
+            estimate.corrected_errors,
+            estimate.F,
         )
+        last = dict(zip(estimate.names, np.stack(columns, axis=1).tolist(), strict=True))
         none = (float("nan"),) * 4
         return tuple(
             Parameter(
-                name, *regressed.get(name, none[:2]), *map(float, first.get(name, none[:2])), *last.get(name, none)
+                name,
+                *regressed.get(name, none[:2]),
+                *map(float, first.get(name, none[:2])),
+                *last.get(name, none),
             )
-            for name in dict.fromkeys((*regressed, *found.names))
+            for name in dict.fromkeys((*regressed, *estimate.names))
         )
 
-    def bands(self, *signals: str) -> Bands:
-        """States, outputs and signals along the records that were fitted, with their standard deviations (6.4 to 6.6).
+    def prediction_bands(self, *signals: str) -> Bands:
+        """Return states, outputs and signals along the fitted records, with their standard
+        deviations (6.4 to 6.6).
 
         Args:
             signals: names of the model's signals, such as `"Cm"`.
         """
-        return bands(self.estimate, self.records, self.likelihood, signals)
+        return prediction_bands(self.estimate, self.records, self.likelihood, signals)
 
     def predict(
         self,
@@ -156,22 +162,27 @@ class Identification:
         """Predict other flights with the identified model (section 6.5).
 
         Args:
-            records: with all that was measured, as for `identify`.
-            window: samples at the start in which the initial state is fitted, left out of the error; None starts at the
-                measured one.
-            states: those whose initial value is fitted there, all by default.
+            records: records with the same channels as for `identify`.
+            window: samples at the start in which the initial state is fitted, left out of the
+                error; None starts at the measured state.
+            states: states whose initial value is fitted there, all by default.
         """
-        single = [records] if isinstance(records, Record) and not records.is_stack else list(records)
+        single = (
+            [records] if isinstance(records, Record) and not records.is_stack else list(records)
+        )
         prepared = [self.model.prepared(record) for record in single]
-        known = eqx.tree_at(lambda one: one.noise, self.likelihood, FixedNoise(self.estimate.noise))
+        known = eqx.tree_at(
+            lambda node: node.noise, self.likelihood, FixedNoise(self.estimate.noise)
+        )
         return predict(self.model, stack(prepared), known, window=window, states=states)
 
     def __str__(self) -> str:
         lines = []
-        for name, one in self.equations.items():
-            found = one.regression
+        for name, equation in self.equations.items():
+            regression = equation.regression
             lines.append(
-                f"{name}: {one.why}; R2 {found.R2:.4f}, {len(found.names)} terms ({', '.join(found.names) or 'none'})"
+                f"{name}: {equation.why}; R2 {regression.R2:.4f}, {len(regression.names)} terms "
+                f"({', '.join(regression.names) or 'none'})"
             )
         centre = ", ".join(f"{name} - {value:.5g}" for name, value in self.centre.items())
         lines += [f"terms are written in {centre}", ""] if centre else [""]
@@ -193,36 +204,54 @@ class Identification:
             lines.append(f"{row.name:<{width}} " + " ".join(_cell(value) for value in cells))
         lines += [f"weak: {sentence}" for sentence in self.estimate.weak_directions]
         lines.append(
-            f"status: {self.estimate.status} ({int(self.estimate.iterations)} iterations, cost {self.start.cost:.6g} to "
+            f"status: {self.estimate.status} ({int(self.estimate.iterations)} iterations, cost "
+            f"{self.start.cost:.6g} to "
             f"{float(self.estimate.cost):.6g})"
         )
         return "\n".join(lines)
 
 
-def a_priori(model: AbstractModel, free: Free, records: Record, likelihood: AbstractLikelihood) -> Start:
-    """Cost and F-values at the start of maximum likelihood.
+def a_priori(
+    model: AbstractModel, free: Free, records: Record, likelihood: AbstractLikelihood
+) -> Start:
+    """Return cost and F-values at the start of maximum likelihood.
 
     Args:
-        model: with the regression's values.
-        free: what will be estimated.
+        model: the model with the values of the regression.
+        free: the parameters to estimate.
         records: a stack.
-        likelihood: how the misfit is measured.
+        likelihood: measure of the misfit.
     """
-    values, cost, F = _at_start(Problem.of(model, free, records, likelihood))
-    return Start(free.shared, np.asarray(values), np.asarray(F), float(cost))
+    start = _at_start(Problem.of(model, free, records, likelihood))
+    return Start(free.shared, np.asarray(start.values), np.asarray(start.F), float(start.cost))
+
+
+class _AtStart(NamedTuple):
+    """Cost and F-values at the start of maximum likelihood.
+
+    Attributes:
+        values: values of the shared parameters.
+        cost: negative log-likelihood.
+        F: squared values over their variances.
+    """
+
+    values: Float[Array, " parameter"]
+    cost: Float[Array, ""]
+    F: Float[Array, " parameter"]
 
 
 @eqx.filter_jit
-def _at_start(problem: Problem) -> tuple[Array, Array, Array]:
-    begin = start(problem.model, problem.positions, problem.records)
-    cost, linearised = problem.evaluate(begin)
+def _at_start(problem: Problem) -> _AtStart:
+    initial = initial_parameters(problem.model, problem.positions, problem.records)
+    cost, linearised = problem.evaluate(initial)
     information = linearised.information
-    found = spectrum(information.triangle, information.rhs, problem.limits.scale)
-    return begin.shared, cost, begin.shared**2 / jnp.diagonal(found.covariance(THRESHOLD))
+    eigen = spectrum(information.triangle, information.rhs, problem.limits.scale)
+    F = initial.shared**2 / jnp.diagonal(eigen.covariance(SMALLEST_EIGENVALUE))
+    return _AtStart(initial.shared, cost, F)
 
 
 def _terms(regression: Regression):
-    """Name, value and F of each term; the constant's F is of the same kind, though it decides nothing."""
+    """Name, value and F of each term and of the constant, whose F decides nothing."""
     yield from zip(regression.names, regression.values, regression.F, strict=True)
     if regression.has_constant:
         yield "1", regression.constant, (regression.constant / regression.constant_error) ** 2

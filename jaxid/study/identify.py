@@ -1,4 +1,6 @@
-"""`identify`: the structure by regression, then the parameters by maximum likelihood, without tuning by hand."""
+"""`identify`: model structure by regression, then parameters by maximum likelihood, without manual
+tuning.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,13 +10,14 @@ from .._foundation.checks import require, require_float64, require_known
 from .._foundation.types import Float
 from ..data.record import Record
 from ..data.stack import unstack
-from ..estimation.estimate import as_stack, estimate
+from ..estimation.estimate import as_stack, check_sampling, estimate
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel
+from ..models.equation_shapes import check_equations
 from ..models.free import Free, free
 from ..models.polynomial import Polynomial
-from ..models.pseudo import PseudoMeasurements
+from ..models.pseudo_measurements import PseudoMeasurements
 from ..models.replace import with_polynomials
 from ..structure import Regression, choose, columns, least_squares, stepwise_each, strong
 from .identification import Equation, Identification, a_priori
@@ -32,48 +35,59 @@ def identify(
     per_record: Sequence[str] = ("initial_state",),
     solver: GaussNewton | None = None,
 ) -> Identification:
-    r"""Find out which terms a model needs, and estimate them: the report's two programs as one (Fig. 6.1, recommendation 7.2.1).
+    r"""Select the terms of a model, and estimate them: the report's two programs as one (Fig. 6.1,
+    recommendation 7.2.1).
 
-    1. **Regression.** The model's equations are solved for what they shall explain (`model.pseudo_measurements`, Table 3.2); each
-       is regressed on the terms that it admits (Table 6.1), step by step, and the step of the largest overall F is taken.
-    2. **Equations.** One that the regression hardly explains (overall F below 100, and where `least_R2` is given a smaller share)
-       is left out; its state takes its measured history.
-    3. **Terms.** Those with at least 4 % of their equation's largest F are estimated, with the constants and what
-       `options.add` names; the others keep the regression's values.
-    4. **Maximum likelihood**, started at the regression's values.
+    1. **Regression.** The model's equations are solved for their responses
+       (`model.pseudo_measurements`, Table 3.2). Each response is regressed stepwise on the terms
+       that it admits (Table 6.1), and the step of the largest overall F is taken.
+    2. **Equations.** An equation that the regression hardly explains (overall F below 100, and, if
+       `least_R2` is given, a smaller share) is left out; its state takes its measured history.
+    3. **Terms.** Terms with at least 4 % of their equation's largest F are estimated, with the
+       constants and the parameters that `options.add` names; the others keep the values of the
+       regression.
+    4. **Maximum likelihood**, started at the values of the regression.
 
-    Several records are regressed together, about their common mean, and estimated together.
+    All records are regressed together, about their common mean, and estimated together.
 
     Args:
-        model: one with `pseudo_measurements` whose responses are polynomials of it, such as `aircraft.IdentificationModel`.
-        records: with all that was measured: the regression's channels beside the model's.
-        options: levels and rules, and what overrules them.
-        likelihood: how the misfit is measured; output error with unknown noise by default.
+        model: a model with `pseudo_measurements` whose responses are its polynomials, such as
+            `aircraft.IdentificationModel`.
+        records: records with the channels of the regression and those of the model.
+        options: levels and rules, and exceptions from them by name.
+        likelihood: measure of the misfit; output error with unknown noise by default.
         per_record: names of parameters with one value for each record.
-        solver: how to iterate.
+        solver: the Gauss-Newton solver.
 
     Returns:
-        Both stages: the regressions with their logs, what was decided and why, and the estimate.
+        Both stages: the regressions with their logs, the decisions and their reasons, and the
+        estimate.
 
     Raises:
-        InputError: when the model states no pseudo-measurements, a channel is missing, too few samples are valid, an option
-            names a response, a term or a parameter that does not exist, no equation is left, or JAX is in 32 bit.
+        InputError: if the model states no pseudo-measurements, a channel is missing, too few
+            samples are valid, an option names a response, a term or a parameter that does not
+            exist, no equation is left, or JAX is in 32 bit.
     """
     require_float64()
     options, likelihood = options or IdentifyOptions(), likelihood or OutputError()
     single = unstack(as_stack(records)) if isinstance(records, Record) else list(records)
     require(len(single) > 0, "There is no record to identify from. Give at least one.")
-    equations, centre = _regressions([model.pseudo_measurements(record) for record in single], options)
+    equations, centre = _regressions(
+        [model.pseudo_measurements(record) for record in single], options
+    )
     left_out = tuple(name for name, equation in equations.items() if not equation.kept)
     require(
         len(left_out) < len(equations),
         "No equation is left: "
         + "; ".join(f"{name} {equation.why}" for name, equation in equations.items())
-        + ". Give records with more motion, name equations to `keep`, or lower `least_F` or `least_R2`.",
+        + ". Give records with more motion, name equations to `keep`, or lower `least_F` or "
+        "`least_R2`.",
     )
     started = with_polynomials(model.without(left_out), _polynomials(equations, centre))
+    check_equations(started)
     chosen = _free(started, equations, options, per_record)
     prepared = as_stack([started.prepared(record) for record in single])
+    check_sampling(started, prepared, likelihood)
     first = a_priori(started, chosen, prepared, likelihood)
     fit = estimate(started, chosen, prepared, likelihood, solver=solver)
     return Identification(equations, centre, started, first, fit, prepared, likelihood)
@@ -82,14 +96,18 @@ def identify(
 def _regressions(
     measured: Sequence[PseudoMeasurements], options: IdentifyOptions
 ) -> tuple[dict[str, Equation], dict[str, float]]:
-    """The regression of each response on the valid samples of all records, and the means about which the terms are written."""
+    """Regression of each response on the valid samples of all records, and the means about which
+    the terms are written.
+    """
     responses, signals = _gathered(measured)
     candidates = dict(measured[0].candidates)
     require_known("response (in `options`)", options.named, responses)
     centre = {name: float(np.mean(signals[name])) for name in measured[0].centred}
     chosen = {name: y for name, y in responses.items() if name not in options.terms}
     subsets = {name: options.subset_of(name) for name in chosen}
-    selections = stepwise_each(chosen, candidates, signals, centre=centre, options=subsets) if chosen else {}
+    selections = (
+        stepwise_each(chosen, candidates, signals, centre=centre, options=subsets) if chosen else {}
+    )
     equations = {}
     for name, y in responses.items():
         selection = selections.get(name)
@@ -107,19 +125,29 @@ def _regressions(
 
 def _gathered(measured: Sequence[PseudoMeasurements]):
     """Responses and signals over the valid samples of all records."""
-    valid = [np.asarray(one.valid) for one in measured]
+    valid = [np.asarray(record.valid) for record in measured]
     count = int(sum(map(np.sum, valid)))
-    require(count > 0, "No sample has all that the regression needs. Look at the gaps of the records.")
+    require(
+        count > 0,
+        "No sample has valid values of all channels of the regression. Look at the gaps of the "
+        "records.",
+    )
 
     def joined(kind: str, name: str) -> Float[np.ndarray, " sample"]:
-        parts = [np.asarray(getattr(one, kind)[name])[keep] for one, keep in zip(measured, valid, strict=True)]
+        parts = [
+            np.asarray(getattr(record, kind)[name])[keep]
+            for record, keep in zip(measured, valid, strict=True)
+        ]
         return np.concatenate(parts)
 
-    return tuple({name: joined(kind, name) for name in getattr(measured[0], kind)} for kind in ("responses", "signals"))
+    return tuple(
+        {name: joined(kind, name) for name in getattr(measured[0], kind)}
+        for kind in ("responses", "signals")
+    )
 
 
 def _decision(name: str, regression: Regression, options: IdentifyOptions) -> tuple[bool, str]:
-    """Whether an equation is kept, and why."""
+    """True if an equation is kept, and the reason."""
     F = regression.overall_F if regression.names else 0.0
     if name in options.keep:
         return True, "kept by name"
@@ -133,18 +161,28 @@ def _decision(name: str, regression: Regression, options: IdentifyOptions) -> tu
 
 
 def _estimated(name: str, regression: Regression, options: IdentifyOptions) -> tuple[str, ...]:
-    """The terms of a response that are estimated."""
+    """Terms of a response that are estimated."""
     for kind in ("estimate", "fix"):
-        require_known(f"term of {name} (in `options.{kind}`)", getattr(options, kind).get(name, ()), regression.names)
-    chosen = {*strong(regression, options.share), *options.estimate.get(name, ())} - {*options.fix.get(name, ())}
+        require_known(
+            f"term of {name} (in `options.{kind}`)",
+            getattr(options, kind).get(name, ()),
+            regression.names,
+        )
+    chosen = {*strong(regression, options.share), *options.estimate.get(name, ())} - {
+        *options.fix.get(name, ())
+    }
     return tuple(term for term in regression.names if term in chosen)
 
 
-def _polynomials(equations: Mapping[str, Equation], centre: Mapping[str, float]) -> dict[str, Polynomial]:
-    """What the regressions say, as polynomials of the model."""
+def _polynomials(
+    equations: Mapping[str, Equation], centre: Mapping[str, float]
+) -> dict[str, Polynomial]:
+    """Results of the regressions, as polynomials of the model."""
     return {
-        name: Polynomial({"1": one.regression.constant, **_values(one.regression)}, centre=centre)
-        for name, one in equations.items()
+        name: Polynomial(
+            {"1": equation.regression.constant, **_values(equation.regression)}, centre=centre
+        )
+        for name, equation in equations.items()
     }
 
 
@@ -153,11 +191,17 @@ def _values(regression: Regression) -> dict[str, float]:
 
 
 def _free(
-    model: AbstractModel, equations: Mapping[str, Equation], options: IdentifyOptions, per_record: Sequence[str]
+    model: AbstractModel,
+    equations: Mapping[str, Equation],
+    options: IdentifyOptions,
+    per_record: Sequence[str],
 ) -> Free:
-    """Strong terms and constants of the equations that are kept, and what is added."""
+    """Free parameters: strong terms and constants of the equations kept, and those of `add`."""
     constant = ("1",) if options.constants else ()
     terms = tuple(
-        f"{name}.{term}" for name, one in equations.items() if one.kept for term in (*constant, *one.estimated)
+        f"{name}.{term}"
+        for name, equation in equations.items()
+        if equation.kept
+        for term in (*constant, *equation.estimated)
     )
     return free(model, *terms, *options.add, per_record=per_record)

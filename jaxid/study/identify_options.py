@@ -1,4 +1,4 @@
-"""How the integrated process decides: one small checked object."""
+"""`IdentifyOptions`: levels and rules of `identify`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,30 +9,33 @@ from ..structure import REPORT, AbstractRule, MaximumF, Minimum, SubsetOptions
 
 @dataclass(frozen=True)
 class IdentifyOptions:
-    """Rules of `identify`, each with the report's value, and what overrules them by name.
+    """Rules of `identify`, each with the report's value, and exceptions from them by name.
 
     Args:
         subset: levels of the regression, for all responses or by response (Table 6.2).
-        rule: which step of a regression is taken; that of the largest overall F (section 6.2.2.2, rule 4). `FirstMaximumF`
-            (section 3.3.2) stops at the first fall, which may come after one term.
-        least_F: an equation whose overall F is below this is left out, and its state takes its measured history (section
-            6.2.3.1). It grows with the number of samples: the report's records of some hundred samples reach 100 with a
-            regression that explains more than half of the response, one of 3,000 with 10 % of it.
-        least_R2: an equation is left out too when the regression explains a smaller share of its response than this. The report
-            does not ask (0).
-        share: terms whose F is at least this share of the largest in their equation are estimated; the others keep the
-            regression's values (the 4 % rule, section 6.2.3.1).
-        constants: whether the constant of each equation is estimated too (Table 6.4).
-        add: further parameters to estimate, by their dotted name in the model, such as a bias; one of an instrument that the
-            model does not show then is refused.
-        keep: responses whose equation stays whatever its F.
-        leave_out: responses whose equation is left out whatever its F.
-        terms: terms by response, in the place of what the regression would choose; their values still come from it.
-        estimate: terms that are estimated whatever their F, by response.
-        fix: terms that keep the regression's value whatever their F, by response.
+        rule: selects the step of a regression; by default the step of the largest overall F
+            (section 6.2.2.2, rule 4). `FirstMaximumF` (section 3.3.2) stops at the first decrease,
+            which may come after one term.
+        least_F: an equation whose overall F is below this is left out, and its state takes its
+            measured history (section 6.2.3.1). F grows with the number of samples: the report's
+            records of some hundred samples reach 100 with a regression that explains more than half
+            of the response, a record of 3,000 samples with 10 % of it.
+        least_R2: an equation is also left out if the regression explains a smaller share of its
+            response than this. The report has no such rule (0).
+        share: terms whose F is at least this share of the largest in their equation are estimated;
+            the others keep the values of the regression (the 4 % rule, section 6.2.3.1).
+        constants: True if the constant of each equation is estimated too (Table 6.4).
+        add: further parameters to estimate, by their dotted name in the model, such as a bias; a
+            parameter of an instrument that the final model does not have is refused.
+        keep: responses whose equation is kept, whatever its F.
+        leave_out: responses whose equation is left out, whatever its F.
+        terms: terms by response, instead of those that the regression would choose; their values
+            still come from the regression.
+        estimate: terms that are estimated, whatever their F, by response.
+        fix: terms that keep the value of the regression, whatever their F, by response.
 
     Raises:
-        InputError: when a number is out of its range, or a response is both kept and left out.
+        InputError: if a number is out of its range, or a response is both kept and left out.
     """
 
     subset: SubsetOptions | Mapping[str, SubsetOptions] = REPORT
@@ -50,22 +53,38 @@ class IdentifyOptions:
 
     def __post_init__(self):
         require(self.least_F >= 0, f"least_F is {self.least_F}; an F is not negative.")
-        require(0 <= self.least_R2 < 1, f"least_R2 is {self.least_R2}; it is a share, at least 0 and below 1.")
-        require(0 <= self.share <= 1, f"The share is {self.share}; it lies between 0 and 1, the report's is 0.04.")
+        require(
+            0 <= self.least_R2 < 1,
+            f"least_R2 is {self.least_R2}; it is a share, at least 0 and below 1.",
+        )
+        require(
+            0 <= self.share <= 1,
+            f"The share is {self.share}; it lies between 0 and 1, the report's is 0.04.",
+        )
         require_unique("response in keep and leave_out", (*self.keep, *self.leave_out))
 
     @property
     def named(self) -> tuple[str, ...]:
-        """Every response that an option names."""
-        by_name = (self.terms, self.estimate, self.fix, *((self.subset,) if isinstance(self.subset, Mapping) else ()))
-        return (*self.keep, *self.leave_out, *(name for one in by_name for name in one))
+        """All responses that an option names."""
+        by_name = (
+            self.terms,
+            self.estimate,
+            self.fix,
+            *((self.subset,) if isinstance(self.subset, Mapping) else ()),
+        )
+        return (*self.keep, *self.leave_out, *(name for option in by_name for name in option))
 
     def subset_of(self, response: str) -> SubsetOptions:
-        """The regression's levels for one response."""
-        return self.subset if isinstance(self.subset, SubsetOptions) else self.subset.get(response, REPORT)
+        """Return the levels of the regression for one response."""
+        return (
+            self.subset
+            if isinstance(self.subset, SubsetOptions)
+            else self.subset.get(response, REPORT)
+        )
 
 
-# For records of a thousand samples and more, where the report's levels no longer decide: an F of 100 is reached by 10 % of a
-# response, and the largest overall F by a single term where further ones add little to what the first explains. In their place
-# half of the response must be explained, the terms are those of least BIC, and all of them are estimated.
+# For records of a thousand samples and more, for which the report's levels are too weak: a
+# regression that explains 10 % of a response reaches an F of 100, and a single term can have the
+# largest overall F because further terms explain little more. Here half of the response must be
+# explained, the terms are those of least BIC, and all of them are estimated.
 LONG_RECORDS = IdentifyOptions(rule=Minimum("BIC"), least_R2=0.5, share=0.0)

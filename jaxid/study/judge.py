@@ -1,21 +1,24 @@
-"""`Judge`: what the training and the check records say of a fit, and whether a candidate may be kept."""
+"""`Judge`: what the training and the check records say of a fit, and whether a candidate may be
+kept.
+"""
 
 import dataclasses
 
 import numpy as np
 
 from ..data.record import Record
-from ..diagnosis.predictable import allowance, predictable_share
+from ..diagnosis.autoregression import autoregressive_r2, chance_level
 from ..diagnosis.scores import critical
 from ..diagnosis.validation import Prediction, root_mean_square
 from .check import difference_error, mean_log
+from .fit import Fitted
 from .options import LoopOptions
+from .rounds import Candidate, Decision
 from .shortlist import has_no_shape
-from .study import Candidate
-from .workbench import Fitted, Workbench
+from .workbench import Workbench
 
-KEPT = "kept"  # the verdict on what may come in
-DETERMINED = 2.0  # standard errors that a gain, or a fall of the check's error, must stand off zero to be told at all
+# standard errors that a gain, or a fall of the check's error, must stand off zero to be told at all
+DETERMINED = 2.0
 
 
 class Judge:
@@ -30,24 +33,36 @@ class Judge:
     """
 
     def __init__(
-        self, bench: Workbench, check: Record, tests: dict[str, Record], window: int | None, options: LoopOptions
+        self,
+        bench: Workbench,
+        check: Record,
+        tests: dict[str, Record],
+        window: int | None,
+        options: LoopOptions,
     ):
         self.bench, self.check, self.tests = bench, check, tests
         self.window, self.options = window, options
         self.samples = int(np.sum(np.asarray(bench.records.mask)))
 
-    # Of a candidate -------------------------------------------------------------------------------------------------------
+    # Of a candidate ----------------------------------------------------------------------
 
     def told(
-        self, fitted: Fitted, refit: Fitted, candidate: Candidate, before: Prediction, threshold: float
+        self,
+        fitted: Fitted,
+        refit: Fitted,
+        candidate: Candidate,
+        before: Prediction,
+        threshold: float,
     ) -> Candidate:
         """A refitted candidate, with whether it may be kept, and why not if not.
 
-        The training records must bear it out, as far as their colour is known. Of a residual that is still predictable that is
-        not known well: there the check must gain materially as well, by more than its scatter. (The check alone does not do:
-        where it is the rest of the training records, what drifts in these goes on drifting in it, and in no other record.) Of
-        what has no score, such as an effect that refines another, no colour is known: its gain must be twice the scatter. What
-        the records show by themselves need only be borne out, and not refuted by the check.
+        The training records must bear it out, as far as their colour is known. Of a residual that
+        is still predictable that is not known well: there the check must gain materially as well,
+        by more than its scatter. (The check alone does not do: where it is the rest of the training
+        records, what drifts in these goes on drifting in it, and in no other record.) Of what has
+        no score, such as an effect that refines another, no colour is known: its gain must be twice
+        the scatter. What the records show by themselves need only be borne out, and not refuted by
+        the check.
 
         Args:
             fitted, refit: without the candidate and with it.
@@ -58,38 +73,52 @@ class Judge:
         fall = 2.0 * (fitted.cost - refit.cost)
         after = self.check_prediction(refit)
         check_fall, scatter = mean_log(before) - mean_log(after), difference_error(before, after)
-        shown = any(self.bench.effects[part].shown(self.bench.measured) for part in candidate.parts)
-        known = np.isfinite(candidate.colour)
-        borne_out = fall > threshold * (candidate.colour if known else 1.0)
-        material = check_fall > max(self.options.material, scatter if known else DETERMINED * scatter)
-        harm = max(self.options.harm, scatter) if shown else self.options.harm
+        shown = any(
+            self.bench.effects[part].evident_in_data(self.bench.measured)
+            for part in candidate.parts
+        )
+        known = np.isfinite(candidate.variance_inflation)
+        borne_out = fall > threshold * (candidate.variance_inflation if known else 1.0)
+        material = check_fall > max(
+            self.options.min_check_gain, scatter if known else DETERMINED * scatter
+        )
+        harm = max(self.options.max_check_loss, scatter) if shown else self.options.max_check_loss
         if np.isnan(check_fall) or check_fall < -harm:
-            verdict = "predicts the check records worse"
+            decision = Decision.CHECK_WORSE
         elif not self.determined(refit, candidate):
-            verdict = "its size is not determined"
-        elif self.bench.is_void(refit, candidate.parts):
-            verdict = "it ends where it is none"
-        elif not (borne_out and (shown or material or (known and self.looks_like_noise(self.predictable(refit))))):
-            verdict = "not significant"
+            decision = Decision.UNDETERMINED
+        elif self.bench.is_degenerate(refit, candidate.parts):
+            decision = Decision.DEGENERATE
+        elif not (
+            borne_out
+            and (shown or material or (known and self.looks_like_noise(self.predictable(refit))))
+        ):
+            decision = Decision.NOT_SIGNIFICANT
         else:
-            verdict = KEPT
-        return dataclasses.replace(candidate, cost_fall=fall, check_fall=float(check_fall), verdict=verdict)
+            decision = Decision.ACCEPTABLE
+        return dataclasses.replace(
+            candidate, cost_fall=fall, check_fall=float(check_fall), decision=decision
+        )
 
     def determined(self, refit: Fitted, candidate: Candidate) -> bool:
-        """Whether each gain stands two standard errors off zero, the colour of what is left accounted for.
+        """Whether each gain stands two standard errors off zero, the colour of what is left
+        accounted for.
 
-        Where an effect has a shape beside its gain, the two can be told together only (a faint lag is gain times time), and
-        the gain by itself says nothing.
+        Where an effect has a shape beside its gain, the two can be told together only (a faint lag
+        is gain times time), and the gain by itself says nothing.
         """
         errors = self.bench.standard_errors(refit)
         alone = (name for name in candidate.parts if has_no_shape(self.bench.effects[name]))
-        return all(abs(value) > DETERMINED * error for value, error in (errors[f"{name}.gain"] for name in alone))
+        return all(
+            abs(value) > DETERMINED * error
+            for value, error in (errors[f"{name}.gain"] for name in alone)
+        )
 
     def threshold(self, candidates: tuple[Candidate, ...]) -> float:
         """The chi-square that counts as significant, with as many candidates tried (Bonferroni)."""
         return critical(self.options.level / max(len(candidates), 1))
 
-    # Of a fit -------------------------------------------------------------------------------------------------------------
+    # Of a fit ----------------------------------------------------------------------
 
     def evidence(self, fitted: Fitted) -> float:
         """Twice the log-likelihood of training and check records, which are one body of evidence.
@@ -105,7 +134,9 @@ class Judge:
         return self.evidence(fitted) - self.price(fitted)
 
     def price(self, fitted: Fitted) -> float:
-        """What its parameters cost: the logarithm of the number of samples each (Schwarz, Ann. Statist. 6, 1978)."""
+        """What its parameters cost: the logarithm of the number of samples each (Schwarz, Ann.
+        Statist. 6, 1978).
+        """
         return float(np.log(self.samples)) * len(fitted.columns)
 
     def check_prediction(self, fitted: Fitted) -> Prediction:
@@ -128,15 +159,19 @@ class Judge:
         return {part: dict(zip(names, map(float, rms), strict=True)) for part, rms in parts.items()}
 
     def looks_like_noise(self, predictable: dict[str, float]) -> bool:
-        """Whether no channel's past predicts more of it than is allowed, the scatter of short records included."""
+        """Whether no channel's past predicts more of it than is allowed, the scatter of short
+        records included.
+        """
         return all(share <= self.predictable_by_chance() for share in predictable.values())
 
     def predictable_by_chance(self) -> float:
-        """The share of a channel's residual that its past may predict, and it still counts as noise."""
+        """The share of a channel's residual that its past may predict, and it still counts as
+        noise.
+        """
         fewest = int(np.min(np.sum(np.asarray(self.bench.records.mask), axis=(0, 1))))
-        return self.options.predictable + allowance(fewest)
+        return self.options.max_predictable_share + chance_level(fewest)
 
     def predictable(self, fitted: Fitted) -> dict[str, float]:
         """Share of the training residual that its own past predicts, per channel."""
-        share = predictable_share(fitted.fit.residuals, self.bench.records.mask)
+        share = autoregressive_r2(fitted.fit.residuals, self.bench.records.mask)
         return dict(zip(self.bench.records.outputs, map(float, share), strict=True))

@@ -1,4 +1,4 @@
-"""How a loop decides: one small checked object."""
+"""`LoopOptions`: levels and limits of `close_loop`."""
 
 import equinox as eqx
 
@@ -9,37 +9,52 @@ class LoopOptions(eqx.Module):
     """Levels and limits of `close_loop`.
 
     Args:
-        level: probability of one false effect in a study in which nothing is missing, spread over all candidates tried.
-        material: fall of the check records' error (mean over channels of its logarithm) from which on an effect counts
-            while the residual is still predictable, so that its significance is not known well. It must also be more than the
-            standard error of that fall (two of them, where the effect has no score that tells its colour).
-        harm: rise of the same error that an effect may cause on check records that hardly excite it.
-        refits: how many of the best-scored candidates are refitted in each round, and beside them so many at most of those whose
-            score does not tell what they bring (a stop, an overflow).
-        pairs: how many of the best-scored pairs are refitted where no single candidate helps, and how many effects in the place
-            of a round's winner, or of one or two that are in; with 0 none of these is tried.
-        max_rounds: how many rounds may add, an effect or a pair each.
-        ways: 2 where a search that ends with something left may begin again with another effect; it can take twice as long.
-        predictable: share of the residual's power that its own past may explain, up to which it counts as noise.
+        level: probability of one false effect in a study in which nothing is missing, spread over
+            all candidates tried.
+        min_check_gain: least fall of the check records' error (mean over channels of its logarithm)
+            for an effect to be added while the residual is still predictable, because its
+            significance is then inaccurate. The fall must also exceed its standard error (two
+            standard errors if the effect has no score, which would measure the colour).
+        max_check_loss: largest rise of the same error that an effect may cause on check records
+            that hardly excite it.
+        refits: number of best-scored candidates that are refitted in each round; at most as many
+            again are refitted of the candidates whose score does not predict their fall of the cost
+            (a stop, an overflow).
+        swap_limit: number of best-scored pairs that are refitted if no single candidate helps, and
+            number of effects that are tried in place of a round's winner, or of one or two effects
+            of the model; with 0 none of these is tried.
+        max_rounds: largest number of rounds; each adds an effect or a pair.
+        beam_width: 2 if a search that leaves more than noise may start again with another effect,
+            which can take twice as long; else 1.
+        max_predictable_share: largest share of the residual's power that its past may explain for
+            the residual to count as noise.
 
     Raises:
-        InputError: when a number lies outside its range.
+        InputError: if a number lies outside its range.
     """
 
     level: float = eqx.field(static=True, default=0.01)
-    material: float = eqx.field(static=True, default=0.02)
-    harm: float = eqx.field(static=True, default=0.001)
+    min_check_gain: float = eqx.field(static=True, default=0.02)
+    max_check_loss: float = eqx.field(static=True, default=0.001)
     refits: int = eqx.field(static=True, default=8)
-    pairs: int = eqx.field(static=True, default=3)
+    swap_limit: int = eqx.field(static=True, default=3)
     max_rounds: int = eqx.field(static=True, default=8)
-    ways: int = eqx.field(static=True, default=2)
-    predictable: float = eqx.field(static=True, default=0.03)
+    beam_width: int = eqx.field(static=True, default=2)
+    max_predictable_share: float = eqx.field(static=True, default=0.03)
 
     def __check_init__(self):
-        for name in ("level", "material", "predictable"):
-            require(0 < getattr(self, name) < 1, f"{name} is {getattr(self, name)}; it must lie between 0 and 1.")
-        for name in ("harm", "pairs"):
-            require(getattr(self, name) >= 0, f"{name} is {getattr(self, name)}; it must not be negative.")
+        for name in ("level", "min_check_gain", "max_predictable_share"):
+            require(
+                0 < getattr(self, name) < 1,
+                f"{name} is {getattr(self, name)}; it must lie between 0 and 1.",
+            )
+        for name in ("max_check_loss", "swap_limit"):
+            require(
+                getattr(self, name) >= 0,
+                f"{name} is {getattr(self, name)}; it must not be negative.",
+            )
         for name in ("refits", "max_rounds"):
-            require(getattr(self, name) >= 1, f"{name} is {getattr(self, name)}; it must be at least 1.")
-        require(self.ways in (1, 2), f"ways is {self.ways}; it must be 1 or 2.")
+            require(
+                getattr(self, name) >= 1, f"{name} is {getattr(self, name)}; it must be at least 1."
+            )
+        require(self.beam_width in (1, 2), f"beam_width is {self.beam_width}; it must be 1 or 2.")

@@ -1,17 +1,19 @@
 """Which candidates of a round are refitted, and which need not be."""
 
+import dataclasses
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from ..diagnosis.scores import Scores
-from ..models.effects import Effect
+from ..effects.base import Effect
 from .columns import own_parameters
-from .study import Candidate
+from .rounds import Candidate, Decision
 
 COLLINEAR = 0.9999  # overlap from which on two candidates are one and the same to the data
-HOPELESS = 0.05  # of the best fall so far: what scores less is no rival of it, whatever the score leaves out
+# of the best fall so far: what scores less is no rival of it, whatever the score leaves out
+HOPELESS = 0.05
 
 
 class Shortlist(NamedTuple):
@@ -20,14 +22,17 @@ class Shortlist(NamedTuple):
     Attributes:
         chosen: names of the best-scored candidates.
         unseen: names of those whose score does not tell what they bring.
-        twins: candidates that are one and the same to the data as a chosen one, by name, with that one's name.
+        twins: candidates that are one and the same to the data as a chosen one, by name, with that
+            one's name.
     """
 
     chosen: tuple[str, ...]
     unseen: frozenset[str]
     twins: dict[str, str]
 
-    def verdict_without_refit(self, candidate: Candidate, effect: Effect, best_fall: float) -> str | None:
+    def decision_without_refit(
+        self, candidate: Candidate, effect: Effect, best_fall: float
+    ) -> Decision | None:
         """Why a candidate is not refitted; None where it is.
 
         Args:
@@ -36,15 +41,22 @@ class Shortlist(NamedTuple):
         """
         if candidate.name in self.unseen:
             return None
-        if np.isnan(candidate.left):
-            return "its derivative at zero gain is not finite"
+        if np.isnan(candidate.identifiable_fraction):
+            return Decision.NOT_FINITE
         if candidate.name in self.twins:
-            return f"to these records one and the same as {self.twins[candidate.name]}"
+            return Decision.COLLINEAR
         if candidate.name not in self.chosen:
-            return "not refitted"
+            return Decision.NOT_REFITTED
         # A shape that starts far off can bring much more than its score; a gain alone cannot.
         hopeless = has_no_shape(effect) and candidate.score < HOPELESS * best_fall
-        return "not refitted: scores far below the best" if hopeless else None
+        return Decision.HOPELESS if hopeless else None
+
+    def without_refit(self, candidate: Candidate, decision: Decision) -> Candidate:
+        """Return a candidate with the decision that it is not refitted, and the one it is collinear
+        with.
+        """
+        twin = self.twins[candidate.name] if decision is Decision.COLLINEAR else ""
+        return dataclasses.replace(candidate, decision=decision, collinear_with=twin)
 
 
 def shortlist(
@@ -56,7 +68,8 @@ def shortlist(
     threshold: float,
     limit: int,
 ) -> Shortlist:
-    """The best-scored candidates and those that no score can see; of each set of twins only the simplest.
+    """The best-scored candidates and those that no score can see; of each set of twins only the
+    simplest.
 
     Args:
         candidates: the best score first.
@@ -73,21 +86,27 @@ def shortlist(
         # Two shapes can be alike at zero gain and differ further on: they are refitted each.
         likes = chosen if has_no_shape(effects[one.name]) else []
         near = overlap[gains[one.name]]
-        alike = (name for name in likes if near[gains[name]] > COLLINEAR and has_no_shape(effects[name]))
+        alike = (
+            name for name in likes if near[gains[name]] > COLLINEAR and has_no_shape(effects[name])
+        )
         same = next(alike, None)
-        if same is not None and effects[one.name].complexity < effects[same].complexity:
+        if same is not None and effects[one.name].card.complexity < effects[same].card.complexity:
             chosen[chosen.index(same)] = one.name
-            twins = {name: one.name if twin == same else twin for name, twin in twins.items()} | {same: one.name}
+            twins = {name: one.name if twin == same else twin for name, twin in twins.items()} | {
+                same: one.name
+            }
         elif same is not None:
             twins[one.name] = same
         elif one.score > threshold and len(chosen) < limit:
             chosen.append(one.name)
     asked = {one.name: effects[one.name] for one in candidates}
     # Of a model with many states there are more such than can be refitted in every round.
-    trying = [name for name, one in asked.items() if one.worth_trying(measured)]
-    first = sorted(trying, key=lambda name: not asked[name].shown(measured))[:limit]
-    unseen = frozenset((*first, *(name for name, one in asked.items() if one.refines)))
-    return Shortlist(tuple(chosen), unseen, {name: same for name, same in twins.items() if name not in unseen})
+    trying = [name for name, one in asked.items() if one.score_blind(measured)]
+    first = sorted(trying, key=lambda name: not asked[name].evident_in_data(measured))[:limit]
+    unseen = frozenset((*first, *(name for name, one in asked.items() if one.card.refines)))
+    return Shortlist(
+        tuple(chosen), unseen, {name: same for name, same in twins.items() if name not in unseen}
+    )
 
 
 def has_no_shape(effect: Effect) -> bool:

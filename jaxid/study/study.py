@@ -1,4 +1,6 @@
-"""`Study`: what a closed loop found, round by round, and what it did to the error on records that were not used."""
+"""`Study`: the result of a closed loop, with its rounds and its prediction errors on test
+records.
+"""
 
 import dataclasses
 import json
@@ -7,126 +9,28 @@ from typing import Any
 import numpy as np
 
 from ..data.record import Record
-from ..diagnosis.reading import Reading
+from ..diagnosis.localise import LocalisationResult
+from ..diagnosis.residual_report import ResidualReport
 from ..diagnosis.validation import Prediction
-from ..diagnosis.where import Where
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
 from ..models.base import AbstractModel
-from .rivals import Rival
+from .outcome import Outcome
+from .rounds import Candidate, Rival, Round
 
-REMEDY = (
-    "Where a motion is unstable, drifts far, or is held by a pilot or a controller, cut the records into pieces (`jaxid.cut`, "
-    "`cut` in a study file)."
+RUNAWAY_REMEDY = (
+    "If a motion is unstable, drifts far, or is held by a pilot or a controller, cut the records "
+    "into pieces (`jaxid.segment`, `cut` in a study file)."
 )
 
 
 @dataclasses.dataclass(frozen=True)
-class Candidate:
-    """One candidate of one round, or a pair of them, whose name is `one + other`.
-
-    Attributes:
-        name, family, place, sentence: what it is and where it acts.
-        score: chi-square of the score test, the colour of the residual not accounted for.
-        significance: the same, accounted for.
-        expected: the gain that the score expects.
-        left: share of its sensitivity that the free parameters cannot imitate; NaN where that is not finite.
-        cost_fall: fall of the training cost in a refit, twice (chi-square); None where it was not refitted.
-        check_fall: fall of the check records' error, mean over channels of its logarithm; None likewise.
-        verdict: what became of it, in words.
-        pair: the names of both effects where it is a pair.
-    """
-
-    name: str
-    family: str
-    place: str
-    sentence: str
-    score: float
-    significance: float
-    expected: float
-    left: float
-    cost_fall: float | None = None
-    check_fall: float | None = None
-    verdict: str = "not refitted"
-    pair: tuple[str, ...] = ()
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """The names of its effects: its own, or both of a pair."""
-        return self.pair or (self.name,)
-
-    @property
-    def colour(self) -> float:
-        """By how much the colour of the residual inflates chi-squares; one at least."""
-        return max(self.score / self.significance, 1.0) if self.significance > 0 else float("inf")
-
-    def with_other(self, other: "Candidate", score: float, significance: float) -> "Candidate":
-        """The pair of two candidates, with their joint score."""
-        return Candidate(
-            f"{self.name} + {other.name}",
-            f"{self.family} + {other.family}",
-            self.place if self.place == other.place else f"{self.place} and {other.place}",
-            f"{self.sentence} and {other.sentence}",
-            score=score,
-            significance=significance,
-            expected=float("nan"),
-            left=min(self.left, other.left),
-            pair=(self.name, other.name),
-        )
-
-
-@dataclasses.dataclass(frozen=True)
-class Round:
-    """One round of the loop.
-
-    Attributes:
-        effects: what was in when the round began.
-        candidates: all that were scored, best first.
-        added: the name of the candidate that was kept, None when none was.
-        rivals: candidates that the data cannot tell from it.
-        dropped: effects that became insignificant and were taken out again.
-        errors: root mean square error per channel by part (`train`, `check`, `test NAME`), at the beginning of the round.
-        predictable: share of the training residual that its own past predicts, per channel.
-        threshold: chi-square from which on a candidate counts as significant, the number tried accounted for.
-    """
-
-    effects: tuple[str, ...]
-    candidates: tuple[Candidate, ...]
-    added: str | None
-    rivals: tuple[str, ...]
-    dropped: tuple[str, ...]
-    errors: dict[str, dict[str, float]]
-    predictable: dict[str, float]
-    threshold: float
-
-    @property
-    def winner(self) -> Candidate | None:
-        """The candidate that was kept, None when none was."""
-        return next((one for one in self.candidates if one.name == self.added), None)
-
-    @property
-    def came_in(self) -> tuple[str, ...]:
-        """The names of the effects that were added: none, one, or a pair."""
-        return self.winner.parts if self.winner else ()
-
-    def contenders(self, margin: float) -> tuple[Candidate, ...]:
-        """The rivals of what was added, and all of other families that were refitted and fit worse by less than a margin of
-        chi-square."""
-        if self.winner is None or self.winner.cost_fall is None:
-            return ()
-        best, family = self.winner.cost_fall, self.winner.family
-        others = [one for one in self.candidates if one.family != family]
-        near = {one.name for one in others if one.cost_fall is not None and best - one.cost_fall < margin}
-        return tuple(one for one in self.candidates if one.name in near | set(self.rivals))
-
-
-@dataclasses.dataclass(frozen=True)
 class Side:
-    """The model before or after: its estimate, and what it predicts of each test record.
+    """The model before or after: its estimate, and its predictions of the test records.
 
     Attributes:
-        model: with its estimated values.
-        estimate: of the declared parameters and the effects' together.
+        model: the model with its estimated values.
+        estimate: joint estimate of the declared parameters and those of the effects.
         tests: predictions by name of test set.
         rms: error by test set and channel.
     """
@@ -139,16 +43,19 @@ class Side:
 
 @dataclasses.dataclass(frozen=True)
 class RandomForces:
-    """Process noise: forces that no signal predicts, such as those of turbulence.
+    """Process noise: random forces that no signal predicts, such as those of turbulence.
 
     Attributes:
-        places: where they act, as far as the records tell: states in whose equations, or what moves in the air.
-        air: which of all places are the air's.
-        force: standard deviation of the random force in each uncertain equation [rate of the state], and in the air [m/s].
-        time: their correlation time [s].
-        parameters: the free parameters that fit best beside them, by name; what is known of them is not told yet. Like the sizes
-            they are of the records that were searched: without check records the first two thirds of each.
-        gain: twice the rise of the log-likelihood over noise of the instruments alone.
+        places: places where the records show them to act: states by whose equations they enter, or
+            components of the air's motion.
+        air: those of all places that are components of the air's motion.
+        force: standard deviation of the random force in each uncertain equation [rate of the
+            state], and in the air [m/s].
+        time: correlation time of the forces [s].
+        parameters: values of the free parameters estimated jointly with the forces, by name;
+            without standard errors. Like the standard deviations they come from the records of the
+            search: without check records the first two thirds of each.
+        gain: twice the rise of the log-likelihood over sensor noise alone.
     """
 
     places: tuple[str, ...]
@@ -160,27 +67,30 @@ class RandomForces:
 
     def __str__(self) -> str:
         sizes = ", ".join(
-            f"{self.force[name]:.3g} " + (f"m/s in {name}" if name in self.air else f"in d({name})/dt")
+            f"{self.force[name]:.3g} "
+            + (f"m/s in {name}" if name in self.air else f"in d({name})/dt")
             for name in self.places
         )
         return (
-            f"random forces (process noise, as of turbulence) of standard deviation {sizes} and correlation time "
-            f"{self.time:.2g} s explain the residual. Estimates by output error suffer from them: "
-            "`process_noise.parameters` are those that fit best beside them, by a filter."
+            f"random forces (process noise, as of turbulence) of standard deviation {sizes} and "
+            f"correlation time {self.time:.2g} s explain the residual. They bias estimates by "
+            "output error: `process_noise.parameters` are the estimates of a filter that includes "
+            "them."
         )
 
 
 @dataclasses.dataclass(frozen=True)
 class ColouredNoise:
-    """Noise of sensors with a memory: a part of first order in time beside a white one.
+    """Coloured sensor noise: the sum of a first-order Gauss-Markov process and white noise.
 
     Attributes:
-        sensors: those whose noise has a memory, as far as the records tell.
-        deviation: standard deviation of the part with a memory, by channel [unit of the channel].
+        sensors: sensors whose noise the records show to be coloured.
+        deviation: standard deviation of the coloured part, by channel [unit of the channel].
         white: standard deviation of the white part, by channel [unit of the channel].
-        time: correlation time of the part with a memory, by channel [s].
-        units: of the channels.
-        inflation: of the variance of slow quantities over that by white noise of the same size, in the worst sensor.
+        time: correlation time of the coloured part, by channel [s].
+        units: units of the channels.
+        inflation: ratio of the variance of slow quantities to their variance under white noise of
+            the same size, in the worst sensor.
         gain: twice the rise of the log-likelihood over white noise.
     """
 
@@ -194,7 +104,8 @@ class ColouredNoise:
 
     def __str__(self) -> str:
         each = ", ".join(
-            f"{self.deviation[name]:.3g} {self.units[name]}".rstrip() + f" and {self.time[name]:.2g} s in {name}"
+            f"{self.deviation[name]:.3g} {self.units[name]}".rstrip()
+            + f" and {self.time[name]:.2g} s in {name}"
             for name in self.sensors
         )
         return f"coloured noise of sensors (standard deviation and correlation time: {each})"
@@ -205,38 +116,40 @@ class Study:
     """The result of `close_loop`.
 
     Attributes:
-        verdict: in a sentence.
-        outcome: `nothing missing`, `explained`, `proxies` (something is missing, and what was added is not its cause for
-            certain), `process noise` (unpredictable forces, and nothing is added), `coloured noise` (sensors whose noise has
-            a memory, and nothing is added) or `unexplained`.
-        effects: names of the effects that were added and kept, in the order of their finding.
-        sentences: the same in words.
-        rounds: what happened.
-        other_rounds: of the way that was given up, where the search was begun twice; else none.
-        rivals: effects that do as well in the place of one that is in, in the end; `told_apart` says what another record would
-            make of them.
-        where: where the training residual sits, of the declared model (`before`) and of the one with the effects (`after`).
-        reading: what tests say of the training residual, of the same two.
-        before, after: the declared model and the one with the effects, on the test records.
-        noise: standard deviation of the noise by channel, known or estimated: from all that the last fit leaves where that is
-            noise, from what is white in it where something is still missing.
-        process_noise: the random forces where these explain the residual, else None.
-        coloured_noise: that of the sensors where it is what stays, with effects or without, else None.
-        noise_known: whether the noise was given, so that the residual was held against it, or estimated.
-        likelihood: as it was given.
+        verdict: the result in words.
+        outcome: the result as one of six states.
+        effects: names of the effects that were added and kept, in the order of their addition.
+        sentences: descriptions of these effects.
+        rounds: history of the search.
+        other_rounds: history of the search path that was abandoned, if the search was started
+            twice; else empty.
+        rivals: effects that fit as well in place of one of the final model; `discrimination` rates
+            another record by its power to distinguish them.
+        localisation: location of the training residual of the declared model (`before`) and of the
+            model with the effects (`after`).
+        reading: tests of the training residual of the same two models.
+        before, after: the declared model and the model with the effects, on the test records.
+        noise: standard deviation of the noise by channel, known or estimated: from the complete
+            residual of the last fit if that is noise, from its white part if effects are missing.
+        process_noise: the random forces if they explain the residual, else None.
+        coloured_noise: coloured sensor noise if the last residual consists of it, with effects or
+            without, else None.
+        noise_known: True if the noise was given and the residual was tested against it; False if
+            it was estimated.
+        likelihood: the given measure of the misfit.
         outputs, output_units: names and units of the channels.
         tests: the test records by name.
     """
 
     verdict: str
-    outcome: str
+    outcome: Outcome
     effects: tuple[str, ...]
     sentences: tuple[str, ...]
     rounds: tuple[Round, ...]
     other_rounds: tuple[Round, ...]
     rivals: tuple[Rival, ...]
-    where: dict[str, Where]
-    reading: dict[str, Reading]
+    localisation: dict[str, LocalisationResult]
+    reading: dict[str, ResidualReport]
     before: Side
     after: Side
     noise: dict[str, float]
@@ -250,89 +163,141 @@ class Study:
 
     @property
     def runaways(self) -> tuple[str, ...]:
-        """Test records on which a simulation diverges, so that there is no error, in a sentence for each model."""
-        sides = {"declared model": self.before, "model with what was added": self.after}
-        found = []
+        """Descriptions of the test records on which a simulation diverges, for each model; they
+        have no error.
+        """
+        sides = {"declared model": self.before, "model with the added effects": self.after}
+        sentences = []
         for words in sides if self.effects else ("declared model",):
-            lost = [
+            diverged = [
                 self.tests[test].names[case]
-                for test, one in sides[words].tests.items()
-                for case in np.flatnonzero(~np.all(np.isfinite(one.residuals), axis=(1, 2)))
+                for test, prediction in sides[words].tests.items()
+                for case in np.flatnonzero(~np.all(np.isfinite(prediction.residuals), axis=(1, 2)))
             ]
-            if lost:
-                found.append(f"The {words} runs away on {', '.join(lost)}. {REMEDY}")
-        return tuple(found)
+            if diverged:
+                sentences.append(f"The {words} diverges on {', '.join(diverged)}. {RUNAWAY_REMEDY}")
+        return tuple(sentences)
 
     def to_dict(self) -> dict[str, Any]:
-        """All figures as plain numbers and words, for JSON."""
+        """Return all results as plain numbers and words, for JSON."""
         single = len(self.tests) == 1
         pick = (lambda rms: next(iter(rms.values()))) if single else (lambda rms: rms)
         return {
             "verdict": self.verdict,
-            "outcome": self.outcome,
+            "outcome": self.outcome.value,
             "effects": list(self.effects),
             "before": pick(self.before.rms),
             "after": pick(self.after.rms),
             "noise": self.noise,
             "noise_known": self.noise_known,
             "process_noise": dataclasses.asdict(self.process_noise) if self.process_noise else None,
-            "coloured_noise": dataclasses.asdict(self.coloured_noise) if self.coloured_noise else None,
-            "tests": {name: {"before": self.before.rms[name], "after": self.after.rms[name]} for name in self.tests},
+            "coloured_noise": dataclasses.asdict(self.coloured_noise)
+            if self.coloured_noise
+            else None,
+            "tests": {
+                name: {"before": self.before.rms[name], "after": self.after.rms[name]}
+                for name in self.tests
+            },
             "parameters": _parameters(self.after.estimate),
             "declared": _parameters(self.before.estimate),
-            "residual": {side: _read(one) for side, one in self.reading.items()},
-            "where": {side: _places(one) for side, one in self.where.items()},
-            "rivals": [_rival(one) for one in self.rivals],
-            "rounds": [dataclasses.asdict(one) for one in self.rounds],
-            "other_rounds": [dataclasses.asdict(one) for one in self.other_rounds],
+            "residual": {side: _reading(report) for side, report in self.reading.items()},
+            "where": {side: _places(result) for side, result in self.localisation.items()},
+            "rivals": [_rival(rival) for rival in self.rivals],
+            "rounds": [_round(entry) for entry in self.rounds],
+            "other_rounds": [_round(entry) for entry in self.other_rounds],
         }
 
     def to_json(self) -> str:
-        """The figures as a JSON object; a number that is not finite is null."""
+        """Return the results as a JSON object; a number that is not finite is null."""
         return json.dumps(_finite(self.to_dict()), indent=2)
 
     def __str__(self) -> str:
-        lines = [self.verdict, ""]
-        for index, one in enumerate(self.rounds, 1):
-            best = one.candidates[0] if one.candidates else None
-            what = f"added {one.added}" if one.added else "nothing added"
-            rivals = f", not to be told from {', '.join(one.rivals)}" if one.rivals else ""
-            lines.append(f"round {index}: {what}{rivals}" + (f" (best score: {best.name})" if best else ""))
-            lines += [f"         dropped {name}" for name in one.dropped]
-        if self.other_rounds:
-            steps = ", ".join(str(one.added) for one in self.other_rounds if one.added)
-            lines.append(f"another way was tried and given up: {steps}")
-        first = self.where["before"]
-        if self.outcome != "nothing missing":
-            sits = ", or ".join(f"{one.kind} {one.name} ({one.share:.0%})" for one in first.rivals())
-            lines.append(f"where:   the declared model's residual sits in the {sits}")
-        width = max(len(name) for name in (*self.outputs, "channel"))
+        lines = [self.verdict, "", *self._search_lines(), *self._location_lines()]
         for test in self.tests:
-            lines += ["", f"error on {test} (RMS, not used for fitting)"]
-            lines.append(f"{'channel':<{width}} {'before':>12} {'after':>12} {'noise':>12}  unit")
-            for name, unit in zip(self.outputs, self.output_units, strict=True):
-                before, after = self.before.rms[test][name], self.after.rms[test][name]
-                lines.append(f"{name:<{width}} {before:>12.4g} {after:>12.4g} {self.noise[name]:>12.4g}  {unit}")
-        lines += [*self.runaways]
-        if self.process_noise and self.process_noise.parameters:
-            lines += ["", "parameters that fit best beside the random forces, by a filter"]
-            width = max(map(len, self.process_noise.parameters))
-            lines += [f"{name:<{width}} {value:>12.6g}" for name, value in self.process_noise.parameters.items()]
+            lines += self._error_lines(test)
+        lines += [*self.runaways, *self._filter_lines()]
         return "\n".join([*lines, "", str(self.after.estimate)])
 
+    def _search_lines(self) -> list[str]:
+        """Lines on the rounds of the search."""
+        lines = []
+        for index, entry in enumerate(self.rounds, 1):
+            added = f"added {entry.added}" if entry.added else "nothing added"
+            rivals = f", equivalent to {', '.join(entry.rivals)}" if entry.rivals else ""
+            best = f" (best score: {entry.candidates[0].name})" if entry.candidates else ""
+            lines.append(f"round {index}: {added}{rivals}{best}")
+            lines += [f"         dropped {name}" for name in entry.dropped]
+        if self.other_rounds:
+            steps = ", ".join(str(entry.added) for entry in self.other_rounds if entry.added)
+            lines.append(f"another search path was abandoned: {steps}")
+        return lines
 
-def _read(reading: Reading) -> dict[str, dict[str, Any]]:
-    tests, found = reading.tests, {}
+    def _location_lines(self) -> list[str]:
+        """Line on the location of the residual of the declared model, if anything is missing."""
+        if self.outcome is Outcome.NOTHING_MISSING:
+            return []
+        places = ", or ".join(
+            f"{place.location.label} ({place.share:.0%})"
+            for place in self.localisation["before"].near_best()
+        )
+        return [f"where:   the residual of the declared model is in the {places}"]
+
+    def _error_lines(self, test: str) -> list[str]:
+        """Table of the errors on one set of test records."""
+        width = max(len(name) for name in (*self.outputs, "channel"))
+        lines = ["", f"error on {test} (RMS, not used for fitting)"]
+        lines.append(f"{'channel':<{width}} {'before':>12} {'after':>12} {'noise':>12}  unit")
+        for name, unit in zip(self.outputs, self.output_units, strict=True):
+            before, after = self.before.rms[test][name], self.after.rms[test][name]
+            lines.append(
+                f"{name:<{width}} {before:>12.4g} {after:>12.4g} {self.noise[name]:>12.4g}  {unit}"
+            )
+        return lines
+
+    def _filter_lines(self) -> list[str]:
+        """Table of the parameters that were estimated with the random forces, if any."""
+        if not (self.process_noise and self.process_noise.parameters):
+            return []
+        width = max(map(len, self.process_noise.parameters))
+        return [
+            "",
+            "parameters estimated with the random forces, by a filter",
+            *(
+                f"{name:<{width}} {value:>12.6g}"
+                for name, value in self.process_noise.parameters.items()
+            ),
+        ]
+
+
+def _reading(reading: ResidualReport) -> dict[str, dict[str, Any]]:
+    tests, rows = reading.tests, {}
     for j, name in enumerate(tests.outputs):
-        signal, correlation, lag = reading.strongest(name)
-        variable, chance = reading.bent(name)
-        found[name] = {
+        signal, correlation, lag = reading.strongest_correlation(name)
+        variable, chance = reading.nonlinear_dependence(name)
+        rows[name] = {
             "whiteness_p": float(tests.whiteness.p_value[j]),
             "whiteness_p_by_record": [float(p) for p in reading.by_record[:, j]],
-            "follows": {"signal": signal, "correlation": correlation, "lag": lag, "p": float(np.min(tests.cross_p[j]))},
+            "follows": {
+                "signal": signal,
+                "correlation": correlation,
+                "lag": lag,
+                "p": float(np.min(tests.cross_p[j])),
+            },
             "mean_over": {"variable": variable, "p": chance},
         }
-    return found
+    return rows
+
+
+def _round(entry: Round) -> dict[str, Any]:
+    return dataclasses.asdict(entry) | {"candidates": tuple(map(_candidate, entry.candidates))}
+
+
+def _candidate(candidate: Candidate) -> dict[str, Any]:
+    """Fields by name, with the decision in words as `verdict`, the locations as `place`."""
+    keys = {"decision": "verdict", "locations": "place"}
+    names = [field.name for field in dataclasses.fields(candidate)]
+    chosen = [keys.get(name, name) for name in names if name != "collinear_with"]
+    return {key: getattr(candidate, key) for key in chosen}
 
 
 def _rival(rival: Rival) -> dict[str, Any]:
@@ -340,20 +305,30 @@ def _rival(rival: Rival) -> dict[str, Any]:
     return {name: getattr(rival, name) for name in kept}
 
 
-def _places(where: Where) -> list[dict[str, Any]]:
-    kept = ("kind", "name", "share", "score", "dof")
-    return [{name: getattr(place, name) for name in kept} for place in where.places]
+def _places(result: LocalisationResult) -> list[dict[str, Any]]:
+    return [
+        {
+            "kind": place.location.kind.label,
+            "name": place.location.name,
+            "share": place.share,
+            "score": place.score,
+            "dof": place.dof,
+        }
+        for place in result.places
+    ]
 
 
 def _parameters(estimate: Estimate) -> dict[str, dict[str, float]]:
-    rows = zip(estimate.names, estimate.values, estimate.coloured_errors, strict=True)
-    return {name: {"value": float(value), "standard_error": float(error)} for name, value, error in rows}
+    rows = zip(estimate.names, estimate.values, estimate.corrected_errors, strict=True)
+    return {
+        name: {"value": float(value), "standard_error": float(error)} for name, value, error in rows
+    }
 
 
 def _finite(value):
-    """Numbers that JSON has no word for become null."""
+    """Return the value with None in place of numbers that JSON cannot represent."""
     if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
+        return {key: _finite(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
+        return [_finite(entry) for entry in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from ..diagnosis.validation import Prediction
-from .study import Candidate
-from .workbench import Fitted
+from .fit import Fitted
+from .rounds import Candidate
 
 
 class Tried(NamedTuple):
@@ -16,7 +16,8 @@ class Tried(NamedTuple):
         before: the check records as it predicts them.
         candidates: with their verdicts, best score first.
         refits: those that were refitted, by name.
-        twins: candidates that are one and the same to the data as a refitted one, by name, with that one's name.
+        twins: candidates that are one and the same to the data as a refitted one, by name, with
+            that one's name.
         number: of the round.
     """
 

@@ -1,4 +1,6 @@
-"""What a loop may claim: the gate between an effect that explains and one that only helps, and the words for it."""
+"""What a loop may claim: the gate between an effect that explains and one that only helps, and the
+words for it.
+"""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -9,20 +11,23 @@ import numpy as np
 from jax.scipy.stats import chi2
 
 from ..data.record import Record
+from ..diagnosis.localise import LocalisationResult
 from ..diagnosis.validation import Prediction
-from ..diagnosis.where import Where
-from ..models.noise import FixedNoise
 from .check import difference_error, mean_log, mean_log_of, of_channel, seen, uncertainty
-from .doubts import SETTLED, Doubts, doubts_about
-from .rivals import Rival
-from .search import INSEPARABLE, Search
-from .study import ColouredNoise, RandomForces, Round, Side
+from .doubts import Doubts, doubts_about
+from .fit import Fitted
+from .outcome import Outcome
+from .rounds import Rival, Round
+from .search import Search
+from .study import ColouredNoise, RandomForces, Side
+from .thresholds import INSEPARABLE, SETTLED
 from .unpredictable import act_on_the_motion, coloured_noise, random_forces
-from .workbench import Fitted, Workbench
+from .workbench import Workbench
 
 MORE = "Take more manoeuvres to fit and to check."
 SHOWN = 3.0  # standard errors by which a single channel's error must grow: there may be a dozen
-FURTHER = 0.1  # of its range in the records that were fitted, from which on an input runs further in others
+# of its range in the records that were fitted, from which on an input runs further in others
+FURTHER = 0.1
 
 
 class Conclusion(NamedTuple):
@@ -36,7 +41,7 @@ class Conclusion(NamedTuple):
         doubts: why what was added may not be the cause, although it leaves nothing but noise.
     """
 
-    outcome: str
+    outcome: Outcome
     process_noise: RandomForces | None = None
     coloured_noise: ColouredNoise | None = None
     contenders: tuple[Rival, ...] = ()
@@ -48,9 +53,10 @@ def conclude(
     rounds: tuple[Round, ...],
     declared: Fitted,
     found: Fitted,
-    where: Mapping[str, Where],
+    where: Mapping[str, LocalisationResult],
 ) -> Conclusion:
-    """Whether the residual is consistent with noise after what was added, white or coloured, or with random forces alone.
+    """Whether the residual is consistent with noise after what was added, white or coloured, or
+    with random forces alone.
 
     Args:
         search: with its workbench and options.
@@ -61,38 +67,52 @@ def conclude(
     last = rounds[-1]
     fires = any(min(one.score, one.significance) > last.threshold for one in last.candidates)
     coloured = not search.judge.looks_like_noise(last.predictable)
-    if isinstance(search.bench.likelihood.noise, FixedNoise):
+    if search.bench.likelihood.noise.is_known:
         coloured = coloured or _above_known_noise(found, search.bench, search.options.level)
     if found.effects:
         coloured = coloured or stands_out(where["after"], search.options.level)
     if not (coloured or fires):
-        return _cause(search, rounds, found, where, None) if found.effects else Conclusion("nothing missing")
+        return (
+            _cause(search, rounds, found, where, None)
+            if found.effects
+            else Conclusion(Outcome.NOTHING_MISSING)
+        )
     forces = random_forces(search, declared, where["before"])
     if forces is not None:
-        return Conclusion("process noise", forces)
+        return Conclusion(Outcome.PROCESS_NOISE, forces)
     noise = coloured_noise(search, found)
-    # A filter that knows the noise's memory tells what is slow from it better than a score does that was corrected for it.
+    # A filter that knows the noise's memory tells what is slow from it better than a score does
+    # that was corrected for it.
     alone = coloured_noise(search, declared) if noise and found.effects else noise
     if alone is not None:
-        return Conclusion("coloured noise", coloured_noise=alone)
+        return Conclusion(Outcome.COLOURED_NOISE, coloured_noise=alone)
     if noise is not None and not act_on_the_motion(search, found, where["after"], noise.gain):
         return _cause(search, rounds, found, where, noise)
     if not found.effects:
-        return Conclusion("unexplained")
-    return Conclusion("proxies", contenders=search.contenders(found, rounds, INSEPARABLE))
+        return Conclusion(Outcome.UNEXPLAINED)
+    return Conclusion(Outcome.PROXIES, contenders=search.contenders(found, rounds, INSEPARABLE))
 
 
 def _cause(
-    search: Search, rounds: tuple[Round, ...], found: Fitted, where: Mapping[str, Where], noise: ColouredNoise | None
+    search: Search,
+    rounds: tuple[Round, ...],
+    found: Fitted,
+    where: Mapping[str, LocalisationResult],
+    noise: ColouredNoise | None,
 ) -> Conclusion:
-    """Whether effects that leave nothing but noise, white unless it is given, are to be called the cause."""
+    """Whether effects that leave nothing but noise, white unless it is given, are to be called the
+    cause.
+    """
     inflation = noise.inflation if noise else 1.0
     contenders = search.contenders(found, rounds, SETTLED * inflation)
     doubts = doubts_about(search.bench, found, rounds, contenders, where["before"], inflation)
-    return Conclusion("proxies" if any(doubts) else "explained", None, noise, contenders, doubts)
+    outcome = Outcome.PROXIES if any(doubts) else Outcome.EXPLAINED
+    return Conclusion(outcome, None, noise, contenders, doubts)
 
 
-def not_borne_out(conclusion: Conclusion, effects: tuple[str, ...], dropped: tuple[str, ...]) -> Conclusion:
+def not_borne_out(
+    conclusion: Conclusion, effects: tuple[str, ...], dropped: tuple[str, ...]
+) -> Conclusion:
     """What may be claimed where an estimate on more records takes effects out again.
 
     Args:
@@ -100,22 +120,28 @@ def not_borne_out(conclusion: Conclusion, effects: tuple[str, ...], dropped: tup
         effects, dropped: what is left, and what went out.
     """
     if not effects:
-        return Conclusion("unexplained")
-    doubts = Doubts(dropped=dropped) if conclusion.outcome == "explained" else conclusion.doubts
-    return conclusion._replace(outcome="proxies", coloured_noise=None, doubts=doubts)
+        return Conclusion(Outcome.UNEXPLAINED)
+    doubts = (
+        Doubts(dropped=dropped) if conclusion.outcome is Outcome.EXPLAINED else conclusion.doubts
+    )
+    return conclusion._replace(outcome=Outcome.PROXIES, coloured_noise=None, doubts=doubts)
 
 
-def stands_out(where: Where, level: float) -> bool:
-    """Whether a disturbance of free form, at one of the places, explains more of a residual than it would of white noise.
+def stands_out(where: LocalisationResult, level: float) -> bool:
+    """Whether a disturbance of free form, at one of the places, explains more of a residual than it
+    would of white noise.
 
-    It asks more than that the past of the residual predict little of it: what is slow and small passes there.
+    It asks more than that the past of the residual predict little of it: what is slow and small
+    passes there.
     """
     chances = [float(chi2.sf(one.score, one.dof)) for one in where.places if one.dof]
     return min(chances, default=1.0) < level / max(len(chances), 1)
 
 
 def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:
-    """Whether the residual's whitened sum of squares is larger than known noise allows (chi-square)."""
+    """Whether the residual's whitened sum of squares is larger than known noise allows
+    (chi-square).
+    """
     mask = np.asarray(bench.records.mask)
     triangle = np.linalg.cholesky(np.asarray(found.fit.noise))
     white = np.where(mask, np.asarray(found.fit.residuals), 0.0) @ np.linalg.inv(triangle).T
@@ -123,7 +149,12 @@ def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:
     return bool(chi2.sf(np.sum(white**2), max(int(mask.sum()) - unknown, 1)) < level)
 
 
-def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Rival, ...], left: Where) -> str:
+def verdict(
+    conclusion: Conclusion,
+    sentences: tuple[str, ...],
+    rivals: tuple[Rival, ...],
+    left: LocalisationResult,
+) -> str:
     """The outcome in a sentence or two.
 
     Args:
@@ -133,19 +164,31 @@ def verdict(conclusion: Conclusion, sentences: tuple[str, ...], rivals: tuple[Ri
         left: where what is left sits.
     """
     count = Counter(sentences)
-    what = "; ".join(one if times == 1 else f"{one} ({times} of them)" for one, times in count.items())
-    names = ", ".join(dict.fromkeys(rival.name for rival in rivals))  # one may stand in the place of several
-    also = f" (these records cannot tell it from: {names})" if rivals and not conclusion.doubts.unsettled else ""
+    what = "; ".join(
+        one if times == 1 else f"{one} ({times} of them)" for one, times in count.items()
+    )
+    # one may stand in the place of several
+    names = ", ".join(dict.fromkeys(rival.name for rival in rivals))
+    also = (
+        f" (these records cannot tell it from: {names})"
+        if rivals and not conclusion.doubts.unsettled
+        else ""
+    )
     stays = str(conclusion.doubts) or "What stays after them is more than noise."
     noise = conclusion.coloured_noise or "noise"
-    sits = " or the ".join(f"{one.kind} {one.name}" for one in left.rivals())
+    sits = " or the ".join(one.location.label for one in left.near_best())
     return {
-        "nothing missing": "Nothing is missing: the residual is consistent with noise, and no candidate explains any of it.",
-        "explained": f"The model lacked: {what}{also}. With it the residual is consistent with {noise}.",
-        "proxies": f"Something is missing; the best proxies are: {what}{also}. {stays}",
-        "unexplained": f"Something is missing here, and nothing in the library explains it. It sits in the {sits}.",
-        "process noise": f"No term is missing that these records could show: {conclusion.process_noise}",
-        "coloured noise": "No term is missing that these records could show: the residual is consistent with "
+        Outcome.NOTHING_MISSING: "Nothing is missing: the residual is consistent with noise, "
+        "and no candidate explains any of it.",
+        Outcome.EXPLAINED: f"The model lacked: {what}{also}. With it the residual is consistent "
+        f"with {noise}.",
+        Outcome.PROXIES: f"Something is missing; the best proxies are: {what}{also}. {stays}",
+        Outcome.UNEXPLAINED: "Something is missing here, and nothing in the library explains it. "
+        f"It sits in the {sits}.",
+        Outcome.PROCESS_NOISE: "No term is missing that these records could show: "
+        f"{conclusion.process_noise}",
+        Outcome.COLOURED_NOISE: "No term is missing that these records could show: the residual is "
+        "consistent with "
         f"{conclusion.coloured_noise}.",
     }[conclusion.outcome]
 
@@ -158,8 +201,8 @@ def not_carried_over(
     tests: Mapping[str, Record],
     used: Record,
 ) -> tuple[str, ...]:
-    """Of each set of test records what was added predicts worse, by more than the scatter: all of it, some channels, or what came
-    in late.
+    """Of each set of test records what was added predicts worse, by more than the scatter: all of
+    it, some channels, or what came in late.
 
     Args:
         before, after: the model without what was added and with it.
@@ -173,9 +216,10 @@ def not_carried_over(
         if mean_log(new) - mean_log(old) > difference_error(old, new):
             channels = [one for one, rms in after.rms[name].items() if rms > before.rms[name][one]]
             outside = ", ".join(beyond(used, tests[name]))
+            further = f", in which {outside} runs further than in those that were fitted"
             told.append(
-                f"But the error on {name} grows with it ({', '.join(channels)}): what was added does not carry over to these "
-                f"records{f', in which {outside} runs further than in those that were fitted' if outside else ''}. {MORE}"
+                f"But the error on {name} grows with it ({', '.join(channels)}): what was added "
+                f"does not carry over to these records{further if outside else ''}. {MORE}"
             )
         else:
             told += (*grown(name, old, new, used.outputs), *late(name, new, effects, rounds))
@@ -183,7 +227,8 @@ def not_carried_over(
 
 
 def grown(name: str, old: Prediction, new: Prediction, outputs: tuple[str, ...]) -> tuple[str, ...]:
-    """The words for single channels of a set of test records that are predicted worse, where all together are not.
+    """The words for single channels of a set of test records that are predicted worse, where all
+    together are not.
 
     Args:
         name: of the set.
@@ -199,29 +244,45 @@ def grown(name: str, old: Prediction, new: Prediction, outputs: tuple[str, ...])
     return (f"But the error on {name} grows with it in {' and '.join(found)}.",) if found else ()
 
 
-def late(name: str, test: Prediction, effects: tuple[str, ...], rounds: tuple[Round, ...]) -> tuple[str, ...]:
-    """The words for a set of test records that an earlier round predicted better than the last, by more than the scatter of the
-    last; none where there is none.
+def late(
+    name: str, test: Prediction, effects: tuple[str, ...], rounds: tuple[Round, ...]
+) -> tuple[str, ...]:
+    """The words for a set of test records that an earlier round predicted better than the last, by
+    more than the scatter of the last; none where there is none.
 
     Args:
         name: of the set.
         test: the last prediction of it.
         effects: that are in at last.
-        rounds: by which they came in; of the errors at the beginning of each only those behind the first are asked.
+        rounds: by which they came in; of the errors at the beginning of each only those behind the
+            first are asked.
     """
     known = seen(test)
-    errors = [mean_log_of(np.array([*one.errors[f"test {name}"].values()])[known]) for one in rounds[1:]]
+    errors = [
+        mean_log_of(np.array([*one.errors[f"test {name}"].values()])[known]) for one in rounds[1:]
+    ]
     if not errors or not mean_log(test) - min(errors) > uncertainty(test):
         return ()
     best = int(np.argmin(errors))
     new = [one for one in effects if one not in rounds[1 + best].effects]
     less = 1.0 - np.exp(min(errors) - mean_log(test))
-    words = f"But after round {1 + best}, without {', '.join(new)}, the error on {name} was {less:.0%} smaller"
-    return (f"{words}: what came in later does not carry over to these records. {MORE}",) if new else ()
+    words = (
+        f"But after round {1 + best}, without {', '.join(new)}, the error on {name} was "
+        f"{less:.0%} smaller"
+    )
+    return (
+        (f"{words}: what came in later does not carry over to these records. {MORE}",)
+        if new
+        else ()
+    )
 
 
 def beyond(used: Record, test: Record) -> tuple[str, ...]:
-    """Inputs that leave the range they had in the records that were fitted, by more than a tenth of it."""
+    """Inputs that leave the range they had in the records that were fitted, by more than a tenth of
+    it.
+    """
     low, high = jnp.min(used.u, axis=(0, 1)), jnp.max(used.u, axis=(0, 1))
     more = jnp.maximum(low - jnp.min(test.u, axis=(0, 1)), jnp.max(test.u, axis=(0, 1)) - high)
-    return tuple(name for name, far in zip(used.inputs, more > FURTHER * (high - low), strict=True) if far)
+    return tuple(
+        name for name, far in zip(used.inputs, more > FURTHER * (high - low), strict=True) if far
+    )

@@ -3,8 +3,8 @@
 from collections.abc import Collection
 from typing import NamedTuple
 
-from .study import Round
-from .workbench import Fitted
+from .fit import Fitted
+from .rounds import Round
 
 
 class Way(NamedTuple):

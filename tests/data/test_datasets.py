@@ -1,4 +1,4 @@
-"""Loaders of measured sets: official splits, the right files, words when they are missing."""
+"""Loaders of measured data sets: official splits, verified files, errors for missing files."""
 
 import hashlib
 import shutil
@@ -21,7 +21,7 @@ def sizes(ds):
     return [r.t.shape[0] for r in ds.train], {name: r.t.shape[0] for name, r in ds.test.items()}
 
 
-def test_silverbox(data_folder):
+def test_silverbox_has_official_split_without_mean(data_folder):
     ds = silverbox(data_folder)
     assert sizes(ds) == ([65062], {"arrow": 40475, "multisine": 21688})
     assert ds.window == {"arrow": 50, "multisine": 50}
@@ -35,7 +35,7 @@ def test_silverbox(data_folder):
     assert ds.train[0].input_units == ds.train[0].output_units == ("V",)
 
 
-def test_emps(data_folder):
+def test_emps_has_force_as_input_and_position_as_output(data_folder):
     ds = emps(data_folder)
     assert sizes(ds) == ([24841], {"pulses": 24841})
     assert ds.window == {"pulses": None}
@@ -47,20 +47,26 @@ def test_emps(data_folder):
     assert test.input_units + test.output_units == ("N", "m")
 
 
-def test_emps_in_closed_loop_has_the_reference_and_the_pulses_for_inputs(data_folder):
+def test_emps_in_closed_loop_has_reference_and_pulses_as_inputs(data_folder):
     ds = emps_closed_loop(data_folder / "emps" / "DATA_EMPS.mat")
     assert sizes(ds) == ([24841], {"pulses": 24841})
     assert ds.window == {"pulses": 50}
     raw = loadmat(data_folder / "emps" / "DATA_EMPS_PULSES.mat")
     train, test = ds.train[0], ds.test["pulses"]
-    assert (test.inputs, test.input_units, test.outputs) == (("reference", "pulse"), ("m", "V"), ("position",))
-    np.testing.assert_array_equal(test.u, np.stack([raw["qg"].ravel(), raw["pulses_N"].ravel()], axis=1))
+    assert (test.inputs, test.input_units, test.outputs) == (
+        ("reference", "pulse"),
+        ("m", "V"),
+        ("position",),
+    )
+    np.testing.assert_array_equal(
+        test.u, np.stack([raw["qg"].ravel(), raw["pulses_N"].ravel()], axis=1)
+    )
     np.testing.assert_array_equal(test.z[:, 0], raw["qm"].ravel())
     np.testing.assert_array_equal(train.u[:, 1], 0.0)
 
 
 def test_emps_pulses_are_part_of_the_command(data_folder):
-    """Why the loader leaves `pulses_N` out: the command jumps by 5 V at each edge."""
+    """The command jumps by 5 V at each edge, so that `pulses_N` is not a separate input."""
     raw = loadmat(data_folder / "emps" / "DATA_EMPS_PULSES.mat")
     pulse, command = raw["pulses_N"].ravel().astype(float), raw["vir"].ravel()
     edges = np.flatnonzero(np.diff(pulse))
@@ -71,7 +77,7 @@ def test_emps_pulses_are_part_of_the_command(data_folder):
     np.testing.assert_allclose(np.median(jumps * rising), 5.0, atol=0.3)
 
 
-def test_cascaded_tanks(data_folder):
+def test_cascaded_tanks_have_official_split(data_folder):
     ds = cascaded_tanks(data_folder)
     assert sizes(ds) == ([1024], {"validation": 1024})
     assert ds.window == {"validation": 5}
@@ -84,7 +90,7 @@ def test_cascaded_tanks(data_folder):
 
 
 @pytest.mark.parametrize("load", FILES, ids=lambda load: load.__name__)
-def test_file_folder_and_environment_lead_to_the_same_set(load, data_folder, monkeypatch):
+def test_file_folder_and_environment_give_same_set(load, data_folder, monkeypatch):
     folder, file = FILES[load]
     monkeypatch.setenv("JAXID_DATA", str(data_folder))
     expected = load()
@@ -103,12 +109,16 @@ def test_missing_and_wrong_files_are_refused(load, tmp_path, monkeypatch):
         load(tmp_path)
     (tmp_path / folder).mkdir()
     (tmp_path / folder / file).write_bytes(b"not the data")
-    found = hashlib.sha256(b"not the data").hexdigest()
-    with pytest.raises(InputError, match=rf"{file}.*SHA-256 is {found}, expected [0-9a-f]{{64}}.*Fetch it anew"):
+    actual = hashlib.sha256(b"not the data").hexdigest()
+    with pytest.raises(
+        InputError,
+        match=rf"{file}.*SHA-256 is {actual}, expected "
+        rf"[0-9a-f]{{64}}.*Download it again",
+    ):
         load(tmp_path)
 
 
-def test_a_changed_byte_is_noticed(data_folder, tmp_path):
+def test_file_with_changed_byte_is_refused(data_folder, tmp_path):
     copy = tmp_path / "dataBenchmark.csv"
     shutil.copyfile(data_folder / "cascaded_tanks" / "dataBenchmark.csv", copy)
     assert cascaded_tanks(copy).name == "cascaded_tanks"

@@ -1,11 +1,11 @@
-"""xarray: an exact round trip of records and stacks, and one's own datasets in."""
+"""xarray: an exact round trip of records and stacks, and conversion of external datasets."""
 
 import numpy as np
 import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies_data import alike, assert_same, records
+from record_strategies import alike, assert_same, records
 
 from jaxid._foundation.checks import InputError
 from jaxid.data import from_xarray, record, stack, to_xarray
@@ -40,7 +40,7 @@ def example():
     )
 
 
-def test_dataset_reads_as_an_engineer_expects():
+def test_dataset_of_record_has_units_roles_and_coordinates():
     ds = to_xarray(example())
     assert ds["alpha"].dims == ("t",)
     assert ds["alpha"].attrs == {"units": "rad", "role": "output"}
@@ -53,7 +53,7 @@ def test_dataset_reads_as_an_engineer_expects():
     assert np.isnan(two["q"].values[1, 2])
 
 
-def test_own_dataset_with_units_and_chosen_channels():
+def test_external_dataset_converts_with_units_and_selected_channels():
     ds = xr.Dataset(
         {
             "alpha": ("t", [1.0, 2.0, np.nan], {"units": "deg"}),
@@ -69,7 +69,7 @@ def test_own_dataset_with_units_and_chosen_channels():
     assert r.constants == {}
 
 
-def test_refusals():
+def test_invalid_datasets_are_refused_with_reason():
     ds = to_xarray(example())
     with pytest.raises(InputError, match=r"no coordinate 't'.*Rename"):
         from_xarray(ds.rename(t="time"))

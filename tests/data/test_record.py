@@ -1,4 +1,4 @@
-"""Record and record(): shapes, masks, units; every refusal names the channel and the remedy."""
+"""`Record` and `record`: shapes, masks, units; errors with the channel and the remedy."""
 
 import jax
 import jax.numpy as jnp
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies_data import records
+from record_strategies import records
 
 from jaxid._foundation.checks import InputError
 from jaxid.data import Record, record, stack
 
 
 def simple(**changes):
-    """A good record of 4 samples, with some arguments changed."""
+    """A valid record of 4 samples, with some arguments changed."""
     arguments = {
         "t": [0.0, 0.1, 0.2, 0.3],
         "u": [[1.0], [2.0], [3.0], [4.0]],
@@ -35,7 +35,7 @@ def test_missing_samples_are_masked_and_zero():
     assert r.z.dtype == r.u.dtype == r.t.dtype == jnp.float64
 
 
-def test_units_become_si_at_the_border():
+def test_units_of_arguments_are_converted_to_si():
     r = simple(
         t=[0.0, 100.0, 200.0, 300.0],
         units={"t": "ms", "elevator": "deg", "q": "deg/s", "mass": "slug"},
@@ -48,11 +48,13 @@ def test_units_become_si_at_the_border():
     np.testing.assert_allclose(r.constants["mass"], 29.187805874412728, rtol=1e-14)
 
 
-def test_one_channel_may_be_flat_and_no_input_is_allowed():
+def test_record_accepts_one_dimensional_channel_and_no_inputs():
     r = record([0, 1, 2], None, [1, 2, 3], inputs=(), outputs=("y",))
     assert r.u.shape == (3, 0)
     assert r.z.shape == (3, 1)
-    flat = record([0, 1, 2], [1, 2, 3], np.array([True, False, True]), inputs=("a",), outputs=("y",))
+    flat = record(
+        [0, 1, 2], [1, 2, 3], np.array([True, False, True]), inputs=("a",), outputs=("y",)
+    )
     np.testing.assert_array_equal(flat.z[:, 0], [1, 0, 1])
 
 
@@ -63,35 +65,74 @@ def test_masked_arrays_keep_their_mask():
 
 
 REFUSALS = {
-    "time stands still": ({"t": [0, 0.1, 0.1, 0.3]}, ["run 7", "'t'", "row 2", "0.1 s", "Remove repeated rows"]),
+    "time stands still": (
+        {"t": [0, 0.1, 0.1, 0.3]},
+        ["run 7", "'t'", "row 2", "0.1 s", "Remove repeated rows"],
+    ),
     "time goes back": ({"t": [0, 0.2, 0.1, 0.3]}, ["'t'", "row 2", "sort by time"]),
-    "time is not a number": ({"t": [0, np.nan, 0.2, 0.3]}, ["'t'", "row 1", "nan", "Remove the row"]),
+    "time is not a number": (
+        {"t": [0, np.nan, 0.2, 0.3]},
+        ["'t'", "row 1", "nan", "Remove the row"],
+    ),
     "time has two axes": ({"t": [[0, 1, 2, 3]]}, ["'t'", "(1, 4)", "`stack`"]),
     "time in metres": ({"units": {"t": "m"}}, ["'m'", "'t'", "Give 's'"]),
     "one sample": ({"t": [0.0], "u": [[1.0]], "z": [[1.0, 1.0]]}, ["1 samples", "at least 2"]),
-    "u short": ({"u": [[1.0], [2.0], [3.0]]}, ["elevator", "3 rows", "4", "one clock"]),
-    "z short": ({"z": [[1.0, 2.0]] * 3}, ["alpha, q", "3 rows", "4", "one clock"]),
-    "u has a column too many": ({"u": np.ones((4, 2))}, ["elevator", "(4, 2)", "one column per name"]),
+    "u short": ({"u": [[1.0], [2.0], [3.0]]}, ["elevator", "3 rows", "4", "same times"]),
+    "z short": ({"z": [[1.0, 2.0]] * 3}, ["alpha, q", "3 rows", "4", "same times"]),
+    "u has a column too many": (
+        {"u": np.ones((4, 2))},
+        ["elevator", "(4, 2)", "one column per name"],
+    ),
     "z has a column too few": ({"z": np.ones(4)}, ["alpha, q", "(4,)", "(time, 2)"]),
-    "u infinite": ({"u": [[1], [2], [np.inf], [4]]}, ["input 'elevator'", "row 2", "t = 0.2 s", "Replace"]),
-    "z infinite": ({"z": [[1, 1], [1, 1], [1, 1], [1, -np.inf]]}, ["output 'q'", "row 3", "0.3 s", "Write NaN"]),
-    "u unknown": ({"u": [[1], [np.nan], [3], [4]]}, ["input 'elevator'", "row 1", "t = 0.1 s", "interpolate"]),
-    "q never measured": ({"z": [[1, np.nan]] * 4}, ["output 'q'", "no valid sample", "Leave it out of `outputs`"]),
+    "u infinite": (
+        {"u": [[1], [2], [np.inf], [4]]},
+        ["input 'elevator'", "row 2", "t = 0.2 s", "Replace"],
+    ),
+    "z infinite": (
+        {"z": [[1, 1], [1, 1], [1, 1], [1, -np.inf]]},
+        ["output 'q'", "row 3", "0.3 s", "Write NaN"],
+    ),
+    "u unknown": (
+        {"u": [[1], [np.nan], [3], [4]]},
+        ["input 'elevator'", "row 1", "t = 0.1 s", "interpolate"],
+    ),
+    "q never measured": (
+        {"z": [[1, np.nan]] * 4},
+        ["output 'q'", "no valid sample", "Leave it out of `outputs`"],
+    ),
     "twice among outputs": ({"outputs": ("q", "q")}, ["'q'", "twice", "Rename"]),
     "input and output": ({"outputs": ("alpha", "elevator")}, ["'elevator'", "twice", "Rename"]),
     "named as time": ({"outputs": ("alpha", "t")}, ["'t'", "twice", "Rename"]),
     "constant named as channel": ({"constants": {"q": 1.0}}, ["'q'", "twice", "Rename"]),
     "unit of no channel": ({"units": {"alfa": "deg"}}, ["'alfa'", "Did you mean 'alpha'"]),
-    "unit unknown": ({"units": {"q": "deg/sec2"}}, ["'q'", "'deg/sec2'", "not known", "Did you mean"]),
+    "unit unknown": (
+        {"units": {"q": "deg/sec2"}},
+        ["'q'", "'deg/sec2'", "not known", "Did you mean"],
+    ),
     "unit ambiguous": ({"units": {"q": "g"}}, ["'q'", "'g0'", "'gram'"]),
     "complex": ({"z": np.ones((4, 2)) * 1j}, ["alpha, q", "complex", "two channels"]),
-    "text": ({"u": [["1"], ["up"], ["3"], ["4"]]}, ["'elevator'", "row 0", "no number", "Convert"]),
-    "text in the second column": ({"z": [[1.0, 2.0], [1.0, "x"], [1.0, 2.0], [1.0, 2.0]]}, ["no number", "Convert"]),
-    "object": ({"z": np.array([[1, 2], [1, 2], [1, None], [1, 2]], object)}, ["'q'", "None", "row 2", "NaN"]),
-    "dates": ({"t": np.arange("2020-01", "2020-05", dtype="datetime64[M]")}, ["'t'", "datetime64", "seconds"]),
-    "ragged": ({"z": [[1.0, 2.0], [1.0], [1.0], [1.0]]}, ["alpha, q", "different lengths", "one value per channel"]),
+    "text": (
+        {"u": [["1"], ["up"], ["3"], ["4"]]},
+        ["'elevator'", "row 0", "not a number", "Convert"],
+    ),
+    "text in the second column": (
+        {"z": [[1.0, 2.0], [1.0, "x"], [1.0, 2.0], [1.0, 2.0]]},
+        ["not a number", "Convert"],
+    ),
+    "object": (
+        {"z": np.array([[1, 2], [1, 2], [1, None], [1, 2]], object)},
+        ["'q'", "None", "row 2", "NaN"],
+    ),
+    "dates": (
+        {"t": np.arange("2020-01", "2020-05", dtype="datetime64[M]")},
+        ["'t'", "datetime64", "seconds"],
+    ),
+    "ragged": (
+        {"z": [[1.0, 2.0], [1.0], [1.0], [1.0]]},
+        ["alpha, q", "different lengths", "one value per channel"],
+    ),
     "names as a string": ({"inputs": "elevator"}, ["`inputs`", "'elevator'", "tuple"]),
-    "empty name": ({"outputs": ("alpha", "")}, ["`outputs`", "not empty"]),
+    "empty name": ({"outputs": ("alpha", "")}, ["`outputs`", "non-empty"]),
     "no output": ({"outputs": (), "z": np.ones((4, 0))}, ["no output", "Name at least one"]),
     "constant is a vector": ({"constants": {"mass": [1.0, 2.0]}}, ["'mass'", "(2,)", "one number"]),
     "constant is NaN": ({"constants": {"mass": np.nan}}, ["'mass'", "nan", "finite"]),
@@ -99,7 +140,7 @@ REFUSALS = {
 
 
 @pytest.mark.parametrize("case", REFUSALS)
-def test_refusal_names_the_channel_and_the_remedy(case):
+def test_invalid_arguments_are_refused_with_channel_and_remedy(case):
     changes, words = REFUSALS[case]
     with pytest.raises(InputError) as caught:
         simple(**changes)
@@ -113,7 +154,7 @@ def test_single_precision_is_refused():
 
 
 @given(st.data())
-def test_any_bad_input_sample_is_found_at_its_place(data):
+def test_invalid_input_sample_is_refused_with_row_and_channel(data):
     good = data.draw(records(max_inputs=3))()
     if not good.inputs:
         return
@@ -127,7 +168,7 @@ def test_any_bad_input_sample_is_found_at_its_place(data):
 
 
 @given(records())
-def test_shapes_and_mask_hold_together(make):
+def test_record_has_consistent_shapes_and_mask(make):
     r = make()
     rows = r.t.shape[0]
     assert r.u.shape == (rows, len(r.inputs))
@@ -142,7 +183,7 @@ def test_shapes_and_mask_hold_together(make):
 
 
 @given(st.data())
-def test_window_is_the_slice(data):
+def test_window_equals_slice(data):
     r = data.draw(records())()
     start = data.draw(st.integers(0, r.t.shape[0] - 1))
     stop = data.draw(st.integers(start + 1, r.t.shape[0]))
@@ -153,12 +194,12 @@ def test_window_is_the_slice(data):
 
 
 @pytest.mark.parametrize(("start", "stop"), [(2, 2), (-1, 2), (0, 5), (3, 1)])
-def test_window_outside_is_refused(start, stop):
+def test_window_outside_record_is_refused(start, stop):
     with pytest.raises(InputError, match=r"run 7.*4 samples.*Choose"):
         simple().window(start, stop)
 
 
-def test_refusals_of_the_record_itself():
+def test_unknown_channel_or_case_is_refused():
     r, s = simple(), stack([simple(), simple()])
     with pytest.raises(InputError, match=r"no channel 'alfa'.*Did you mean 'alpha'"):
         r.channel("alfa")
@@ -170,7 +211,7 @@ def test_refusals_of_the_record_itself():
         s.window(0, 1)
 
 
-def test_works_under_jit_and_vmap_and_compiles_once_for_anonymous_records():
+def test_record_works_under_jit_and_vmap_and_compiles_once_if_anonymous():
     compiled = []
 
     @jax.jit
@@ -189,15 +230,19 @@ def test_works_under_jit_and_vmap_and_compiles_once_for_anonymous_records():
 
 @settings(max_examples=20)
 @given(records())
-def test_plain_constructor_builds_inside_transformations(make):
+def test_constructor_works_inside_transformations(make):
     r = make()
-    doubled = jax.jit(lambda r: Record(r.t, 2 * r.u, r.z, r.mask, r.constants, r.inputs, r.outputs, r.input_units,
-                                       r.output_units, r.names))(r)  # fmt: skip
+    doubled = jax.jit(
+        lambda r: Record(
+            *(r.t, 2 * r.u, r.z, r.mask, r.constants),
+            *(r.inputs, r.outputs, r.input_units, r.output_units, r.names),
+        )
+    )(r)
     np.testing.assert_array_equal(doubled.u, 2 * r.u)
     assert doubled.names == r.names
 
 
-def test_repr_tells_size_units_and_what_is_missing():
+def test_repr_has_size_units_and_missing_share():
     text = repr(simple(units={"q": "deg/s"}, constants={"mass": 3.0}))
     for word in ("run 7", "4 samples", "0.3 s", "12.5 %", "mass", "elevator", "alpha, q [rad/s]"):
         assert word in text

@@ -1,19 +1,26 @@
-"""stack and unstack are exact inverses; a split keeps held-out records apart."""
+"""Stack and unstack are exact inverses; a split has no record in two sets."""
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies_data import alike, assert_same
+from record_strategies import alike, assert_same
 
 from jaxid._foundation.checks import InputError
-from jaxid.data import cut, record, split, split_at, stack, unstack
+from jaxid.data import record, segment, split, split_at, stack, unstack
 
 
 def flight(name, rows=6, **changes):
-    arguments = {"inputs": ("de",), "outputs": ("q",), "units": {"q": "rad/s"}, "constants": {"mass": 2.0}} | changes
-    return record(np.arange(float(rows)), np.ones(rows), np.arange(float(rows)), name=name, **arguments)
+    arguments = {
+        "inputs": ("de",),
+        "outputs": ("q",),
+        "units": {"q": "rad/s"},
+        "constants": {"mass": 2.0},
+    } | changes
+    return record(
+        np.arange(float(rows)), np.ones(rows), np.arange(float(rows)), name=name, **arguments
+    )
 
 
 @settings(max_examples=50)
@@ -31,7 +38,7 @@ def test_unstack_is_the_exact_inverse_of_stack(makes, pad_to):
 
 @settings(max_examples=50)
 @given(alike(min_size=2))
-def test_padding_stands_still_and_is_masked(makes):
+def test_padding_repeats_last_row_and_is_masked(makes):
     originals = [make() for make in makes]
     stacked = stack(originals, pad_to=11)
     np.testing.assert_array_equal(stacked.samples, [r.t.shape[0] for r in originals])
@@ -52,7 +59,7 @@ DIFFERENT = {
 
 
 @pytest.mark.parametrize("case", DIFFERENT)
-def test_records_that_differ_are_not_stacked(case):
+def test_records_with_different_layout_are_refused_by_stack(case):
     changes, words = DIFFERENT[case]
     with pytest.raises(InputError) as caught:
         stack([flight("a"), flight("b", **changes)])
@@ -60,14 +67,14 @@ def test_records_that_differ_are_not_stacked(case):
         assert word in str(caught.value)
 
 
-def test_order_of_channels_counts():
+def test_records_with_another_channel_order_are_refused_by_stack():
     a = record([0, 1], None, np.ones((2, 2)), inputs=(), outputs=("p", "q"))
     b = record([0, 1], None, np.ones((2, 2)), inputs=(), outputs=("q", "p"), name="b")
     with pytest.raises(InputError, match=r"Record 1 \('b'\).*another order"):
         stack([a, b])
 
 
-def test_stack_refuses_nothing_stacks_and_short_padding():
+def test_stack_of_no_records_or_stacks_or_short_padding_is_refused():
     with pytest.raises(InputError, match=r"Give at least one"):
         stack([])
     with pytest.raises(InputError, match=r"`unstack` it"):
@@ -76,7 +83,7 @@ def test_stack_refuses_nothing_stacks_and_short_padding():
         stack([flight("a")], pad_to=5)
 
 
-def test_split_by_name_and_index():
+def test_split_selects_records_by_name_and_index():
     records = [flight(n) for n in "abcd"]
     parts = split(records, train=["a", 1], check=[-2], test=["d"])
     assert [[r.names[0] for r in part] for part in parts] == [["a", "b"], ["c"], ["d"]]
@@ -84,7 +91,10 @@ def test_split_by_name_and_index():
 
 
 SPLITS = {
-    "overlap": ({"train": ["a", "b"], "test": [1]}, ["Record 1 ('b')", "`train`", "`test`", "one of them"]),
+    "overlap": (
+        {"train": ["a", "b"], "test": [1]},
+        ["Record 1 ('b')", "`train`", "`test`", "one of them"],
+    ),
     "twice": ({"train": ["a", 0]}, ["Record 0 ('a')", "one of them"]),
     "unknown name": ({"train": ["a", "bb"]}, ["no record 'bb'", "Did you mean 'b'"]),
     "unknown index": ({"train": ["a"], "check": [3]}, ["no record 3", "`check`", "0 to 2"]),
@@ -95,16 +105,18 @@ SPLITS = {
 
 
 @pytest.mark.parametrize("case", SPLITS)
-def test_split_refuses(case):
+def test_split_with_invalid_selection_is_refused(case):
     arguments, words = SPLITS[case]
-    records = [flight("a"), flight("b"), flight("c")] + ([flight("c")] if case == "not unique" else [])
+    records = [flight("a"), flight("b"), flight("c")] + (
+        [flight("c")] if case == "not unique" else []
+    )
     with pytest.raises(InputError) as caught:
         split(records, **arguments)
     for word in words:
         assert word in str(caught.value)
 
 
-def test_split_at_fraction_and_row():
+def test_split_at_fraction_or_row_keeps_all_rows():
     r = flight("a", rows=9)
     first, last = split_at(r, 2 / 3)
     np.testing.assert_array_equal(first.t, np.arange(6))
@@ -117,34 +129,40 @@ def test_split_at_fraction_and_row():
         split_at(stack([r]), 0.5)
 
 
-def test_cut_loses_no_sample_and_makes_equal_pieces():
+def test_segment_keeps_all_samples_and_makes_equal_pieces():
     r = flight("a", rows=11)  # 10 s, one sample a second
-    pieces = cut(r, 4)
+    pieces = segment(r, 4)
     assert [piece.names for piece in pieces] == [("a (1 of 3)",), ("a (2 of 3)",), ("a (3 of 3)",)]
     assert [piece.t.shape[0] for piece in pieces] == [4, 3, 4]
     for key in ("t", "u", "z", "mask"):
-        np.testing.assert_array_equal(np.concatenate([getattr(piece, key) for piece in pieces]), getattr(r, key))
+        np.testing.assert_array_equal(
+            np.concatenate([getattr(piece, key) for piece in pieces]), getattr(r, key)
+        )
     assert all(piece.constants == r.constants for piece in pieces)
-    (whole,) = cut(r, 10.0)
-    np.testing.assert_array_equal(whole.t, r.t)
+    (single,) = segment(r, 10.0)
+    np.testing.assert_array_equal(single.t, r.t)
 
 
 @pytest.mark.parametrize(("step", "seconds"), [(0.01, 2.0), (0.1, 0.7), (1 / 3, 1.0)])
-def test_cut_pieces_of_uneven_numbers_are_no_longer_than_asked(step, seconds):
+def test_segments_of_uneven_division_have_at_most_requested_length(step, seconds):
     t = step * np.arange(1000)
-    pieces = cut(record(t, np.zeros((1000, 1)), np.zeros((1000, 1)), inputs=("u",), outputs=("z",)), seconds)
+    pieces = segment(
+        record(t, np.zeros((1000, 1)), np.zeros((1000, 1)), inputs=("u",), outputs=("z",)), seconds
+    )
     sizes = [piece.t.shape[0] for piece in pieces]
     assert sum(sizes) == 1000
     assert max(sizes) - min(sizes) <= 1
     assert all(float(piece.t[-1] - piece.t[0]) <= seconds for piece in pieces)
 
 
-def test_cut_refuses():
+def test_segment_of_invalid_length_or_stack_is_refused():
     r = flight("a", rows=9)
     for seconds in (0, -1.0):
         with pytest.raises(InputError, match="positive number of seconds"):
-            cut(r, seconds)
-    with pytest.raises(InputError, match=r"Record 'a': in 8 pieces of at most 1 s one has 1 samples"):
-        cut(r, 1)
+            segment(r, seconds)
+    with pytest.raises(
+        InputError, match=r"Record 'a': in 8 pieces of at most 1 s one has 1 samples"
+    ):
+        segment(r, 1)
     with pytest.raises(InputError, match=r"stack\[i\]"):
-        cut(stack([r]), 2.0)
+        segment(stack([r]), 2.0)

@@ -1,4 +1,4 @@
-"""Units at the border: known factors, SI left alone bit for bit, refusals in words."""
+"""Conversion of units: known factors, unchanged SI values, refused units."""
 
 import numpy as np
 import pytest
@@ -40,15 +40,15 @@ FACTORS = {
 
 
 @pytest.mark.parametrize("unit", FACTORS)
-def test_factor_and_name(unit):
+def test_unit_converts_by_known_factor_and_si_name(unit):
     factor, name = FACTORS[unit]
-    values, found = to_si([1.0, -2.0], unit, "q")
-    assert found == name
+    values, symbol = to_si([1.0, -2.0], unit, "q")
+    assert symbol == name
     np.testing.assert_allclose(values, [factor, -2 * factor], rtol=4e-15)
 
 
 @given(st.sampled_from(sorted(FACTORS)), st.lists(st.floats(allow_nan=True, width=64), min_size=1))
-def test_si_is_left_alone_bit_for_bit(unit, values):
+def test_si_values_stay_equal_bit_for_bit(unit, values):
     name = FACTORS[unit][1]
     back, again = to_si(values, name, "q")
     assert again == name
@@ -56,13 +56,13 @@ def test_si_is_left_alone_bit_for_bit(unit, values):
 
 
 @given(st.sampled_from(sorted(FACTORS)), st.lists(st.floats(-1e9, 1e9), min_size=1))
-def test_convert_there_and_back(unit, values):
+def test_conversion_and_its_inverse_return_same_values(unit, values):
     there = convert(values, unit, FACTORS[unit][1])
     np.testing.assert_allclose(there, to_si(values, unit, "q")[0], rtol=1e-15)
     np.testing.assert_allclose(convert(there, FACTORS[unit][1], unit), values, rtol=1e-14)
 
 
-def test_temperatures_have_an_offset_and_their_differences_none():
+def test_temperatures_have_offset_and_temperature_differences_have_none():
     assert to_si(15.0, "degC", "T") == (288.15, "K")
     np.testing.assert_allclose(to_si([32.0, 212.0], "degF", "T")[0], [273.15, 373.15], rtol=1e-15)
     np.testing.assert_allclose(convert(50.0, "degF", "degC"), 10.0, rtol=1e-13)
@@ -80,7 +80,7 @@ def test_temperatures_have_an_offset_and_their_differences_none():
         ("5*m", ["'speed'", "'5*m'"]),
     ],
 )
-def test_refusals(unit, words):
+def test_invalid_units_are_refused_with_reason(unit, words):
     with pytest.raises(InputError) as caught:
         to_si([1.0], unit, "speed")
     for word in words:
@@ -88,10 +88,22 @@ def test_refusals(unit, words):
 
 
 @pytest.mark.parametrize(("unit", "to"), [("rad/s", "Hz"), ("deg", ""), ("N", "m"), ("K", "deg")])
-def test_other_kinds_are_not_converted(unit, to):
+def test_conversion_between_different_kinds_is_refused(unit, to):
     with pytest.raises(InputError, match=r"Channel 'x'.*cannot be converted.*same kind"):
         convert([1.0], unit, to, "x")
 
 
 def test_energy_converts_to_torque_units_of_the_same_kind():
     assert convert(2.0, "J", "N*m") == 2.0
+
+
+@pytest.mark.parametrize("unit", ["Grad", "Grad/s", "mrad", "kdeg", "V/Mrad", "milliradian"])
+def test_angle_with_si_prefix_is_refused(unit):
+    """Pint reads `Grad`, the German word for degree, as gigaradian."""
+    with pytest.raises(InputError, match=r"Channel 'alpha'.*angle with an SI prefix.*Write 'deg'"):
+        to_si([1.0], unit, "alpha")
+
+
+def test_angle_without_prefix_is_accepted():
+    for unit, factor in {"arcsec": si.arcsec, "grade": si.pi / 200, "turn": 2 * si.pi}.items():
+        np.testing.assert_allclose(to_si([1.0], unit, "alpha")[0], factor, rtol=1e-14)

@@ -1,4 +1,6 @@
-"""Bands of histories: they cover as they say, and are what the parameters' covariance makes of them."""
+"""Bands of histories: they cover as they say, and are what the parameters' covariance makes of
+them.
+"""
 
 import equinox as eqx
 import jax
@@ -9,7 +11,7 @@ from scipy.stats import binom
 
 from jaxid._foundation.checks import InputError
 from jaxid.data import Record
-from jaxid.diagnosis import bands
+from jaxid.diagnosis import prediction_bands
 from jaxid.estimation import OutputError, estimate
 from jaxid.models import AbstractModel, free
 
@@ -54,12 +56,14 @@ def truth():
 
 @pytest.fixture(scope="module")
 def drawn(truth):
-    """Deviation from the truth and band, at `AT`, of the state, the output, a signal and a repeated measurement."""
+    """Deviation from the truth and band, at `AT`, of the state, the output, a signal and a repeated
+    measurement.
+    """
 
     def one(e):
         record = made(truth.y + SIGMA * e[0])
         fit = estimate(TRUTH, CHOSEN, record, OutputError())
-        found = bands(fit, record, OutputError(), ("pull",))
+        found = prediction_bands(fit, record, OutputError(), ("pull",))
         x, y = truth.x[AT, 0], truth.y[AT, 0]
         pairs = (
             (found.states["x"], x),
@@ -67,14 +71,18 @@ def drawn(truth):
             (found.signals["pull"], -x),
             (found.measured["z"], y + SIGMA * e[1, AT, 0]),
         )
-        return jnp.stack([(band.value[0, AT] - true) / band.deviation[0, AT] for band, true in pairs])
+        return jnp.stack(
+            [(band.value[0, AT] - true) / band.deviation[0, AT] for band, true in pairs]
+        )
 
     e = jax.random.normal(jax.random.key(65), (DRAWS, 2, ROWS, 1))
     return np.asarray(eqx.filter_jit(jax.vmap(one))(e))
 
 
 def test_bands_cover_the_truth_and_a_repeated_measurement(drawn):
-    """2,000 draws; the bounds are those that a right 95 % band meets with 99.9 % probability at all 16 places."""
+    """2,000 draws; the bounds are those that a right 95 % band meets with 99.9 % probability at all
+    16 places.
+    """
     shares = np.mean(np.abs(drawn) < WIDTH, axis=0)
     tail = 0.0005 / shares.size
     low, high = (binom.ppf(q, DRAWS, 0.95) / DRAWS for q in (tail, 1 - tail))
@@ -82,10 +90,12 @@ def test_bands_cover_the_truth_and_a_repeated_measurement(drawn):
 
 
 def test_deviations_belong_together(truth):
-    """The output is the state and an offset: their deviations differ by no more than the offset's, and by something."""
+    """The output is the state and an offset: their deviations differ by no more than the offset's,
+    and by something.
+    """
     record = made(truth.y + SIGMA * jax.random.normal(jax.random.key(1), truth.y.shape))
     fit = estimate(TRUTH, CHOSEN, record, OutputError())
-    found = bands(fit, record, OutputError())
+    found = prediction_bands(fit, record, OutputError())
     difference = np.abs(found.outputs["z"].deviation - found.states["x"].deviation)
     assert np.all(difference <= fit.standard_error("offset"))
     assert np.max(difference) > 0.05 * fit.standard_error("offset")
@@ -98,4 +108,4 @@ def test_a_signal_that_does_not_exist_is_refused(truth):
     record = made(truth.y + SIGMA * jax.random.normal(jax.random.key(2), truth.y.shape))
     fit = estimate(TRUTH, CHOSEN, record, OutputError())
     with pytest.raises(InputError, match="push"):
-        bands(fit, record, OutputError(), ("push",))
+        prediction_bands(fit, record, OutputError(), ("push",))

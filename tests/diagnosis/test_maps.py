@@ -1,4 +1,6 @@
-"""Maps of residuals: calibrated for white and for coloured residuals, and awake where the mean follows a variable."""
+"""Maps of residuals: calibrated for white and for coloured residuals, and awake where the mean
+follows a variable.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -25,8 +27,9 @@ def drawn(seed, colour=0.0):
 
 @pytest.mark.parametrize("colour", [0.0, 0.7])
 def test_alarms_come_at_their_level(colour):
-    """300 draws at 5 %: within what a right test meets with 99.9 % probability, widened at the top for the coloured one, whose
-    covariance is estimated from the same residual (a white residual taken for granted gives 80 % alarms there)."""
+    """300 draws at 5 %: within what a right test meets with 99.9 % probability, widened at the top
+    for the coloured one, whose covariance is estimated from the same residual (a white residual
+    taken for granted gives 80 % alarms there)."""
     whole = jnp.ones((CASES, ROWS, 1), bool)
     alarms = 0
     for seed in range(DRAWS):

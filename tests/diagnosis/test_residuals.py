@@ -1,4 +1,6 @@
-"""Residual tests: equal to statsmodels, with the level they claim, and able to find colour and followed signals."""
+"""Residual tests: equal to statsmodels, with the level they claim, and able to find colour and
+followed signals.
+"""
 
 import equinox as eqx
 import jax
@@ -20,7 +22,9 @@ def whole(v):
 
 
 def ar1(key, shape, rho):
-    """First-order autoregressive noise of unit variance along axis -2, stationary from the start."""
+    """First-order autoregressive noise of unit variance along axis -2, stationary from the
+    start.
+    """
     e = jnp.moveaxis(jax.random.normal(key, shape), -2, 0)
 
     def step(x, e):
@@ -31,7 +35,9 @@ def ar1(key, shape, rho):
 
 
 def band(share, n, parameters=1):
-    """Counts among n that a right test meets with 99.9 % probability, Bonferroni over the parameters."""
+    """Counts among n that a right test meets with 99.9 % probability, Bonferroni over the
+    parameters.
+    """
     return binom.ppf(0.0005 / parameters, n, share), binom.ppf(1 - 0.0005 / parameters, n, share)
 
 
@@ -41,17 +47,22 @@ def test_autocorrelation_and_ljung_box_equal_statsmodels(key):
     r, test = autocorrelation(v, whole(v), 20), ljung_box(v, whole(v), 20, fitted=3)
     for j in range(2):
         x = np.asarray(v[0, :, j])
-        np.testing.assert_allclose(r[j], acf(x, nlags=20, adjusted=True, fft=False), rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(
+            r[j], acf(x, nlags=20, adjusted=True, fft=False), rtol=1e-10, atol=1e-12
+        )
         theirs = acorr_ljungbox(x, lags=[20], model_df=3)
         np.testing.assert_allclose(test.statistic[j], theirs["lb_stat"].iloc[0], rtol=1e-10)
         np.testing.assert_allclose(test.p_value[j], theirs["lb_pvalue"].iloc[0], rtol=1e-8)
         assert test.freedom[j] == 17
 
 
-def test_cross_correlation_equals_statsmodels_and_positive_lags_say_that_the_signal_comes_first(key):
+def test_cross_correlation_equals_statsmodels_and_positive_lags_say_that_the_signal_comes_first(
+    key,
+):
     a, b = jax.random.split(key)
     s = ar1(a, (1, 400, 1), 0.8)
-    v = 0.5 * jnp.roll(s, 7, axis=1) + jax.random.normal(b, s.shape)  # the residual follows the signal of 7 samples ago
+    # the residual follows the signal of 7 samples ago
+    v = 0.5 * jnp.roll(s, 7, axis=1) + jax.random.normal(b, s.shape)
     v = v - jnp.mean(v)
     r, width = cross_correlation(v, whole(v), s, 12)
     theirs = ccf(np.asarray(v[0, :, 0]), np.asarray(s[0, :, 0]), adjusted=True, fft=False)[:13]
@@ -113,7 +124,9 @@ def test_white_noise_is_called_coloured_as_often_as_the_level_says(key, broken):
 
 
 def test_each_correlation_lies_in_its_band_as_often_as_it_says(key):
-    """A white residual, a strongly coloured signal, 2,000 draws: 95 % at each of three lags, Bonferroni over them."""
+    """A white residual, a strongly coloured signal, 2,000 draws: 95 % at each of three lags,
+    Bonferroni over them.
+    """
     a, b = jax.random.split(key)
     v, s = jax.random.normal(a, (DRAWS, 1, 400, 1)), ar1(b, (DRAWS, 1, 400, 1), 0.95)
     r, width = eqx.filter_jit(jax.vmap(lambda v, s: cross_correlation(v, whole(v), s, 10)))(v, s)
@@ -123,7 +136,9 @@ def test_each_correlation_lies_in_its_band_as_often_as_it_says(key):
 
 
 def test_nothing_missing_passes_and_the_bounds_of_false_alarms_hold(key):
-    """Both tests at 1 %, two channels, two coloured signals, 1,000 draws, one-sided 99.9 % bounds."""
+    """Both tests at 1 %, two channels, two coloured signals, 1,000 draws, one-sided 99.9 %
+    bounds.
+    """
     a, b = jax.random.split(key)
     draws = 1000
     v, s = jax.random.normal(a, (draws, 2, 200, 2)), ar1(b, (draws, 2, 200, 2), 0.9)
@@ -133,7 +148,8 @@ def test_nothing_missing_passes_and_the_bounds_of_false_alarms_hold(key):
         return ~jnp.all(found.white), jnp.any(found.follows)
 
     coloured, follows = eqx.filter_jit(jax.vmap(verdicts))(v, s)
-    # The chi-square of Ljung and Box is asymptotic, with a heavier tail at 25 lags: 2 % is allowed for it.
+    # The chi-square of Ljung and Box is asymptotic, with a heavier tail at 25 lags: 2 % is allowed
+    # for it.
     assert int(jnp.sum(coloured)) <= binom.ppf(0.999, draws, 0.02)
     assert int(jnp.sum(follows)) <= binom.ppf(0.999, draws, 0.01)
 
@@ -149,7 +165,9 @@ def test_the_signal_that_is_followed_is_named_with_its_lag(key):
     a, b, c = jax.random.split(key, 3)
     s, other = ar1(a, (2, 500, 1), 0.7), ar1(b, (2, 500, 1), 0.7)
     v = jax.random.normal(c, (2, 500, 2)).at[..., 1].add(0.6 * jnp.roll(s[..., 0], 3, axis=1))
-    found = residual_tests(v, whole(v), {"elevator": s[..., 0], "rudder": other[..., 0]}, ("q", "alpha"))
+    found = residual_tests(
+        v, whole(v), {"elevator": s[..., 0], "rudder": other[..., 0]}, ("q", "alpha")
+    )
     np.testing.assert_array_equal(found.white, [True, False])
     np.testing.assert_array_equal(found.follows, [[False, False], [True, False]])
     assert int(found.cross_lag[1, 0]) == 3
@@ -163,13 +181,18 @@ def test_the_signal_that_is_followed_is_named_with_its_lag(key):
 
 
 def test_colour_alone_is_not_taken_for_a_signal(key):
-    """Coloured residual and signal, independent: Bartlett's variance keeps the alarms below 5 % at a level of 1 %."""
+    """Coloured residual and signal, independent: Bartlett's variance keeps the alarms below 5 % at
+    a level of 1 %.
+    """
     a, b = jax.random.split(key)
     v, s = ar1(a, (500, 1, 500, 1), 0.8), ar1(b, (500, 1, 500, 1), 0.8)
-    verdict = eqx.filter_jit(jax.vmap(lambda v, s: residual_tests(v, whole(v), {"s": s[..., 0]}, ("q",)).follows[0, 0]))
+    verdict = eqx.filter_jit(
+        jax.vmap(lambda v, s: residual_tests(v, whole(v), {"s": s[..., 0]}, ("q",)).follows[0, 0])
+    )
     assert float(jnp.mean(verdict(v, s))) < 0.05
     r, width = jax.vmap(lambda v, s: cross_correlation(v, whole(v), s, 1))(v, s)
-    assert float(jnp.mean(jnp.abs(r) > width)) > 0.2  # the band for white residuals would have failed
+    # the band for white residuals would have failed
+    assert float(jnp.mean(jnp.abs(r) > width)) > 0.2
 
 
 def test_a_residual_with_a_mean_is_not_white(key):
@@ -187,7 +210,11 @@ def test_without_signals_and_with_a_silent_channel():
 
 @pytest.mark.parametrize(
     ("change", "words"),
-    [({"outputs": ("p", "q")}, "2 names"), ({"level": 0.0}, "level is 0.0"), ({"lags": 0}, "lags is 0")],
+    [
+        ({"outputs": ("p", "q")}, "2 names"),
+        ({"level": 0.0}, "level is 0.0"),
+        ({"lags": 0}, "lags is 0"),
+    ],
 )
 def test_bad_options_are_refused(change, words):
     v = jnp.zeros((1, 30, 1))

@@ -1,4 +1,6 @@
-"""The score test against plain linear algebra: what a column explains, and what it would explain in the place of others."""
+"""The score test against plain linear algebra: what a column explains, and what it would explain in
+the place of others.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +10,9 @@ import pytest
 from jaxid.diagnosis.scores import exchange_falls, scores_of
 
 CASES, ROWS, OUTPUTS, OWN, SHARED = 3, 40, 2, 2, 6
-FREE = np.array([True, True, True, True, False, False])  # the last of the free ones are effects that are in
+WHOLE = jnp.ones((CASES, ROWS, OUTPUTS), bool)  # no sample is missing
+# the last of the free ones are effects that are in
+FREE = np.array([True, True, True, True, False, False])
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +32,9 @@ def plain(S):
     own = np.zeros((CASES, ROWS * OUTPUTS, CASES * OWN))
     for case in range(CASES):
         own[case, :, case * OWN : (case + 1) * OWN] = S[case, ..., :OWN].reshape(-1, OWN)
-    return np.concatenate([own, S[..., OWN:].reshape(CASES, -1, SHARED)], axis=-1).reshape(-1, CASES * OWN + SHARED)
+    return np.concatenate([own, S[..., OWN:].reshape(CASES, -1, SHARED)], axis=-1).reshape(
+        -1, CASES * OWN + SHARED
+    )
 
 
 def squares(A, v):
@@ -43,7 +49,7 @@ def columns(A, shared):
 
 def test_a_score_is_the_fall_of_chi_square_with_the_column_free(problem):
     v, S, A, residual = problem
-    score = np.asarray(scores_of(v, S, jnp.asarray(FREE)).score)
+    score = np.asarray(scores_of(v, S, WHOLE, jnp.asarray(FREE)).score)
     assert np.all(score[FREE] == 0)
     for absent in np.flatnonzero(~FREE):
         more = FREE | (np.arange(SHARED) == absent)
@@ -56,8 +62,9 @@ def test_a_score_is_the_fall_of_chi_square_with_the_column_free(problem):
 def test_a_column_that_is_not_finite_has_no_score_and_does_the_others_no_harm(problem):
     v, S, _, _ = problem
     spoilt = S.at[0, 3, 1, -2].set(jnp.nan)
-    scores, clean = scores_of(v, spoilt, jnp.asarray(FREE)), scores_of(v, S.at[..., -2].set(0.0), jnp.asarray(FREE))
-    assert np.isnan(scores.left[-2])
+    scores = scores_of(v, spoilt, WHOLE, jnp.asarray(FREE))
+    clean = scores_of(v, S.at[..., -2].set(0.0), WHOLE, jnp.asarray(FREE))
+    assert np.isnan(scores.identifiable_fraction[-2])
     assert float(scores.score[-2]) == 0.0
     np.testing.assert_array_equal(scores.score, clean.score)
     np.testing.assert_array_equal(scores.significance, clean.significance)
@@ -71,7 +78,9 @@ def test_an_exchange_falls_as_a_fit_from_anew_does(problem):
     v, S, A, residual = problem
     values = np.array([0.5, -1.0, 0.3, 0.2, 0.0, 0.0])
     sets = np.array([[0, 0, 0, 1, 0, 0], [0, 0, 1, 1, 0, 0]], bool)
-    falls = np.asarray(exchange_falls(v, S, jnp.asarray(FREE), jnp.asarray(sets), jnp.asarray(values)))
+    falls = np.asarray(
+        exchange_falls(v, S, jnp.asarray(FREE), jnp.asarray(sets), jnp.asarray(values))
+    )
     assert np.all(np.isneginf(falls[:, FREE]))
     measured = residual + A[:, CASES * OWN :] @ values
     for out, fall in zip(sets, falls, strict=True):

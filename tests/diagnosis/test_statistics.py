@@ -66,7 +66,9 @@ def test_padding_changes_nothing(data):
     z, y, mask = data
     pad = ((0, 0), (0, 13), (0, 0))
     ours = statistics(z, y, mask, outputs=NAMES)
-    theirs = statistics(jnp.pad(z, pad), jnp.pad(y, pad, mode="edge"), jnp.pad(mask, pad), outputs=NAMES)
+    theirs = statistics(
+        jnp.pad(z, pad), jnp.pad(y, pad, mode="edge"), jnp.pad(mask, pad), outputs=NAMES
+    )
     for one, other in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12)
 
@@ -88,7 +90,11 @@ def test_the_table_names_channels_and_units(data):
 
 @pytest.mark.parametrize(
     ("change", "words"),
-    [({"outputs": ("q",)}, "1 names"), ({"units": ("rad",)}, "1 units"), ({"skip": 50}, "skip is 50")],
+    [
+        ({"outputs": ("q",)}, "1 names"),
+        ({"units": ("rad",)}, "1 units"),
+        ({"skip": 50}, "skip is 50"),
+    ],
 )
 def test_bad_options_are_refused(data, change, words):
     options = {"outputs": NAMES} | change

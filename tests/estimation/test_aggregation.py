@@ -1,4 +1,6 @@
-"""Information adds up: joint estimates from stacked factors, and a thousand separate estimates in one call."""
+"""Information adds up: joint estimates from stacked factors, and a thousand separate estimates in
+one call.
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -33,13 +35,21 @@ def flights(seed):
         t = 0.1 * np.arange(n)
         u = np.sin((0.5 + 0.1 * i) * t + i)
         x = rk4(lambda x, u, b: A @ x + b * u, t, u, rng.normal(size=2), np.array([0.5, 2.0]))
-        made.append(record(t, u, x + rng.multivariate_normal(np.zeros(2), R, n), name=f"flight {i}", **NAMES))
+        made.append(
+            record(
+                t, u, x + rng.multivariate_normal(np.zeros(2), R, n), name=f"flight {i}", **NAMES
+            )
+        )
     return made
 
 
-@pytest.mark.parametrize("rows", [(), ("initial_state",)], ids=["shared only", "own initial states"])
-def test_the_joint_estimate_is_that_of_the_stacked_factors(flights, rows):
-    """Each factor holds `T d = r` about its own estimate; about zero it is `T theta = r + T theta_j`."""
+@pytest.mark.parametrize(
+    "rows", [(), ("initial_state",)], ids=["shared only", "own initial states"]
+)
+def test_joint_estimate_equals_solution_of_stacked_factors(flights, rows):
+    """Each factor holds `T d = r` about its own estimate; about zero it is `T theta = r + T
+    theta_j`.
+    """
     chosen = free(model(), "B", per_record=rows)
     joint = estimate(model(), chosen, stack(flights, ROWS), KNOWN)
     factors = []
@@ -51,28 +61,34 @@ def test_the_joint_estimate_is_that_of_the_stacked_factors(flights, rows):
     T, r = factor[:2, :2], factor[:2, 2]
     np.testing.assert_allclose(joint.values, jnp.linalg.solve(T, r), rtol=1e-9)
     np.testing.assert_allclose(joint.covariance, jnp.linalg.inv(T.T @ T), rtol=1e-9)
-    # What cannot be explained adds up as well: the last diagonal element is the whitened rest.
+    # The last diagonal element is the norm of the whitened residual, which adds up as well.
     np.testing.assert_allclose(factor[2, 2], joint.information.factor[2, 2], rtol=1e-9)
 
 
-def test_the_factors_of_a_vmapped_call_serve_as_well(flights):
-    """All sixteen at once: stacked, padded, estimated side by side, their factors put on top of each other."""
+def test_factors_of_vmapped_call_give_joint_estimate(flights):
+    """All sixteen at once: stacked, padded, estimated in parallel, their factors put on top of
+    each other.
+    """
     chosen, together = free(model(), "B"), stack(flights).anonymous()
     alone = eqx.filter_vmap(lambda one: estimate(model(), chosen, one, KNOWN))(_unnamed(together))
     T, r = alone.information.factor[..., :-1], alone.information.factor[..., -1]
-    shifted = jnp.concatenate([T, (r + jnp.einsum("cij,cj->ci", T, alone.values))[..., None]], axis=-1)
+    shifted = jnp.concatenate(
+        [T, (r + jnp.einsum("cij,cj->ci", T, alone.values))[..., None]], axis=-1
+    )
     factor = stack_factors(shifted)
     joint = estimate(model(), chosen, flights, KNOWN)
-    np.testing.assert_allclose(jnp.linalg.solve(factor[:2, :2], factor[:2, 2]), joint.values, rtol=1e-9)
+    np.testing.assert_allclose(
+        jnp.linalg.solve(factor[:2, :2], factor[:2, 2]), joint.values, rtol=1e-9
+    )
 
 
 def _unnamed(records: Record) -> Record:
-    """A stack whose cases can be mapped over: one name, which stands for each."""
+    """Return a stack whose cases can be mapped over, with one name for all."""
     fields = {name: getattr(records, name) for name in Record.__dataclass_fields__}
     return Record(**{**fields, "names": ("",)})
 
 
-def test_standard_errors_fall_as_the_information_adds_up(flights):
+def test_standard_errors_fall_with_added_information(flights):
     chosen = free(model(), "B", per_record=("initial_state",))
 
     def errors(records):
@@ -84,7 +100,7 @@ def test_standard_errors_fall_as_the_information_adds_up(flights):
 
 
 class Hardening(AbstractModel):
-    """A lag with a destabilising cubic: it runs off where the input is large."""
+    """A lag with a destabilising cubic: it diverges under a large input."""
 
     p: Array
     b: Array
@@ -97,7 +113,7 @@ class Hardening(AbstractModel):
         return x
 
 
-def test_a_thousand_records_in_one_call_and_the_poisoned_one_fails_alone(seed):
+def test_diverging_record_among_thousand_fails_alone(seed):
     cases, poisoned = 1000, 417
     rng = np.random.default_rng(seed)
     t = 0.1 * np.arange(80)
@@ -117,24 +133,24 @@ def test_a_thousand_records_in_one_call_and_the_poisoned_one_fails_alone(seed):
         traces.append(1)
 
         def one(u, z):
-            whole = jnp.ones(z.shape, bool)
-            data = Record(jnp.asarray(t), u, z, whole, {}, ("u",), ("x",), ("",), ("",), ("",))
+            valid = jnp.ones(z.shape, bool)
+            data = Record(jnp.asarray(t), u, z, valid, {}, ("u",), ("x",), ("",), ("",), ("",))
             return estimate(begin, chosen, data, OutputError())
 
         return eqx.filter_vmap(one)(u, z)
 
-    found = all_of_them(jnp.asarray(u)[..., None], jnp.asarray(z)[..., None])
-    good = np.asarray(found.successful)
+    result = all_of_them(jnp.asarray(u)[..., None], jnp.asarray(z)[..., None])
+    good = np.asarray(result.successful)
     np.testing.assert_array_equal(np.flatnonzero(~good), [poisoned])
-    assert bool((found.result == RESULTS.start_diverges)[poisoned])
-    assert str(found) == "Estimate of 1000 cases, 999 successful: p, b"
-    pulls = np.asarray((found.values - theta.T) / found.standard_errors)[good]
+    assert bool((result.result == RESULTS.start_diverges)[poisoned])
+    assert str(result) == "Estimate of 1000 cases, 999 successful: p, b"
+    pulls = np.asarray((result.values - theta.T) / result.standard_errors)[good]
     assert np.abs(pulls).max() < 5.5  # 1,998 normal numbers: 5.5 is beyond 99.99 %
     assert 0.93 < pulls.std() < 1.08
     for case in (0, 416, 418, 999):
         data = record(t, u[case], z[case], inputs=("u",), outputs=("x",))
         alone = estimate(begin, chosen, data, OutputError())
-        np.testing.assert_allclose(found.values[case], alone.values, rtol=1e-7)
-        np.testing.assert_allclose(found.standard_errors[case], alone.standard_errors, rtol=1e-6)
+        np.testing.assert_allclose(result.values[case], alone.values, rtol=1e-7)
+        np.testing.assert_allclose(result.standard_errors[case], alone.standard_errors, rtol=1e-6)
     all_of_them(jnp.asarray(u[::-1].copy())[..., None], jnp.asarray(z[::-1].copy())[..., None])
     assert len(traces) == 1

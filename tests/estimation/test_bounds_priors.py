@@ -1,12 +1,18 @@
-"""Bounds are honoured and told; a prior is one more measurement."""
+"""Bounds are respected and reported; a prior is one more measurement."""
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from reference_estimation import Lag, lag_rhs, rk4
 
-from jaxid.data import record
+from jaxid._foundation.results import RESULTS
+from jaxid.data import Record, record
 from jaxid.estimation import OutputError, estimate
+from jaxid.estimation.estimate import as_stack
+from jaxid.estimation.problem import Problem
 from jaxid.models import FixedNoise, LinearModel, free
+from jaxid.models.free import Parameters
 
 SIGMA = 0.05
 
@@ -23,24 +29,24 @@ KNOWN = OutputError(noise=FixedNoise([SIGMA**2]))
 
 
 @pytest.mark.parametrize(("low", "high", "edge"), [(2.0, None, 2.0), (None, 1.2, 1.2)])
-def test_a_parameter_on_its_bound_is_held_there_and_told(seed, low, high, edge):
+def test_parameter_on_bound_is_held_and_reported(seed, low, high, edge):
     data, start = lag_record(seed), 2.5 if low else 1.0
     model = Lag(p=start, b=1.0)
     chosen = free(model, "p", "b", per_record=("initial_state",), bounds={"p": (low, high)})
-    found = estimate(model, chosen, data, KNOWN)
-    assert "on its bound" in found.status
-    assert bool(found.successful)
-    assert found.value("p") == edge
-    assert np.isnan(found.standard_error("p"))
+    result = estimate(model, chosen, data, KNOWN)
+    assert "on its bound" in result.status
+    assert bool(result.successful)
+    assert result.value("p") == edge
+    assert np.isnan(result.standard_error("p"))
     fixed = Lag(p=edge, b=1.0)
     other = estimate(fixed, free(fixed, "b", per_record=("initial_state",)), data, KNOWN)
-    np.testing.assert_allclose(found.value("b"), other.value("b"), rtol=1e-8)
-    np.testing.assert_allclose(found.standard_error("b"), other.standard_error("b"), rtol=1e-8)
-    np.testing.assert_allclose(found.own, other.own, rtol=1e-8)
-    np.testing.assert_allclose(found.own_errors, other.own_errors, rtol=1e-8)
+    np.testing.assert_allclose(result.value("b"), other.value("b"), rtol=1e-8)
+    np.testing.assert_allclose(result.standard_error("b"), other.standard_error("b"), rtol=1e-8)
+    np.testing.assert_allclose(result.own, other.own, rtol=1e-8)
+    np.testing.assert_allclose(result.own_errors, other.own_errors, rtol=1e-8)
 
 
-def test_a_bound_that_is_left_alone_changes_nothing(seed):
+def test_inactive_bound_changes_nothing(seed):
     data, model = lag_record(seed), Lag(p=1.0, b=1.0)
     inside = estimate(model, free(model, "p", "b", bounds={"p": (0.0, 5.0)}), data, KNOWN)
     without = estimate(model, free(model, "p", "b"), data, KNOWN)
@@ -49,16 +55,18 @@ def test_a_bound_that_is_left_alone_changes_nothing(seed):
     np.testing.assert_allclose(inside.standard_errors, without.standard_errors, rtol=1e-9)
 
 
-def test_a_start_on_the_bound_can_leave_it(seed):
+def test_start_on_bound_can_leave_bound(seed):
     data, model = lag_record(seed), Lag(p=0.5, b=1.0)
-    found = estimate(model, free(model, "p", "b", bounds={"p": (0.5, None)}), data, KNOWN)
-    assert found.status == "converged"
-    assert abs(found.value("p") - 1.5) < 5 * found.standard_error("p")
+    result = estimate(model, free(model, "p", "b", bounds={"p": (0.5, None)}), data, KNOWN)
+    assert result.status == "converged"
+    assert abs(result.value("p") - 1.5) < 5 * result.standard_error("p")
 
 
 def static(gain):
-    """`y = D u`: the state is there for form's sake and stays zero."""
-    return LinearModel([[-1.0]], [[0.0]], [[0.0]], [[gain]], states=("x",), inputs=("u",), outputs=("y",))
+    """Return the model `y = D u`; its state has no effect and stays zero."""
+    return LinearModel(
+        [[-1.0]], [[0.0]], [[0.0]], [[gain]], states=("x",), inputs=("u",), outputs=("y",)
+    )
 
 
 def static_record(seed, gain=2.0):
@@ -71,51 +79,59 @@ def static_record(seed, gain=2.0):
     )
 
 
-def test_a_prior_is_a_measurement_of_the_parameter(seed):
+def test_prior_equals_measurement_of_parameter(seed):
     u, z, data = static_record(seed)
     mean, deviation = 2.1, 0.01
     model = static(0.0)
-    found = estimate(model, free(model, "D", prior={"D[0,0]": (mean, deviation)}), data, KNOWN)
+    result = estimate(model, free(model, "D", prior={"D[0,0]": (mean, deviation)}), data, KNOWN)
     information = u @ u / SIGMA**2 + 1 / deviation**2
-    np.testing.assert_allclose(found.values, (u @ z / SIGMA**2 + mean / deviation**2) / information, rtol=1e-10)
-    np.testing.assert_allclose(found.standard_errors, information**-0.5, rtol=1e-10)
-    # The same as one more sample of unit input, seen with the prior's deviation.
-    v = z - u * found.value("D[0,0]")
-    prior = ((found.value("D[0,0]") - mean) / deviation) ** 2
-    np.testing.assert_allclose(found.cost, 0.5 * v @ v / SIGMA**2 + 0.5 * prior + 40 * np.log(SIGMA), rtol=1e-10)
+    np.testing.assert_allclose(
+        result.values, (u @ z / SIGMA**2 + mean / deviation**2) / information, rtol=1e-10
+    )
+    np.testing.assert_allclose(result.standard_errors, information**-0.5, rtol=1e-10)
+    # The same as one more sample of unit input, measured with the prior's deviation.
+    v = z - u * result.value("D[0,0]")
+    prior = ((result.value("D[0,0]") - mean) / deviation) ** 2
+    np.testing.assert_allclose(
+        result.cost, 0.5 * v @ v / SIGMA**2 + 0.5 * prior + 40 * np.log(SIGMA), rtol=1e-10
+    )
 
 
-def test_a_prior_alone_determines_what_the_data_do_not(seed):
-    """The input matrix of a state that is not seen: its prior comes back, and nothing is weak."""
+def test_prior_determines_parameter_without_data(seed):
+    """The estimate of an unobserved input matrix is its prior, and no direction is weak."""
     _, _, data = static_record(seed)
     model = static(0.0)
-    found = estimate(model, free(model, "B", "D", prior={"B[0,0]": (0.7, 0.2)}), data, KNOWN)
-    np.testing.assert_allclose(found.value("B[0,0]"), 0.7, rtol=1e-9)
-    np.testing.assert_allclose(found.standard_error("B[0,0]"), 0.2, rtol=1e-9)
+    result = estimate(model, free(model, "B", "D", prior={"B[0,0]": (0.7, 0.2)}), data, KNOWN)
+    np.testing.assert_allclose(result.value("B[0,0]"), 0.7, rtol=1e-9)
+    np.testing.assert_allclose(result.standard_error("B[0,0]"), 0.2, rtol=1e-9)
 
 
-def test_a_prior_can_pull_a_parameter_off_the_bound_that_the_data_push_against(seed):
+def test_prior_moves_parameter_off_bound_against_data(seed):
     u, z, data = static_record(seed, gain=-0.1)
     model = static(0.0)
     prior = {"D[0,0]": (0.5, 0.002)}
-    found = estimate(model, free(model, "D", bounds={"D[0,0]": (0.0, None)}, prior=prior), data, KNOWN)
+    result = estimate(
+        model, free(model, "D", bounds={"D[0,0]": (0.0, None)}, prior=prior), data, KNOWN
+    )
     information = u @ u / SIGMA**2 + 1 / 0.002**2
     expected = (u @ z / SIGMA**2 + 0.5 / 0.002**2) / information
     assert expected > 0
-    assert found.status == "converged"
-    np.testing.assert_allclose(found.values, expected, rtol=1e-9)
+    assert result.status == "converged"
+    np.testing.assert_allclose(result.values, expected, rtol=1e-9)
 
 
-def test_a_bound_on_a_per_record_parameter_is_honoured(seed):
+def test_bound_on_per_record_parameter_is_respected(seed):
     data, model = lag_record(seed, x0=0.3), Lag(p=1.0, b=1.0)
     bounds = {"initial_state.x": (None, 0.0)}
-    found = estimate(model, free(model, "p", "b", per_record=("initial_state",), bounds=bounds), data, KNOWN)
-    assert float(found.own[0, 0]) == 0.0
+    result = estimate(
+        model, free(model, "p", "b", per_record=("initial_state",), bounds=bounds), data, KNOWN
+    )
+    assert float(result.own[0, 0]) == 0.0
     at_zero = estimate(_FromZero(p=1.0, b=1.0), free(model, "p", "b"), data, KNOWN)
-    np.testing.assert_allclose(found.values, at_zero.values, rtol=1e-8)
-    np.testing.assert_allclose(found.standard_errors, at_zero.standard_errors, rtol=1e-8)
-    assert "on its bound" in found.status
-    assert np.isnan(found.own_errors[0, 0])
+    np.testing.assert_allclose(result.values, at_zero.values, rtol=1e-8)
+    np.testing.assert_allclose(result.standard_errors, at_zero.standard_errors, rtol=1e-8)
+    assert "on its bound" in result.status
+    assert np.isnan(result.own_errors[0, 0])
 
 
 class _FromZero(Lag):
@@ -123,3 +139,86 @@ class _FromZero(Lag):
 
     def initial_state(self, record):
         return 0.0 * record.z[0]
+
+
+@pytest.fixture(scope="module")
+def two_active_bounds():
+    """400 draws of `y = D u` with four correlated inputs, two elements of D held by their bounds in
+    every draw.
+    """
+    draw, rows = np.random.default_rng(3), 60
+    u = draw.normal(size=(rows, 1)) + 0.25 * draw.normal(size=(rows, 4))
+    z = u @ [1.0, -1.0, 2.0, 0.5] + 0.2 * np.random.default_rng(1).normal(size=(400, rows))
+    names = tuple("abcd")
+    start = [[3.0, -3.0, 0.0, 0.0]]
+    model = LinearModel(
+        [[-1.0]], [[0.0] * 4], [[0.0]], start, states=("x",), inputs=names, outputs=("y",)
+    )
+    chosen = free(model, "D", bounds={"D[0,0]": (1.5, None), "D[0,1]": (None, -1.5)})
+    t, mask, units = jnp.arange(rows * 1.0), jnp.ones((rows, 1), bool), ("",) * 4
+
+    def one(z):
+        data = Record(t, jnp.asarray(u), z[:, None], mask, {}, names, ("y",), units, ("",), ("",))
+        return estimate(model, chosen, data, OutputError())
+
+    return eqx.filter_jit(eqx.filter_vmap(one))(jnp.asarray(z)), one, z, u
+
+
+def test_draws_with_two_active_bounds_end_on_both(two_active_bounds):
+    """A step that is clipped and no more left 1 % of the draws within rounding of a bound, and 2 %
+    without convergence.
+    """
+    result, *_ = two_active_bounds
+    assert bool(jnp.all(result.result == RESULTS.at_bound))
+    np.testing.assert_array_equal(result.values[:, :2], np.broadcast_to([1.5, -1.5], (400, 2)))
+    assert bool(jnp.all(jnp.isnan(result.standard_errors[:, :2])))
+    assert bool(jnp.all(jnp.isnan(result.corrected_errors[:, :2])))
+    assert bool(jnp.all(jnp.isfinite(result.standard_errors[:, 2:])))
+    assert bool(jnp.all(result.on_bound[:, :2]))
+    assert not bool(jnp.any(result.on_bound[:, 2:]))
+    np.testing.assert_array_equal(result.degrees_of_freedom, 58)
+
+
+def test_free_parameters_with_active_bounds_equal_least_squares(two_active_bounds):
+    result, _, z, u = two_active_bounds
+    expected = np.linalg.lstsq(u[:, 2:], (z - u[:, :2] @ [1.5, -1.5]).T, rcond=None)[0].T
+    np.testing.assert_allclose(result.values[:, 2:], expected, rtol=1e-6)
+
+
+def test_parameter_on_bound_is_not_listed_as_weak(two_active_bounds):
+    _, one, z, _ = two_active_bounds
+    result = one(jnp.asarray(z[0]))
+    assert result.weak_directions == ()
+    assert np.asarray(result.on_bound).tolist() == [True, True, False, False]
+    text = str(result)
+    assert "not determined" not in text
+    assert "bounds: D[0,0], D[0,1] on the bound, without a standard error" in text
+    assert "their intervals can cover less than they state" in text
+
+
+def test_parameter_near_bound_is_named_in_print(seed):
+    data, model = lag_record(seed), Lag(p=1.0, b=1.0)
+    free_of = estimate(model, free(model, "p", "b"), data, KNOWN)
+    edge = free_of.value("p") + free_of.standard_error("p")
+    result = estimate(model, free(model, "p", "b", bounds={"p": (None, edge)}), data, KNOWN)
+    assert result.status == "converged"
+    assert "bounds: p within 2 standard errors of the bound" in str(result)
+    assert "bounds:" not in str(free_of)
+
+
+@pytest.mark.parametrize("edge", [0.0, 3.0, -1e6])
+def test_value_within_rounding_of_bound_is_set_to_bound(edge):
+    model = static(edge)
+    chosen = free(model, "D", bounds={"D[0,0]": (edge, None)})
+    _, _, data = static_record(0)
+    problem = Problem.of(model, chosen, as_stack(data), KNOWN)
+    information = problem.linearise(Parameters(jnp.array([edge]), jnp.zeros((1, 0)))).information
+    # Held by the bound, a parameter has no information; off the bound it has.
+    off = problem.linearise(Parameters(jnp.array([edge + 1.0]), jnp.zeros((1, 0)))).information
+    inside = Parameters(
+        jnp.array([edge + 2 * abs(np.spacing(edge) if edge else 1e-13)]), jnp.zeros((1, 0))
+    )
+    assert float(problem.project(inside, off, 1e-9).shared[0]) == edge
+    assert bool(jnp.isfinite(problem.project(inside, information, 1e-9).shared[0]))
+    away = Parameters(jnp.array([edge + 0.5]), jnp.zeros((1, 0)))
+    assert float(problem.project(away, off, 1e-9).shared[0]) == edge + 0.5

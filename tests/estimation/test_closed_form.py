@@ -1,4 +1,6 @@
-"""Where the outputs are linear in the free parameters, the estimate is weighted least squares, and one step away."""
+"""Where the outputs are linear in the free parameters, the estimate is weighted least squares, and
+one step away.
+"""
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +28,9 @@ def signals(rng, n):
 
 
 def least_squares(S, z, weight):
-    """Minimum of `(z - S theta)' W (z - S theta)` over rows (sample, output, parameter), and its covariance."""
+    """Minimum of `(z - S theta)' W (z - S theta)` over rows (sample, output, parameter), and its
+    covariance.
+    """
     M = np.einsum("ijp,jk,ikq->pq", S, weight, S)
     return np.linalg.solve(M, np.einsum("ijp,jk,ik->p", S, weight, z)), np.linalg.inv(M)
 
@@ -61,30 +65,41 @@ def test_output_matrices_equal_weighted_least_squares(case, seed):
     noise, gaps = NOISES[case][0](), NOISES[case][1]
     made, S, z = output_matrices(np.random.default_rng(seed), gaps)
     model = linear(np.array([[0.0], [1.0]]), np.array([[1.0, 0.0], [0.0, 1.0]]), np.zeros((2, 1)))
-    found = estimate(model, free(model, "C[0,0]", "C[1,1]", "D[1,0]"), made, OutputError(noise=noise))
-    assert bool(found.successful)
-    # At the R that stands with the estimate, it is the weighted least-squares solution; R itself is checked below.
-    values, covariance = least_squares(S, z, np.linalg.inv(found.noise))
-    np.testing.assert_allclose(found.values, values, rtol=1e-9 if isinstance(noise, FixedNoise) else 1e-7)
-    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-9)
-    v = z - S @ np.asarray(found.values)
+    result = estimate(
+        model, free(model, "C[0,0]", "C[1,1]", "D[1,0]"), made, OutputError(noise=noise)
+    )
+    assert bool(result.successful)
+    # At the R that stands with the estimate, it is the weighted least-squares solution; R itself is
+    # checked below.
+    values, covariance = least_squares(S, z, np.linalg.inv(result.noise))
+    np.testing.assert_allclose(
+        result.values, values, rtol=1e-9 if isinstance(noise, FixedNoise) else 1e-7
+    )
+    np.testing.assert_allclose(result.covariance, covariance, rtol=1e-9)
+    v = z - S @ np.asarray(result.values)
     if isinstance(noise, FullNoise):
-        np.testing.assert_allclose(found.noise, v.T @ v / len(v), rtol=1e-9)
+        np.testing.assert_allclose(result.noise, v.T @ v / len(v), rtol=1e-9)
     if isinstance(noise, DiagonalNoise):
         counts = sum(np.asarray(r.mask).sum(axis=0) for r in made)
-        np.testing.assert_allclose(found.noise, np.diag((v**2).sum(axis=0) / counts), rtol=1e-9, atol=1e-300)
+        np.testing.assert_allclose(
+            result.noise, np.diag((v**2).sum(axis=0) / counts), rtol=1e-9, atol=1e-300
+        )
 
 
-def test_one_step_is_enough_with_known_noise(seed):
+def test_linear_problem_with_known_noise_converges_in_one_step(seed):
     made, *_ = output_matrices(np.random.default_rng(seed), gaps=False)
     model = linear(np.array([[0.0], [1.0]]), np.array([[1.0, 0.0], [0.0, 1.0]]), np.zeros((2, 1)))
-    found = estimate(model, free(model, "C[0,0]", "C[1,1]", "D[1,0]"), made, OutputError(noise=FixedNoise(R)))
-    assert int(found.iterations) == 2  # the start, and the minimum
-    assert float(found.decrements[1]) < 1e-9
+    result = estimate(
+        model, free(model, "C[0,0]", "C[1,1]", "D[1,0]"), made, OutputError(noise=FixedNoise(R))
+    )
+    assert int(result.iterations) == 2  # the start, and the minimum
+    assert float(result.decrements[1]) < 1e-9
 
 
 def test_input_matrix_and_initial_states_equal_dense_least_squares(seed):
-    """`B` shared, initial states by record: the elimination of a record's own unknowns loses nothing."""
+    """`B` shared, initial states by record: the elimination of a record's own unknowns loses
+    nothing.
+    """
     rng = np.random.default_rng(seed)
     lengths = (60, 90, 40)
     S, Z, made = [], [], []
@@ -101,19 +116,30 @@ def test_input_matrix_and_initial_states_equal_dense_least_squares(seed):
         made.append(record(t, u, z, inputs=INPUTS, outputs=OUTPUTS, name=str(n)))
     values, covariance = least_squares(np.concatenate(S), np.concatenate(Z), np.linalg.inv(R))
     model = linear(np.zeros((2, 1)), np.eye(2), np.zeros((2, 1)))
-    found = estimate(model, free(model, "B", per_record=("initial_state",)), made, OutputError(noise=FixedNoise(R)))
+    result = estimate(
+        model,
+        free(model, "B", per_record=("initial_state",)),
+        made,
+        OutputError(noise=FixedNoise(R)),
+    )
     errors = np.sqrt(np.diagonal(covariance))
-    np.testing.assert_allclose(found.values, values[:2], rtol=1e-9)
-    np.testing.assert_allclose(found.own.reshape(-1), values[2:], rtol=1e-9)
-    np.testing.assert_allclose(found.covariance, covariance[:2, :2], rtol=1e-9)
-    np.testing.assert_allclose(found.own_errors.reshape(-1), errors[2:], rtol=1e-9)
+    np.testing.assert_allclose(result.values, values[:2], rtol=1e-9)
+    np.testing.assert_allclose(result.own.reshape(-1), values[2:], rtol=1e-9)
+    np.testing.assert_allclose(result.covariance, covariance[:2, :2], rtol=1e-9)
+    np.testing.assert_allclose(result.own_errors.reshape(-1), errors[2:], rtol=1e-9)
 
 
-def test_correlations_and_F_values_follow_from_the_covariance(seed):
+def test_correlations_and_F_values_follow_from_covariance(seed):
     made, *_ = output_matrices(np.random.default_rng(seed), gaps=False)
     model = linear(np.array([[0.0], [1.0]]), np.array([[1.0, 0.0], [0.0, 1.0]]), np.zeros((2, 1)))
-    found = estimate(model, free(model, "C[0,0]", "C[1,1]", "D[1,0]"), made, OutputError(noise=FixedNoise(R)))
-    C = np.asarray(found.covariance)
-    np.testing.assert_allclose(found.F, np.asarray(found.values) ** 2 / np.diagonal(C), rtol=1e-12)
-    np.testing.assert_allclose(jnp.diagonal(found.correlation), 1.0, rtol=1e-12)
-    np.testing.assert_allclose(found.correlation[0, 1], C[0, 1] / np.sqrt(C[0, 0] * C[1, 1]), rtol=1e-12)
+    result = estimate(
+        model, free(model, "C[0,0]", "C[1,1]", "D[1,0]"), made, OutputError(noise=FixedNoise(R))
+    )
+    C = np.asarray(result.covariance)
+    np.testing.assert_allclose(
+        result.F, np.asarray(result.values) ** 2 / np.diagonal(C), rtol=1e-12
+    )
+    np.testing.assert_allclose(jnp.diagonal(result.correlation), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(
+        result.correlation[0, 1], C[0, 1] / np.sqrt(C[0, 0] * C[1, 1]), rtol=1e-12
+    )

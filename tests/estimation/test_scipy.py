@@ -1,4 +1,6 @@
-"""Estimates, standard errors and R equal an independent code in NumPy and SciPy; derivatives equal three others."""
+"""Estimates, standard errors and R equal an independent code in NumPy and SciPy; derivatives equal
+three others.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +36,11 @@ NOISES = {
     ),
     "full": (FullNoise(), False, lambda v, valid: v.T @ v / len(v)),
     "fixed and full": (FixedNoise(KNOWN), False, lambda v, valid: KNOWN),
-    "fixed, gaps": (FixedNoise(np.diagonal(KNOWN)), True, lambda v, valid: np.diag(np.diagonal(KNOWN))),
+    "fixed, gaps": (
+        FixedNoise(np.diagonal(KNOWN)),
+        True,
+        lambda v, valid: np.diag(np.diagonal(KNOWN)),
+    ),
 }
 
 
@@ -42,7 +48,10 @@ def predict_joint(made):
     """All outputs as a function of (shared, initial state of record 0, of record 1)."""
 
     def predict(theta):
-        rows = [rk4(pendulum_rhs, t, u, theta[3 + 2 * i : 5 + 2 * i], theta[:3]) for i, (t, u, _) in enumerate(made)]
+        rows = [
+            rk4(pendulum_rhs, t, u, theta[3 + 2 * i : 5 + 2 * i], theta[:3])
+            for i, (t, u, _) in enumerate(made)
+        ]
         return np.concatenate(rows)
 
     return predict
@@ -53,14 +62,18 @@ SOLVERS = {"every step": GaussNewton(), "chord": GaussNewton(chord=True)}
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("case", NOISES)
-def test_scipy_finds_the_same(case, solver, seed):
+def test_estimate_equals_scipy_least_squares(case, solver, seed):
     noise, gaps, covariance = NOISES[case]
     made = pendulum_records(np.random.default_rng(seed), gaps)
     begin = np.array([3.5, 0.2, 1.2, 0.3, 0.1, -0.1, 0.8])
-    theirs = estimate_by_scipy(predict_joint(made), np.concatenate([z for _, _, z in made]), begin, covariance)
+    theirs = estimate_by_scipy(
+        predict_joint(made), np.concatenate([z for _, _, z in made]), begin, covariance
+    )
     model = Pendulum(stiffness=3.5, damping=0.2, torque=1.2)
     chosen = free(model, "stiffness", "damping", "torque", per_record=("initial_state",))
-    ours = estimate(model, chosen, as_records(made, model), OutputError(noise=noise), solver=SOLVERS[solver])
+    ours = estimate(
+        model, chosen, as_records(made, model), OutputError(noise=noise), solver=SOLVERS[solver]
+    )
     assert bool(ours.successful), ours.status
     np.testing.assert_allclose(ours.values, theirs.theta[:3], rtol=1e-6)
     np.testing.assert_allclose(ours.own.reshape(-1), theirs.theta[3:], rtol=1e-6, atol=1e-8)
@@ -73,11 +86,15 @@ def test_scipy_finds_the_same(case, solver, seed):
 def problem_of(model, chosen, records, likelihood):
     records = stack(records)
     model = canonical(model)
-    return Problem(model, chosen.positions(model), records, likelihood, Limits.of(chosen, records.n_cases))
+    return Problem(
+        model, chosen.positions(model), records, likelihood, Limits.of(chosen, records.n_cases)
+    )
 
 
-def test_known_sensitivities_save_the_first_pass_and_change_nothing(seed, monkeypatch):
-    """With NaN for them they are made; with those of the start, none are made before the first step; the answer is one."""
+def test_known_sensitivities_save_first_pass_and_change_nothing(seed, monkeypatch):
+    """With NaN for them they are made; with those of the start, none are made before the first
+    step; the answer is one.
+    """
     made = pendulum_records(np.random.default_rng(seed), gaps=True)
     model = Pendulum(stiffness=3.5, damping=0.2, torque=1.2)
     chosen = free(model, "stiffness", "damping", "torque", per_record=("initial_state",))
@@ -85,7 +102,7 @@ def test_known_sensitivities_save_the_first_pass_and_change_nothing(seed, monkey
     begin = Parameters(jnp.array([3.5, 0.2, 1.2]), jnp.array([[0.3, 0.1], [-0.1, 0.8]]))
     solver = GaussNewton(chord=True)
     _, S = problem.sensitivities(begin)
-    passes, found = [], []
+    passes, results = [], []
 
     def counted(problem, y):
         jax.debug.callback(lambda: passes.append(1))
@@ -98,8 +115,8 @@ def test_known_sensitivities_save_the_first_pass_and_change_nothing(seed, monkey
         jax.effects_barrier()
         assert bool(state.converged)
         assert len(passes) < int(state.accepted), "old sensitivities served for no step"
-        found.append((ours, state.linearised.S, len(passes)))
-    (ours, final, count), (theirs, also, fewer) = found
+        results.append((ours, state.linearised.S, len(passes)))
+    (ours, final, count), (theirs, also, fewer) = results
     assert fewer == count - 1
     np.testing.assert_allclose(theirs.shared, ours.shared, rtol=1e-12)
     np.testing.assert_allclose(also, final, rtol=1e-9, atol=1e-12)
@@ -114,43 +131,62 @@ def test_sensitivities_equal_complex_steps_and_finite_differences(seed):
     at = Parameters(jnp.asarray(theta), jnp.asarray(own))
     v, S = problem.sensitivities(at)
     for i, (t, u, z) in enumerate(made):
-        y, expected = complex_step(lambda p, t=t, u=u: rk4(pendulum_rhs, t, u, p[:2], p[2:]), np.r_[own[i], theta])
+        y, expected = complex_step(
+            lambda p, t=t, u=u: rk4(pendulum_rhs, t, u, p[:2], p[2:]), np.r_[own[i], theta]
+        )
         np.testing.assert_allclose(S[i, : len(t)], expected, rtol=1e-10, atol=1e-11)
-        np.testing.assert_allclose(v[i, : len(t)], np.where(np.isnan(z), 0.0, z - y), rtol=0, atol=1e-12)
-    # Central differences of jaxid's own outputs: the rounding and the curvature of h = 1e-5 leave about 1e-9.
+        np.testing.assert_allclose(
+            v[i, : len(t)], np.where(np.isnan(z), 0.0, z - y), rtol=0, atol=1e-12
+        )
+    # Central differences of jaxid's own outputs: the rounding and the curvature of h = 1e-5 leave
+    # about 1e-9.
     h = 1e-5
     for k in range(3):
         up, down = (Parameters(at.shared.at[k].add(sign * h), at.rows) for sign in (1, -1))
         difference = (problem.outputs(up) - problem.outputs(down)) / (2 * h)
-        np.testing.assert_allclose(S[..., 2 + k], difference, rtol=0, atol=1e-8 * np.max(np.abs(difference)))
+        np.testing.assert_allclose(
+            S[..., 2 + k], difference, rtol=0, atol=1e-8 * np.max(np.abs(difference))
+        )
 
 
-def test_the_gradient_of_the_information_is_that_of_the_cost(seed):
-    """With R re-estimated, `S'R^-1 v` at its own R is the exact gradient of the concentrated likelihood (Eq. 4.17)."""
+def test_gradient_of_information_equals_gradient_of_cost(seed):
+    """With R re-estimated, `S'R^-1 v` at its own R is the exact gradient of the concentrated
+    likelihood (Eq. 4.17).
+    """
     made = pendulum_records(np.random.default_rng(seed), gaps=False)
     model = Pendulum(stiffness=3.5, damping=0.2, torque=1.2)
-    chosen = free(model, "stiffness", "damping", per_record=("initial_state",), prior={"damping": (0.3, 0.1)})
+    chosen = free(
+        model, "stiffness", "damping", per_record=("initial_state",), prior={"damping": (0.3, 0.1)}
+    )
     at = Parameters(jnp.array([3.5, 0.2]), jnp.array([[0.3, 0.1], [-0.1, 0.8]]))
     h = 1e-5
     for noise in (DiagonalNoise(), FullNoise(), FixedNoise(KNOWN)):
         problem = problem_of(model, chosen, as_records(made, model), OutputError(noise=noise))
         shared, own = problem.linearise(at).information.gradient()
         for k in range(2):
-            up, down = (problem.cost(Parameters(at.shared.at[k].add(s * h), at.rows)) for s in (1, -1))
+            up, down = (
+                problem.cost(Parameters(at.shared.at[k].add(s * h), at.rows)) for s in (1, -1)
+            )
             np.testing.assert_allclose(shared[k], (up - down) / (2 * h), rtol=1e-6)
-        up, down = (problem.cost(Parameters(at.shared, at.rows.at[1, 0].add(s * h))) for s in (1, -1))
+        up, down = (
+            problem.cost(Parameters(at.shared, at.rows.at[1, 0].add(s * h))) for s in (1, -1)
+        )
         np.testing.assert_allclose(own[1, 0], (up - down) / (2 * h), rtol=1e-6)
 
 
-def test_sensitivities_equal_the_closed_form():
-    """First-order lag under a step: `x = x0 e + b/p (1 - e)`, `e = exp(-p t)`; four substeps leave 1e-10."""
+def test_sensitivities_of_lag_equal_closed_form():
+    """First-order lag under a step: `x = x0 e + b/p (1 - e)`, `e = exp(-p t)`; four substeps leave
+    1e-10.
+    """
     p, b, x0 = 1.3, 0.7, 0.4
     t = 0.02 * np.arange(120)
     model = Lag(p=p, b=b)
     chosen = free(model, "p", "b", per_record=("initial_state",))
     likelihood = OutputError(hold=ZeroOrder(), stepper=RK4(4))
     made = [record(t, np.ones(120), np.zeros(120), inputs=("u",), outputs=("x",))]
-    v, S = problem_of(model, chosen, made, likelihood).sensitivities(Parameters(jnp.array([p, b]), jnp.array([[x0]])))
+    v, S = problem_of(model, chosen, made, likelihood).sensitivities(
+        Parameters(jnp.array([p, b]), jnp.array([[x0]]))
+    )
     e = np.exp(-p * t)
     y = x0 * e + b / p * (1 - e)
     columns = [e, -t * e * (x0 - b / p) - b / p**2 * (1 - e), (1 - e) / p]

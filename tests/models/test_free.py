@@ -1,4 +1,4 @@
-"""What is free: names, groups, bounds, and where the values stand in the flat vector."""
+"""Free parameters: names, groups, bounds, and positions in the flat vector."""
 
 import equinox as eqx
 import jax
@@ -9,7 +9,7 @@ import pytest
 from jaxid._foundation.checks import InputError
 from jaxid.data import record, stack
 from jaxid.models import AbstractModel, LinearModel, Polynomial, free, with_values
-from jaxid.models.free import Positions, flat_vectors, insert, leaves_at, start
+from jaxid.models.free import Positions, flat_vectors, initial_parameters, insert, leaves_at
 from jaxid.models.names import flatten
 
 
@@ -36,7 +36,11 @@ class Plane(AbstractModel):
 
 
 def plane(mass=2.0):
-    return Plane(Aero(Polynomial({"alpha": -1.0, "alpha^2": 0.5, "q": -0.2}), 3.0), mass, jnp.array([[7.0, 8.0]]))
+    return Plane(
+        Aero(Polynomial({"alpha": -1.0, "alpha^2": 0.5, "q": -0.2}), 3.0),
+        mass,
+        jnp.array([[7.0, 8.0]]),
+    )
 
 
 ALL = (
@@ -55,23 +59,28 @@ ALL = (
 def flight(name, n, q0, **constants):
     t = 0.1 * np.arange(n)
     z = q0 + np.zeros((n, 1))
-    return record(t, np.ones((n, 1)), z, inputs=("elevator",), outputs=("q",), name=name, constants=constants)
+    return record(
+        t, np.ones((n, 1)), z, inputs=("elevator",), outputs=("q",), name=name, constants=constants
+    )
 
 
-def test_groups_are_written_out_in_the_order_asked_for():
-    found = free(plane(), "table", "mass", "aero.Cm", per_record=("initial_state",))
-    assert found.shared == (*ALL[5:7], "mass", *ALL[:3])
-    assert found.per_record == ALL[7:]
+def test_groups_are_expanded_in_given_order():
+    selection = free(plane(), "table", "mass", "aero.Cm", per_record=("initial_state",))
+    assert selection.shared == (*ALL[5:7], "mass", *ALL[:3])
+    assert selection.per_record == ALL[7:]
     assert free(plane(), "aero").shared == ALL[:4]
-    assert free(plane(), "table[0,1]", "initial_state.q").shared == ("table[0,1]", "initial_state.q")
+    assert free(plane(), "table[0,1]", "initial_state.q").shared == (
+        "table[0,1]",
+        "initial_state.q",
+    )
 
 
-def test_an_unknown_name_lists_the_names_and_the_nearest():
+def test_unknown_name_is_refused_with_known_and_nearest_names():
     with pytest.raises(InputError) as caught:
         free(plane(), "mass", "aero.Cm.alfa")
-    said = str(caught.value)
-    assert "There is no parameter 'aero.Cm.alfa'. Did you mean 'aero.Cm.alpha'" in said
-    assert f"The names are: {', '.join(ALL)}." in said
+    message = str(caught.value)
+    assert "There is no parameter 'aero.Cm.alfa'. Did you mean 'aero.Cm.alpha'" in message
+    assert f"The names are: {', '.join(ALL)}." in message
     with pytest.raises(InputError, match=r"There is no parameter 'zzz'\. The names are"):
         free(plane(), per_record=("zzz",))
 
@@ -84,37 +93,52 @@ def test_an_unknown_name_lists_the_names_and_the_nearest():
         (("mass", "table"), ("table[0,0]",), "table[0,0]"),
     ],
 )
-def test_a_name_given_twice_is_refused(names, rows, twice):
+def test_repeated_name_is_refused(names, rows, twice):
     with pytest.raises(InputError) as caught:
         free(plane(), *names, per_record=rows)
     assert f"free parameter name {twice!r} occurs twice" in str(caught.value)
 
 
-def test_nothing_free_is_refused():
+def test_selection_without_parameters_is_refused():
     with pytest.raises(InputError, match="No parameter is free"):
         free(plane())
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
-        ({"bounds": {"mass": (2.5, None)}}, "The starting value of 'mass', 2, lies outside its bounds (2.5, inf)"),
-        ({"bounds": {"mass": (None, 1.5)}}, "The starting value of 'mass', 2, lies outside its bounds (-inf, 1.5)"),
+        (
+            {"bounds": {"mass": (2.5, None)}},
+            "The starting value of 'mass', 2, lies outside its bounds (2.5, inf)",
+        ),
+        (
+            {"bounds": {"mass": (None, 1.5)}},
+            "The starting value of 'mass', 2, lies outside its bounds (-inf, 1.5)",
+        ),
         ({"bounds": {"mass": (3.0, 3.0)}}, "The bounds of 'mass' are empty: 3.0 is not below 3.0"),
-        ({"bounds": {"aero.Cmx": (0.0, 9.0)}}, "There is no free parameter (in `bounds`) 'aero.Cmx'"),
+        (
+            {"bounds": {"aero.Cmx": (0.0, 9.0)}},
+            "There is no free parameter (in `bounds`) 'aero.Cmx'",
+        ),
         ({"scale": {"mass": 0.0}}, "The scale of 'mass' is 0.0; it must be positive and finite."),
         ({"scale": {"mass": float("nan")}}, "The scale of 'mass' is nan"),
-        ({"prior": {"mass": (2.0, -1.0)}}, "The prior of 'mass' is -1.0; it must be positive and finite."),
-        ({"prior": {"initial_state.q": (0.0, 1.0)}}, "There is no free parameter (in `prior`) 'initial_state.q'"),
+        (
+            {"prior": {"mass": (2.0, -1.0)}},
+            "The prior of 'mass' is -1.0; it must be positive and finite.",
+        ),
+        (
+            {"prior": {"initial_state.q": (0.0, 1.0)}},
+            "There is no free parameter (in `prior`) 'initial_state.q'",
+        ),
     ],
 )
-def test_options_that_cannot_be_meant_are_refused(options, said):
+def test_invalid_options_are_refused(options, message):
     with pytest.raises(InputError) as caught:
         free(plane(), "mass", per_record=("initial_state.q",), **options)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
-def test_bounds_stand_in_the_order_of_the_names():
+def test_bounds_have_order_of_names():
     chosen = free(
         plane(),
         "aero.Cm.q",
@@ -127,53 +151,64 @@ def test_bounds_stand_in_the_order_of_the_names():
     free(plane(), "mass", bounds={"mass": (2.0, 5.0)})  # a start on the bound is inside
 
 
-def test_numbers_given_for_options_become_arrays():
-    chosen = free(plane(), "mass", scale={"mass": 2.0}, prior={"mass": (1.0, 3.0)}, bounds={"mass": (0.0, 9.0)})
+def test_numbers_in_options_become_arrays():
+    chosen = free(
+        plane(),
+        "mass",
+        scale={"mass": 2.0},
+        prior={"mass": (1.0, 3.0)},
+        bounds={"mass": (0.0, 9.0)},
+    )
     for leaf in jax.tree.leaves(chosen):
         assert leaf.dtype == jnp.float64
         assert not leaf.weak_type
 
 
 @pytest.mark.parametrize("mass", [2, 2.0, np.float32(2), jnp.float32(2), jnp.array(2.0)])
-def test_values_replace_a_leaf_of_any_kind(mass):
-    found = with_values(plane(mass), ("mass", "table[0,0]"), jnp.array([5.0, -1.0]))
-    assert found.mass.dtype == jnp.float64
-    np.testing.assert_array_equal(flatten(found)[0], [-1.0, 0.5, -0.2, 3.0, 5.0, -1.0, 8.0])
+def test_with_values_replaces_leaf_of_any_type(mass):
+    changed = with_values(plane(mass), ("mass", "table[0,0]"), jnp.array([5.0, -1.0]))
+    assert changed.mass.dtype == jnp.float64
+    np.testing.assert_array_equal(flatten(changed)[0], [-1.0, 0.5, -0.2, 3.0, 5.0, -1.0, 8.0])
 
 
-def test_values_for_an_unknown_name_are_refused():
+def test_values_for_unknown_name_are_refused():
     with pytest.raises(InputError, match=r"There is no parameter 'masss'\. Did you mean 'mass'"):
         with_values(plane(), ("masss",), jnp.zeros(1))
 
 
-def test_positions_find_the_values_that_start_gives():
+def test_positions_select_initial_parameters():
     records = stack([flight("a", 5, 0.1), flight("b", 3, -0.4)])
     model = with_values(plane(), (), jnp.zeros(0))
     chosen = free(model, "mass", "aero.Cm.q", per_record=("initial_state",))
     positions = chosen.positions(model)
     np.testing.assert_array_equal(positions.shared, [ALL.index("mass"), ALL.index("aero.Cm.q")])
     np.testing.assert_array_equal(positions.rows, [7, 8])
-    values = start(model, positions, records)
+    values = initial_parameters(model, positions, records)
     np.testing.assert_array_equal(values.shared, [2.0, -0.2])
     np.testing.assert_allclose(values.rows, [[0.2, 0.1], [0.2, -0.4]], rtol=1e-15)
 
 
-def test_constants_of_a_record_take_the_place_of_parameters():
+def test_constants_of_record_replace_parameters():
     records = stack([flight("light", 5, 0.1, mass=1.5), flight("heavy", 5, 0.1, mass=4.0)])
     flat = flat_vectors(with_values(plane(), (), jnp.zeros(0)), records)
-    own = np.array([-1.0, 0.5, -0.2, 3.0, np.nan, 7.0, 8.0, np.nan, 0.1])
-    want = np.stack([np.where(np.isnan(own), [0, 0, 0, 0, m, 0, 0, m / 10.0, 0], own) for m in (1.5, 4.0)])
-    np.testing.assert_allclose(flat, want, rtol=1e-15)  # the initial state is read with the record's own mass
+    local = np.array([-1.0, 0.5, -0.2, 3.0, np.nan, 7.0, 8.0, np.nan, 0.1])
+    want = np.stack(
+        [np.where(np.isnan(local), [0, 0, 0, 0, m, 0, 0, m / 10.0, 0], local) for m in (1.5, 4.0)]
+    )
+    # the initial state uses the mass of the record
+    np.testing.assert_allclose(flat, want, rtol=1e-15)
 
 
-def test_insert_puts_values_in_and_drops_columns_that_are_switched_off():
+def test_insert_sets_values_and_drops_columns_switched_off():
     model = with_values(plane(), (), jnp.zeros(0))
     flat = jnp.arange(9.0)
-    positions = Positions(jnp.array([4, 9, 12345]), jnp.array([8]), leaves_at(model, np.array([4, 8])))
-    found, state = insert(model, flat, positions, jnp.array([-4.0, 1e6, 1e6]), jnp.array([-8.0]))
-    np.testing.assert_array_equal(flatten(found)[0], [0.0, 1.0, 2.0, 3.0, -4.0, 5.0, 6.0])
+    positions = Positions(
+        jnp.array([4, 9, 12345]), jnp.array([8]), leaves_at(model, np.array([4, 8]))
+    )
+    changed, state = insert(model, flat, positions, jnp.array([-4.0, 1e6, 1e6]), jnp.array([-8.0]))
+    np.testing.assert_array_equal(flatten(changed)[0], [0.0, 1.0, 2.0, 3.0, -4.0, 5.0, 6.0])
     np.testing.assert_array_equal(state, [7.0, -8.0])
-    np.testing.assert_array_equal(found.mass, -4.0)
+    np.testing.assert_array_equal(changed.mass, -4.0)
 
     def all_numbers(values):
         model_at, state_at = insert(model, flat, positions, values[:3], values[3:])
@@ -185,6 +220,12 @@ def test_insert_puts_values_in_and_drops_columns_that_are_switched_off():
     np.testing.assert_array_equal(jacobian, want)
 
 
-def test_matrices_that_do_not_fit_the_names_are_refused():
-    with pytest.raises(InputError, match=r"B has shape \(1, 2\), but the channel names ask for \(1, 1\)"):
-        LinearModel([[1.0]], [[1.0, 2.0]], [[1.0]], [[0.0]], states=("x",), inputs=("u",), outputs=("x",))
+def test_matrices_inconsistent_with_names_are_refused():
+    with pytest.raises(
+        InputError,
+        match=r"B has shape \(1, 2\), but the channel names need "
+        r"\(1, 1\)",
+    ):
+        LinearModel(
+            [[1.0]], [[1.0, 2.0]], [[1.0]], [[0.0]], states=("x",), inputs=("u",), outputs=("x",)
+        )

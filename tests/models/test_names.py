@@ -1,4 +1,4 @@
-"""Dotted names of parameters, and the flat vector that they name."""
+"""Dotted names of parameters, and the flat vector of their values."""
 
 from typing import ClassVar
 
@@ -8,18 +8,10 @@ import numpy as np
 import pytest
 
 from jaxid._foundation.checks import InputError
-from jaxid.models import (
-    AbstractModel,
-    Augmented,
-    LinearModel,
-    Polynomial,
-    SensorBias,
-    Term,
-    parameter_names,
-    with_values,
-)
+from jaxid.effects import Augmented, SensorBias, Term
+from jaxid.models import AbstractModel, LinearModel, Polynomial, parameter_names, with_values
 from jaxid.models.base import canonical
-from jaxid.models.names import flatten, read
+from jaxid.models.names import flatten, read_parameters
 
 
 class Part(eqx.Module):
@@ -41,13 +33,13 @@ class Wrapper(eqx.Module):
 
 
 class Clash(eqx.Module):
-    one: Part
-    other: Part
+    first: Part
+    second: Part
 
-    transparent: ClassVar[tuple[str, ...]] = ("one", "other")
+    transparent: ClassVar[tuple[str, ...]] = ("first", "second")
 
 
-class Whole(AbstractModel):
+class Nested(AbstractModel):
     Cm: Polynomial
     part: Part
     pair: tuple
@@ -64,10 +56,10 @@ class Whole(AbstractModel):
         return x
 
 
-def whole():
-    return Whole(
+def nested():
+    return Nested(
         Cm=Polynomial({"1": 1.0, "alpha": 2.0, "alpha^2 q": 3.0}),
-        part=Part(4.0, jnp.array([[5.0, 6.0], [7.0, 8.0]]), "a label is no parameter"),
+        part=Part(4.0, jnp.array([[5.0, 6.0], [7.0, 8.0]]), "a label is not a parameter"),
         pair=(9.0, Part(10.0), Named(11.0, "brake")),
         table={"z": 13.0, "a": jnp.array([12.0])},
         last=jnp.array(14.0),
@@ -92,61 +84,75 @@ NAMES = (
 )
 
 
-def test_names_of_nested_modules_polynomials_matrices_tuples_and_dictionaries():
-    assert parameter_names(whole()) == NAMES
+def test_parameter_names_cover_nested_modules_and_containers():
+    assert parameter_names(nested()) == NAMES
 
 
-def test_names_stand_in_the_order_of_the_flat_vector():
-    vector, unflatten = flatten(canonical(whole()))
+def test_parameter_names_have_order_of_flat_vector():
+    vector, unflatten = flatten(canonical(nested()))
     np.testing.assert_array_equal(vector, np.arange(1.0, 15.0))
-    assert eqx.tree_equal(unflatten(vector), canonical(whole()))
+    assert eqx.tree_equal(unflatten(vector), canonical(nested()))
     moved = unflatten(vector + 100.0)
     np.testing.assert_array_equal(moved.part.table, [[105.0, 106.0], [107.0, 108.0]])
-    np.testing.assert_array_equal(read(moved, ("last", "Cm.alpha")), [114.0, 102.0])
+    np.testing.assert_array_equal(read_parameters(moved, ("last", "Cm.alpha")), [114.0, 102.0])
 
 
-def test_a_transparent_field_leaves_its_name_out():
+def test_transparent_field_is_left_out_of_name():
     assert parameter_names(Wrapper(Part(1.0), Part(2.0))) == ("gain", "outer.gain")
 
 
-def test_two_parameters_of_one_name_are_refused():
+def test_parameters_with_same_name_are_refused():
     with pytest.raises(InputError, match="parameter name 'gain' occurs twice"):
         parameter_names(Clash(Part(1.0), Part(2.0)))
 
 
-@pytest.mark.parametrize("number", [2, 2.0, np.float32(2), np.float64(2), jnp.float32(2), jnp.asarray(2.0)])
-def test_a_number_of_any_kind_is_one_parameter_of_the_widest_type(number):
+@pytest.mark.parametrize(
+    "number", [2, 2.0, np.float32(2), np.float64(2), jnp.float32(2), jnp.asarray(2.0)]
+)
+def test_number_of_any_type_is_one_parameter_of_widest_type(number):
     model = canonical(Part(number, jnp.ones(2, jnp.float32)))
-    assert parameter_names(Part(number, jnp.ones(2, jnp.float32))) == ("gain", "table[0]", "table[1]")
+    assert parameter_names(Part(number, jnp.ones(2, jnp.float32))) == (
+        "gain",
+        "table[0]",
+        "table[1]",
+    )
     assert model.gain.dtype == jnp.float64
     assert not model.gain.weak_type
     assert model.table.dtype == jnp.float64
     np.testing.assert_array_equal(flatten(model)[0], [2.0, 1.0, 1.0])
 
 
-def test_a_switch_is_no_parameter():
+def test_boolean_is_not_a_parameter():
     model = canonical(Part(True, 1.0))
     assert model.gain is True
     assert parameter_names(model) == ("table",)
 
 
-def test_names_of_a_linear_and_of_an_augmented_model():
-    model = LinearModel([[1.0]], [[2.0]], [[3.0]], [[4.0]], states=("x",), inputs=("u",), outputs=("x",))
-    own = ("A[0,0]", "B[0,0]", "C[0,0]", "D[0,0]")
-    assert parameter_names(model) == own
+def test_augmented_model_has_names_of_model_and_effects():
+    model = LinearModel(
+        [[1.0]], [[2.0]], [[3.0]], [[4.0]], states=("x",), inputs=("u",), outputs=("x",)
+    )
+    names = ("A[0,0]", "B[0,0]", "C[0,0]", "D[0,0]")
+    assert parameter_names(model) == names
     wider = Augmented(model, (Term("x", "x^2"), SensorBias("x")))
-    assert parameter_names(wider) == (*own, "bias of x.gain", "x^2 in x.gain")
+    assert parameter_names(wider) == (*names, "bias of x.gain", "x^2 in x.gain")
 
 
-def test_with_values_puts_each_value_at_its_name():
-    found = with_values(whole(), ("last", "part.table[1,0]", "Cm.alpha^2 q"), jnp.array([-1.0, -2.0, -3.0]))
+def test_with_values_sets_each_value_at_its_name():
+    changed_model = with_values(
+        nested(), ("last", "part.table[1,0]", "Cm.alpha^2 q"), jnp.array([-1.0, -2.0, -3.0])
+    )
     changed = {"last": -1.0, "part.table[1,0]": -2.0, "Cm.alpha^2 q": -3.0}
-    want = [changed.get(name, value) for name, value in zip(NAMES, np.arange(1.0, 15.0), strict=True)]
-    np.testing.assert_array_equal(flatten(found)[0], want)
+    want = [
+        changed.get(name, value) for name, value in zip(NAMES, np.arange(1.0, 15.0), strict=True)
+    ]
+    np.testing.assert_array_equal(flatten(changed_model)[0], want)
 
 
-def test_a_polynomial_has_the_value_that_its_names_say():
+def test_polynomial_has_value_of_its_named_terms():
     signals = {"alpha": jnp.array(0.3), "q": jnp.array(-2.0)}
-    np.testing.assert_allclose(whole().Cm(signals), 1.0 + 2.0 * 0.3 + 3.0 * 0.09 * -2.0, rtol=1e-15)
+    np.testing.assert_allclose(
+        nested().Cm(signals), 1.0 + 2.0 * 0.3 + 3.0 * 0.09 * -2.0, rtol=1e-15
+    )
     with pytest.raises(InputError, match="There is no signal 'q'"):
-        whole().Cm({"alpha": jnp.array(0.3)})
+        nested().Cm({"alpha": jnp.array(0.3)})

@@ -1,4 +1,4 @@
-"""Polynomials: what each term means, about a centre or not, its derivative, its names, and what cannot be read."""
+"""Polynomials: values of terms, centres, derivatives, names, and terms that cannot be parsed."""
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ from jaxid.models.names import parameter_names
 from jaxid.models.polynomial import Polynomial, factors, monomials, next_powers, signals_in
 
 ALPHA, BETA = 0.37, -0.11
-TERMS = {  # by term, its value with nothing taken from the signals
+TERMS = {  # value by term without a centre
     "1": 1.0,
     "alpha": ALPHA,
     "alpha^3 beta": ALPHA**3 * BETA,
@@ -31,11 +31,13 @@ def signals():
     return {"alpha": jnp.array(ALPHA), "beta": jnp.array(BETA)}
 
 
-def test_every_kind_of_term_has_the_value_that_it_says():
-    np.testing.assert_allclose(monomials(tuple(TERMS), signals()), list(TERMS.values()), rtol=1e-14, atol=1e-16)
+def test_terms_of_every_kind_have_known_value():
+    np.testing.assert_allclose(
+        monomials(tuple(TERMS), signals()), list(TERMS.values()), rtol=1e-14, atol=1e-16
+    )
 
 
-def test_a_centre_is_taken_from_the_signal_before_size_and_knot():
+def test_centre_is_subtracted_before_absolute_value_and_knot():
     poly = Polynomial({term: 1.0 for term in TERMS}, centre={"alpha": 0.1})
     moved = {"alpha": jnp.array(ALPHA - 0.1), "beta": jnp.array(BETA)}
     np.testing.assert_allclose(poly(signals()), jnp.sum(monomials(tuple(TERMS), moved)), rtol=1e-14)
@@ -43,7 +45,7 @@ def test_a_centre_is_taken_from_the_signal_before_size_and_knot():
     np.testing.assert_allclose(about_beta, [0.39, 0.19], rtol=1e-13)
 
 
-def test_without_a_centre_there_are_the_coefficients_alone():
+def test_polynomial_without_centre_has_only_coefficients():
     plain = Polynomial({"alpha": 2.0, "1": 1.0})
     assert len(jax.tree.leaves(plain)) == 1
     assert parameter_names(plain) == ("alpha", "1")
@@ -54,7 +56,7 @@ def test_without_a_centre_there_are_the_coefficients_alone():
     )
 
 
-def test_derivatives_are_finite_everywhere_and_right_beside_the_kinks():
+def test_derivatives_are_finite_at_kinks_and_correct_elsewhere():
     def value(alpha):
         return monomials(("alpha^2", "|alpha|", "(alpha-0.2)+", "(alpha-0.2)+^2"), {"alpha": alpha})
 
@@ -65,7 +67,7 @@ def test_derivatives_are_finite_everywhere_and_right_beside_the_kinks():
     np.testing.assert_array_equal(slope(0.2)[2:], 0.0)
 
 
-def test_next_powers_have_one_factor_more():
+def test_next_powers_have_one_more_factor():
     assert next_powers("alpha^2 q") == ("alpha^3 q", "alpha^2 q^2")
     assert next_powers("|v| v") == ("|v|^2 v", "|v| v^2")
     assert next_powers("(x-y)^2") == ("(x-y)^3",)
@@ -73,7 +75,7 @@ def test_next_powers_have_one_factor_more():
     assert next_powers("1") == ()
 
 
-def test_factors_and_signals_are_told():
+def test_factors_and_signals_of_terms_are_returned():
     assert factors("alpha^2 |q|") == (("alpha", 2), ("|q|", 1))
     assert factors("(alpha-0.26)+^2 beta") == (("(alpha-0.26)+", 2), ("beta", 1))
     assert factors("1") == ()
@@ -82,12 +84,14 @@ def test_factors_and_signals_are_told():
     assert signals_in(("(x-y)^3 y",)) == ("x-y", "y")
 
 
-@pytest.mark.parametrize("term", ["", "alpha^", "alpha^x", "alpha^1.5", "alpha^-1", "alpha^0", "|alpha", "(alpha-1)"])
-def test_what_cannot_be_read_is_refused(term):
+@pytest.mark.parametrize(
+    "term", ["", "alpha^", "alpha^x", "alpha^1.5", "alpha^-1", "alpha^0", "|alpha", "(alpha-1)"]
+)
+def test_unreadable_term_is_refused(term):
     with pytest.raises(InputError, match=r"cannot be read|no factor"):
         factors(term)
 
 
-def test_an_absent_signal_is_named():
+def test_missing_signal_of_term_is_refused():
     with pytest.raises(InputError, match=r"no signal 'bet'.*beta"):
         Polynomial({"|bet|": 1.0})(signals())

@@ -1,4 +1,4 @@
-"""Other polynomials in a model's place, by the name that its parameters have."""
+"""Replacement of a model's polynomials, by the names of their parameters."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from jaxid._foundation.checks import InputError
-from jaxid.aircraft.longitudinal_flight import planted, true_aircraft
-from jaxid.models import Augmented, Polynomial, parameter_names, polynomials_of, with_polynomials
+from jaxid.aircraft.flight.longitudinal_flight import planted, true_aircraft
+from jaxid.effects import Augmented
+from jaxid.models import Polynomial, parameter_names, polynomials_of, with_polynomials
 
 
 class Inner(eqx.Module):
@@ -25,27 +26,34 @@ def outer():
     return Outer(inner, {"left": Polynomial({"x": 1.0})})
 
 
-def test_another_polynomial_of_any_terms_takes_the_place():
+def test_polynomial_is_replaced_by_one_with_other_terms():
     model = true_aircraft()
     changed = with_polynomials(
         model, {"Cm": Polynomial({"1": 0.5, "alpha^3": -8.0}, {"alpha": 0.1}), "CX": Polynomial({})}
     )
-    named = [name for name in parameter_names(changed) if name.partition(".")[0] in ("CX", "CZ", "Cm")]
+    named = [
+        name for name in parameter_names(changed) if name.partition(".")[0] in ("CX", "CZ", "Cm")
+    ]
     assert named[:4] == [f"CZ.{term}" for term in model.CZ.terms]
     assert named[4:] == ["Cm.1", "Cm.alpha^3", "Cm.centre.alpha"]
     x, u = jnp.array([180.0, 20.0, 0.1, 0.1]), jnp.array([-0.05])
     np.testing.assert_allclose(
-        changed.Cm(changed.signals(jnp.zeros(()), x, u)), 0.5 - 8.0 * (np.arctan2(20, 180) - 0.1) ** 3
+        changed.Cm(changed.signals(jnp.zeros(()), x, u)),
+        0.5 - 8.0 * (np.arctan2(20, 180) - 0.1) ** 3,
     )
-    assert model.Cm.terms == true_aircraft().Cm.terms  # the model itself stays
+    assert model.Cm.terms == true_aircraft().Cm.terms  # the model is not changed
 
 
-def test_names_are_those_of_the_parameters_in_wrappers_tuples_and_dictionaries():
+def test_polynomial_names_match_parameter_names_in_wrappers_and_containers():
     wrapped = Augmented(true_aircraft(), (planted(),))
     assert tuple(polynomials_of(wrapped)) == ("CX", "CZ", "Cm")
-    assert polynomials_of(with_polynomials(wrapped, {"Cm": Polynomial({"1": 1.0})}))["Cm"].terms == ("1",)
+    assert polynomials_of(with_polynomials(wrapped, {"Cm": Polynomial({"1": 1.0})}))[
+        "Cm"
+    ].terms == ("1",)
     assert tuple(polynomials_of(outer())) == ("parts.0.drag", "parts.1.drag", "lift.left")
-    changed = with_polynomials(outer(), {"parts.1.drag": Polynomial({"y": 3.0}), "lift.left": Polynomial({"x^2": 1.0})})
+    changed = with_polynomials(
+        outer(), {"parts.1.drag": Polynomial({"y": 3.0}), "lift.left": Polynomial({"x^2": 1.0})}
+    )
     assert parameter_names(changed) == (
         "parts.0.drag.1",
         "parts.0.drag.x",
@@ -56,7 +64,7 @@ def test_names_are_those_of_the_parameters_in_wrappers_tuples_and_dictionaries()
     )
 
 
-def test_none_changes_nothing_and_an_unknown_name_lists_the_others():
+def test_replacement_by_nothing_keeps_model_and_unknown_name_is_refused():
     model = true_aircraft()
     assert with_polynomials(model, {}) is model
     with pytest.raises(InputError, match=r"no polynomial 'Cn'.*CX, CZ, Cm"):

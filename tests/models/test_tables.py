@@ -1,4 +1,6 @@
-"""Tables: equal to the interpolation of whole axes by independent codes, differentiable everywhere, clear in refusal."""
+"""Tables: equal to the interpolation of full axes by independent codes, differentiable everywhere,
+with clear errors.
+"""
 
 import interpax
 import jax
@@ -37,74 +39,94 @@ def grid(seed):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_stencil_equals_the_whole_axis(values, method):
+def test_stencil_interpolation_equals_interpolation_over_full_axis(values, method):
     points = np.sort(np.concatenate([np.linspace(KNOTS[0], KNOTS[-1], 200), KNOTS]))
-    found = look(line(values, interpolation=method), jnp.asarray(points)[:, None])
+    result = look(line(values, interpolation=method), jnp.asarray(points)[:, None])
     word = "monotonic" if method == "monotone" else method
     with jax.numpy_rank_promotion("allow"):
-        whole = interpax.interp1d(jnp.asarray(points), jnp.asarray(KNOTS), jnp.asarray(values), word)
-    np.testing.assert_allclose(found, whole, rtol=0, atol=1e-14)  # values of size one: rounding
+        full_axis = interpax.interp1d(
+            jnp.asarray(points), jnp.asarray(KNOTS), jnp.asarray(values), word
+        )
+    np.testing.assert_allclose(
+        result, full_axis, rtol=0, atol=1e-14
+    )  # values of size one: rounding
     if method == "monotone":
-        np.testing.assert_allclose(found, PchipInterpolator(KNOTS, values)(points), rtol=0, atol=1e-14)
+        np.testing.assert_allclose(
+            result, PchipInterpolator(KNOTS, values)(points), rtol=0, atol=1e-14
+        )
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_knots_are_reproduced(grid, method):
-    table = Table(grid, [KNOTS, OTHER, [0.0, 1.0, 3.0]], ["a", "b", "c"], quantities=["x", "y"], interpolation=method)
+def test_values_at_knots_are_reproduced(grid, method):
+    table = Table(
+        grid,
+        [KNOTS, OTHER, [0.0, 1.0, 3.0]],
+        ["a", "b", "c"],
+        quantities=["x", "y"],
+        interpolation=method,
+    )
     mesh = np.stack(np.meshgrid(KNOTS, OTHER, [0.0, 1.0, 3.0], indexing="ij"), -1)
-    found = look(table, jnp.asarray(mesh.reshape(-1, 3))).reshape(grid.shape)
-    np.testing.assert_allclose(found, grid, rtol=0, atol=1e-15)
+    result = look(table, jnp.asarray(mesh.reshape(-1, 3))).reshape(grid.shape)
+    np.testing.assert_allclose(result, grid, rtol=0, atol=1e-15)
 
 
-def test_linear_in_three_axes_equals_scipy_inside_and_extrapolated(grid, seed):
+def test_linear_table_of_three_axes_equals_scipy_inside_and_outside(grid, seed):
     knots = (KNOTS, OTHER, np.array([0.0, 1.0, 3.0]))
     table = Table(grid, knots, ["a", "b", "c"], quantities=["x", "y"], extrapolation="linear")
     points = np.random.default_rng(seed).uniform([-0.6, -2.0, -1.0], [1.4, 3.0, 4.0], (300, 3))
     scipy = RegularGridInterpolator(knots, grid, bounds_error=False, fill_value=None)
-    np.testing.assert_allclose(look(table, jnp.asarray(points)), scipy(points), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        look(table, jnp.asarray(points)), scipy(points), rtol=1e-12, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("method", ["cubic", "monotone"])
-def test_two_axes_are_one_after_the_other(grid, method):
+def test_table_of_two_axes_equals_successive_interpolation(grid, method):
     values, word = grid[..., 0, 0], "monotonic" if method == "monotone" else method
     table = Table(values, [KNOTS, OTHER], ["a", "b"], interpolation=method)
     points = np.random.default_rng(3).uniform([-0.4, -1.0], [1.1, 2.0], (40, 2))
 
-    def whole(point):
+    def successive(point):
         across = interpax.interp1d(point[0], jnp.asarray(KNOTS), jnp.asarray(values), word)
         return interpax.interp1d(point[1], jnp.asarray(OTHER), across, word)
 
     with jax.numpy_rank_promotion("allow"):
-        expected = jax.jit(jax.vmap(whole))(jnp.asarray(points))
+        expected = jax.jit(jax.vmap(successive))(jnp.asarray(points))
     np.testing.assert_allclose(look(table, jnp.asarray(points)), expected, rtol=0, atol=1e-14)
 
 
-def test_monotone_never_passes_the_data(values):
+def test_monotone_table_never_exceeds_data(values):
     points = np.linspace(KNOTS[0], KNOTS[-1], 2000)
-    found = np.asarray(look(line(values, interpolation="monotone"), jnp.asarray(points)[:, None]))
+    result = np.asarray(look(line(values, interpolation="monotone"), jnp.asarray(points)[:, None]))
     cell = np.clip(np.searchsorted(KNOTS, points, side="right") - 1, 0, KNOTS.size - 2)
-    low, high = np.minimum(values[cell], values[cell + 1]), np.maximum(values[cell], values[cell + 1])
-    assert np.all(found >= low - 1e-14)
-    assert np.all(found <= high + 1e-14)
+    low, high = (
+        np.minimum(values[cell], values[cell + 1]),
+        np.maximum(values[cell], values[cell + 1]),
+    )
+    assert np.all(result >= low - 1e-14)
+    assert np.all(result <= high + 1e-14)
     cubic = np.asarray(look(line(values, interpolation="cubic"), jnp.asarray(points)[:, None]))
     assert np.any((cubic < low - 1e-3) | (cubic > high + 1e-3))  # so the test can fail
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("extrapolation", ["hold", "linear"])
-def test_outside_it_is_held_or_goes_straight_on(values, method, extrapolation):
+def test_table_outside_knots_is_constant_or_linear(values, method, extrapolation):
     table = line(values, interpolation=method, extrapolation=extrapolation)
     edges = jnp.array([KNOTS[0], KNOTS[-1]])[:, None]
-    inside = jnp.array([1e-6, -1e-6])[:, None]  # a second derivative of some hundreds makes 1e-3 of slope over 1e-6
+    # A second derivative of some hundreds changes the slope by 1e-3 over 1e-6.
+    inside = jnp.array([1e-6, -1e-6])[:, None]
     slope = (look(table, edges + inside) - look(table, edges)) / inside[:, 0]
     far = look(table, edges - 3e5 * inside)
-    expected = values[[0, -1]] + (slope * np.array([-0.3, 0.3]) if extrapolation == "linear" else 0.0)
+    expected = values[[0, -1]] + (
+        slope * np.array([-0.3, 0.3]) if extrapolation == "linear" else 0.0
+    )
     np.testing.assert_allclose(far, expected, rtol=0, atol=1e-3 if extrapolation == "linear" else 0)
 
 
 @pytest.mark.parametrize("extrapolation", ["hold", "linear", "refuse"])
 @pytest.mark.parametrize("method", ["cubic", "monotone"])
-def test_the_derivative_is_that_of_finite_differences_across_knots(values, method, extrapolation):
+def test_derivative_by_signal_equals_finite_differences_across_knots(values, method, extrapolation):
     table = line(values, interpolation=method, extrapolation=extrapolation)
     points = np.concatenate([KNOTS[1:-1], np.linspace(-0.39, 1.09, 50)])
     if extrapolation != "refuse":
@@ -112,18 +134,24 @@ def test_the_derivative_is_that_of_finite_differences_across_knots(values, metho
     slope = jax.jit(jax.vmap(jax.grad(lambda a: table({"alpha": a}))))(jnp.asarray(points))
     step = 1e-6
     ahead, back = (look(table, jnp.asarray(points + s)[:, None]) for s in (step, -step))
-    np.testing.assert_allclose(slope, (ahead - back) / (2 * step), rtol=0, atol=3e-3)  # the curvature jumps at a knot
+    # the curvature jumps at a knot
+    np.testing.assert_allclose(slope, (ahead - back) / (2 * step), rtol=0, atol=3e-3)
     away = np.abs(points[:, None] - KNOTS).min(1) > 2 * step
     np.testing.assert_allclose(slope[away], ((ahead - back) / (2 * step))[away], rtol=0, atol=2e-8)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_derivative_by_values_is_that_of_finite_differences(grid, method):
-    table = Table(grid[..., 0, 0], [KNOTS, OTHER], ["a", "b"], interpolation=method, extrapolation="linear")
+def test_derivative_by_values_equals_finite_differences(grid, method):
+    table = Table(
+        grid[..., 0, 0], [KNOTS, OTHER], ["a", "b"], interpolation=method, extrapolation="linear"
+    )
     points = jnp.array([[-0.33, 1.3], [0.2, -0.7], [1.3, 2.2]])
 
     def value(values):
-        return look(Table(values, table.knots, table.axes, interpolation=method, extrapolation="linear"), points)
+        return look(
+            Table(values, table.knots, table.axes, interpolation=method, extrapolation="linear"),
+            points,
+        )
 
     slope = np.asarray(jax.jit(jax.jacfwd(value))(table.values))
     assert np.all(np.isfinite(slope))
@@ -136,8 +164,12 @@ def test_the_derivative_by_values_is_that_of_finite_differences(grid, method):
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("extrapolation", ["hold", "linear", "refuse"])
-def test_derivatives_are_finite_at_knots_and_on_level_ground(method, extrapolation):
-    table = line(np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0]), interpolation=method, extrapolation=extrapolation)
+def test_derivatives_are_finite_at_knots_and_for_equal_values(method, extrapolation):
+    table = line(
+        np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0]),
+        interpolation=method,
+        extrapolation=extrapolation,
+    )
     points = jnp.concatenate([jnp.asarray(KNOTS), jnp.array([-0.2, 0.1, -5.0, 5.0])])
     by_point = jax.jit(jax.vmap(jax.grad(lambda a: table({"alpha": a}))))(points)
     by_value = jax.jit(jax.jacfwd(look))(table, points[:, None]).values
@@ -145,17 +177,21 @@ def test_derivatives_are_finite_at_knots_and_on_level_ground(method, extrapolati
     assert jnp.all(jnp.isfinite(by_value))
 
 
-def test_several_quantities_are_looked_up_as_each_alone(grid):
+def test_table_of_two_quantities_equals_separate_tables(grid):
     values = grid[:, :, 0, :]
-    both = Table(values, [KNOTS, OTHER], ["a", "b"], quantities=["x", "y"], interpolation="monotone")
+    both = Table(
+        values, [KNOTS, OTHER], ["a", "b"], quantities=["x", "y"], interpolation="monotone"
+    )
     points = jnp.array([[0.2, 0.1], [1.0, -0.9]])
     for k in range(2):
         alone = Table(values[..., k], [KNOTS, OTHER], ["a", "b"], interpolation="monotone")
-        # The same sums, which a compiler may contract in another way: a few roundings.
-        np.testing.assert_allclose(look(both, points)[:, k], look(alone, points), rtol=1e-15, atol=1e-15)
+        # A compiler may contract the same sums in another way, which causes a few rounding errors.
+        np.testing.assert_allclose(
+            look(both, points)[:, k], look(alone, points), rtol=1e-15, atol=1e-15
+        )
 
 
-def test_short_axes_fall_back_on_what_they_determine():
+def test_short_axes_use_interpolation_of_available_knots():
     for method in METHODS:
         two = Table([1.0, 3.0], [[0.0, 2.0]], ["a"], interpolation=method, extrapolation="linear")
         np.testing.assert_allclose(two({"a": jnp.array(3.0)}), 4.0, rtol=1e-15)
@@ -164,26 +200,48 @@ def test_short_axes_fall_back_on_what_they_determine():
     np.testing.assert_allclose(three({"a": jnp.array(2.2)}), expected, rtol=1e-15)
 
 
-def test_names_show_degrees_of_angles():
+def test_names_of_angle_axis_have_degrees():
     knots = [np.deg2rad([-10.0, 20.0]), [0.0, 0.5]]
     table = Table(np.zeros((2, 2)), knots, ["alpha", "mach"], units=["rad", ""])
-    assert parameter_names(table) == ("alpha=-10,mach=0", "alpha=-10,mach=0.5", "alpha=20,mach=0", "alpha=20,mach=0.5")
-    several = Table(np.zeros((2, 2)), knots[:1], ["alpha"], units=["rad"], quantities=["Cl", "Cn"])
-    assert parameter_names(several) == ("Cl.alpha=-10", "Cn.alpha=-10", "Cl.alpha=20", "Cn.alpha=20")
+    assert parameter_names(table) == (
+        "alpha=-10,mach=0",
+        "alpha=-10,mach=0.5",
+        "alpha=20,mach=0",
+        "alpha=20,mach=0.5",
+    )
+    two_quantities = Table(
+        np.zeros((2, 2)), knots[:1], ["alpha"], units=["rad"], quantities=["Cl", "Cn"]
+    )
+    assert parameter_names(two_quantities) == (
+        "Cl.alpha=-10",
+        "Cn.alpha=-10",
+        "Cl.alpha=20",
+        "Cn.alpha=20",
+    )
 
 
-def test_refuse_is_nan_inside_and_words_at_the_border():
-    table = Table([0.0, 1.0], [np.deg2rad([-10.0, 20.0])], ["alpha"], units=["rad"], extrapolation="refuse")
+def test_refused_extrapolation_is_nan_or_error():
+    table = Table(
+        [0.0, 1.0], [np.deg2rad([-10.0, 20.0])], ["alpha"], units=["rad"], extrapolation="refuse"
+    )
     assert jnp.isnan(table({"alpha": jnp.array(0.5)}))
     assert not jnp.isnan(table({"alpha": jnp.array(0.3)}))
     require_inside(table, {"alpha": np.deg2rad([-10.0, 20.0])})
-    with pytest.raises(InputError, match=r"alpha reaches 24.5 deg, the range is -10 to 20 deg. Keep inside"):
+    with pytest.raises(
+        InputError,
+        match=r"alpha reaches 24.5 deg, the range is -10 to 20 deg. "
+        r"Keep inside",
+    ):
         require_inside(table, {"alpha": np.deg2rad([0.0, 24.5, 21.0])})
 
 
-def test_outside_tells_every_signal():
+def test_outside_lists_every_signal_beyond_limits():
     limits = {"alpha": (0.0, 1.0), "mach": (0.2, 0.8), "beta": (-1.0, 1.0)}
-    signals = {"alpha": np.array([0.5, -0.25, np.nan]), "mach": np.array(0.9), "other": np.array(5.0)}
+    signals = {
+        "alpha": np.array([0.5, -0.25, np.nan]),
+        "mach": np.array(0.9),
+        "other": np.array(5.0),
+    }
     assert outside(limits, signals) == (
         "alpha reaches -0.25, the range is 0 to 1",
         "mach reaches 0.9, the range is 0.2 to 0.8",
@@ -191,7 +249,7 @@ def test_outside_tells_every_signal():
     assert outside(limits, {"alpha": np.array([0.5, np.nan])}) == ()
 
 
-def test_a_missing_signal_is_named():
+def test_missing_signal_of_axis_is_refused():
     with pytest.raises(InputError, match=r"no signal 'alpha'"):
         line(np.zeros(7))({"beta": jnp.zeros(())})
 
@@ -211,7 +269,7 @@ def test_a_missing_signal_is_named():
         ({"quantities": ["x", "x"], "values": np.zeros((3, 2))}, "quantity name 'x' occurs twice"),
     ],
 )
-def test_what_cannot_be_a_table_is_refused(change, words):
+def test_invalid_tables_are_refused_with_reason(change, words):
     given = {"values": [0.0, 1.0, 2.0], "knots": [[0.0, 1.0, 2.0]], "axes": ["a"]} | change
     with pytest.raises(InputError, match=words):
         Table(np.asarray(given.pop("values")), given.pop("knots"), given.pop("axes"), **given)

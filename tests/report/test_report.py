@@ -11,6 +11,7 @@ from spring_study import HOSTILE, make_study
 
 from jaxid._foundation.checks import InputError
 from jaxid.report import figures, gallery, html, views, words, write_json, write_study
+from jaxid.study.outcome import Outcome
 from jaxid.study.study import RandomForces
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}
@@ -28,7 +29,9 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
-        self.addresses += [value for name, value in attrs if name in ("src", "href", "srcset", "data", "action")]
+        self.addresses += [
+            value for name, value in attrs if name in ("src", "href", "srcset", "data", "action")
+        ]
         if tag not in VOID:
             self.open.append(tag)
 
@@ -70,12 +73,24 @@ def test_the_page_is_whole_and_says_what_was_found(study, page):
     told = " ".join(parsed.text.split())
     assert words.raised(study.verdict) in told
     assert "x³ in the equation of v" in told
-    for needed in (*study.outputs, *study.tests, "How to read this page", words.OUTCOMES["explained"], "deg", "1/s²"):
+    for needed in (
+        *study.outputs,
+        *study.tests,
+        "How to read this page",
+        words.OUTCOMES[Outcome.EXPLAINED],
+        "deg",
+        "1/s²",
+    ):
         assert needed in told, needed
-    gain, error = float(study.after.estimate.values[-1]), float(study.after.estimate.coloured_errors[-1])
+    gain, error = (
+        float(study.after.estimate.values[-1]),
+        float(study.after.estimate.corrected_errors[-1]),
+    )
     assert words.with_error(gain, error) in told
     assert f"{np.degrees(study.before.rms['quick']['tilt']):.4g}" in told
-    assert all(one.verdict in told for one in study.rounds[0].candidates if one.cost_fall is not None)
+    assert all(
+        one.verdict in told for one in study.rounds[0].candidates if one.cost_fall is not None
+    )
 
 
 def test_the_page_needs_nothing_beside_it_and_escapes_what_it_is_given(page):
@@ -90,9 +105,9 @@ def test_the_page_needs_nothing_beside_it_and_escapes_what_it_is_given(page):
     assert "@import" not in page
 
 
-@pytest.mark.parametrize("outcome", words.OUTCOMES)
+@pytest.mark.parametrize("outcome", Outcome)
 def test_every_outcome_is_said_in_words(study, drawn, outcome, quick):
-    found = outcome in ("explained", "proxies")
+    found = outcome in (Outcome.EXPLAINED, Outcome.PROXIES)
     changed = {} if found else {"effects": (), "sentences": (), "after": study.before}
     parsed = Page(html(dataclasses.replace(study, outcome=outcome, **changed), drawn=drawn))
     assert words.OUTCOMES[outcome] in parsed.text
@@ -101,7 +116,8 @@ def test_every_outcome_is_said_in_words(study, drawn, outcome, quick):
 
 def test_records_that_decided_are_told(study, drawn, quick):
     rounds = tuple(
-        dataclasses.replace(one, errors=one.errors | {"test quick": one.errors["check"]}) for one in study.rounds
+        dataclasses.replace(one, errors=one.errors | {"test quick": one.errors["check"]})
+        for one in study.rounds
     )
     told = Page(html(dataclasses.replace(study, rounds=rounds), drawn=drawn)).text
     assert "but quick, which decided" in " ".join(told.split())
@@ -110,19 +126,21 @@ def test_records_that_decided_are_told(study, drawn, quick):
 def test_parameters_beside_random_forces_are_told(study, page, drawn, quick):
     name = study.before.estimate.names[0]
     forces = RandomForces(("v",), (), {"v": 0.3}, 0.5, {name: 1.2345}, 100.0)
-    assert "beside the forces" not in Page(page).text
+    assert "with process noise" not in Page(page).text
     with_forces = dataclasses.replace(study, process_noise=forces)
     told = Page(html(with_forces, drawn=drawn)).text
-    assert "beside the forces" in told
+    assert "with process noise" in told
     assert "1.234" in told
-    assert f"beside the random forces, by a filter\n{name} " in str(with_forces)
+    assert f"estimated with the random forces, by a filter\n{name} " in str(with_forces)
 
 
 def test_another_way_that_was_given_up_is_told(study, page, drawn, quick):
-    assert "Another way" not in page
+    assert "A second search path" not in page
     other = study.rounds[:1]
     told = Page(html(dataclasses.replace(study, other_rounds=other), drawn=drawn)).text
-    assert f"these came in: {words.raised(other[0].winner.sentence)}" in " ".join(told.split())
+    assert f"The second path added: {words.raised(other[0].winner.sentence)}" in " ".join(
+        told.split()
+    )
 
 
 def test_prediction_has_a_panel_for_each_channel(study):
@@ -155,7 +173,10 @@ def test_errors_have_a_panel_for_each_channel_and_logarithms_where_needed(study)
     expected = [side.rms[test]["x"] for test in study.tests for side in (study.before, study.after)]
     np.testing.assert_allclose(widths, expected)
     assert {ax.get_xscale() for ax in figure.axes} == {"linear"}
-    far = {test: {name: 1e3 * value for name, value in rms.items()} for test, rms in study.before.rms.items()}
+    far = {
+        test: {name: 1e3 * value for name, value in rms.items()}
+        for test, rms in study.before.rms.items()
+    }
     far["quick"] = {"x": np.inf, "tilt": np.nan}
     far = dataclasses.replace(study, before=dataclasses.replace(study.before, rms=far))
     figure = figures.errors(far)
@@ -167,7 +188,11 @@ def test_ranking_marks_what_was_added(study):
     one = study.rounds[0]
     (ax,) = figures.ranking(dataclasses.replace(one, threshold=9.0)).axes
     assert ax.get_xscale() == "log"
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["x³ in v", "x² in v", "bias of x"]
+    assert [label.get_text() for label in ax.get_yticklabels()] == [
+        "x³ in v",
+        "x² in v",
+        "bias of x",
+    ]
     colours = [patch.get_facecolor() for patch in ax.patches]
     assert colours[0] != colours[1] == colours[2]
     assert any(np.all(np.asarray(line.get_xdata()) == 9.0) for line in ax.lines)
@@ -195,7 +220,10 @@ def test_long_records_are_thinned_or_cut_and_say_so(study, monkeypatch):
     cut = views.view(study, "quick")
     assert cut.t.size == 50
     np.testing.assert_allclose(np.diff(cut.t), 0.1)
-    assert "a typical stretch, 50 of 200 samples" in figures.prediction(study, "quick").axes[-1].get_xlabel()
+    assert (
+        "a typical stretch, 50 of 200 samples"
+        in figures.prediction(study, "quick").axes[-1].get_xlabel()
+    )
 
 
 def test_unknown_sets_and_records_are_refused(study):
@@ -211,7 +239,11 @@ def test_the_folder_holds_page_numbers_and_figures(study, tmp_path):
     names = sorted(path.name for path in folder.iterdir())
     assert [name for name in names if not name.endswith(".png")] == ["study.html", "study.json"]
     assert len(names) == 2 + 9  # errors, where it sits, three records, two residuals, two rounds
-    assert all((folder / name).read_bytes().startswith(b"\x89PNG") for name in names if name.endswith(".png"))
+    assert all(
+        (folder / name).read_bytes().startswith(b"\x89PNG")
+        for name in names
+        if name.endswith(".png")
+    )
     assert json.loads((folder / "study.json").read_text())["effects"] == ["x^3 in v"]
     page = (folder / "study.html").read_text(encoding="utf-8")
     assert "<title>Spring</title>" in page
@@ -282,7 +314,13 @@ def test_estimates_are_cut_where_their_error_begins(value, error, expected):
 
 @pytest.mark.parametrize(
     ("value", "expected"),
-    [(0.014213, "0.01421"), (0.0, "0"), (3.2e-7, "3.2·10⁻⁷"), (123456.0, "123456"), (np.nan, "not finite")],
+    [
+        (0.014213, "0.01421"),
+        (0.0, "0"),
+        (3.2e-7, "3.2·10⁻⁷"),
+        (123456.0, "123456"),
+        (np.nan, "not finite"),
+    ],
 )
 def test_numbers_are_short(value, expected):
     assert words.number(value) == expected

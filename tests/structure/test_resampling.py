@@ -1,11 +1,19 @@
-"""Stability of a selection: strong terms always, chance terms as often as the level says, the same for the same seed."""
+"""Stability of a selection: frequencies of strong and chance terms, reproducibility, refusals."""
 
 import numpy as np
 import pytest
 import scipy.stats
 
 from jaxid._foundation.checks import InputError
-from jaxid.structure import CrossValidation, LastStep, Minimum, SubsetOptions, choose, stability, stepwise
+from jaxid.structure import (
+    CrossValidation,
+    LastStep,
+    Minimum,
+    SubsetOptions,
+    choose,
+    stability,
+    stepwise,
+)
 
 NAMES = ("strong", "weak", "chance", "pulse")
 
@@ -13,58 +21,66 @@ NAMES = ("strong", "weak", "chance", "pulse")
 def planted(seed):
     draw = np.random.default_rng(seed)
     X = draw.normal(size=(120, 4))
-    X[:, 3] = np.arange(120) == 60  # one sample: most draws hold it, some do not
+    X[:, 3] = np.arange(120) == 60  # nonzero in one sample, which some draws do not contain
     return X, X[:, 0] + 0.25 * X[:, 1] + draw.normal(size=120)
 
 
-def test_a_strong_term_is_always_chosen(seed):
+def test_strong_term_is_chosen_in_every_draw(seed):
     X, y = planted(seed)
-    found = stability(X, y, NAMES, generator=seed, draws=100, options=SubsetOptions(level_in=0.01))
-    share = dict(zip(found.names, found.share, strict=True))
+    result = stability(X, y, NAMES, generator=seed, draws=100, options=SubsetOptions(level_in=0.01))
+    share = dict(zip(result.names, result.share, strict=True))
     assert share["strong"] == 1.0
     assert share["chance"] < share["strong"]
-    assert sum(share for _, share in found.models) == pytest.approx(1.0)
-    assert found.models[0][1] == max(share for _, share in found.models)
-    assert "most frequent model" in str(found)
+    assert sum(share for _, share in result.models) == pytest.approx(1.0)
+    assert result.models[0][1] == max(share for _, share in result.models)
+    assert "most frequent model" in str(result)
 
 
-def test_the_seed_decides(seed):
+def test_stability_is_reproducible_by_seed(seed):
     X, y = planted(seed)
-    one = stability(X, y, NAMES, generator=seed, draws=30, block=6)
+    first = stability(X, y, NAMES, generator=seed, draws=30, block=6)
     same = stability(X, y, NAMES, generator=np.random.default_rng(seed), draws=30, block=6)
-    assert one.models == same.models
-    assert one.models != stability(X, y, NAMES, generator=seed + 1, draws=30, block=6).models
+    other = stability(X, y, NAMES, generator=seed + 1, draws=30, block=6)
+    assert first.models == same.models
+    assert first.models != other.models
 
 
-def test_single_samples_are_drawn_as_the_binomial_says(seed):
-    """The pulse explains everything where it is drawn: in 1 - (1 - 1/n)^n of the draws; band of 99.9 %."""
+def test_single_samples_are_drawn_with_binomial_frequency(seed):
+    """The pulse explains the response if it is drawn, with probability 1 - (1 - 1/n)^n.
+
+    The binomial band has a probability of 99.9 %.
+    """
     X, _ = planted(seed)
     y = X[:, 3] + 1e-6 * np.random.default_rng(seed).normal(size=120)
-    found = stability(X, y, NAMES, generator=seed, draws=400, block=1)
+    result = stability(X, y, NAMES, generator=seed, draws=400, block=1)
     expected = 1 - (1 - 1 / 120) ** 120
     lower, upper = scipy.stats.binom.ppf([0.0005, 0.9995], 400, expected) / 400
-    assert lower <= found.share[3] <= upper
+    assert lower <= result.share[3] <= upper
 
 
-def test_manoeuvres_are_drawn_whole(seed):
-    """Of two, the one that holds the pulse is missing from a quarter of the draws, and then the column does not vary."""
+def test_manoeuvres_are_drawn_completely(seed):
+    """A quarter of the draws lacks the manoeuvre with the pulse, so that its column is constant."""
     X, _ = planted(seed)
     y = X[:, 3] + 1e-6 * np.random.default_rng(seed).normal(size=120)
-    found = stability(X, y, NAMES, generator=seed, draws=400, groups=np.repeat([0, 1], 60), rule=Minimum("BIC"))
+    result = stability(
+        X, y, NAMES, generator=seed, draws=400, groups=np.repeat([0, 1], 60), rule=Minimum("BIC")
+    )
     lower, upper = scipy.stats.binom.ppf([0.0005, 0.9995], 400, 0.75) / 400
-    assert lower <= found.share[3] <= upper
+    assert lower <= result.share[3] <= upper
 
 
-def test_one_draw_of_everything_is_the_selection(seed):
+def test_draw_of_all_manoeuvres_equals_selection(seed):
     X, y = planted(seed)
 
     class InOrder(np.random.Generator):
         def integers(self, high, size):
             return np.arange(size)
 
-    found = stability(X, y, NAMES, generator=InOrder(np.random.PCG64(1)), draws=1, groups=np.arange(120) // 30)
+    result = stability(
+        X, y, NAMES, generator=InOrder(np.random.PCG64(1)), draws=1, groups=np.arange(120) // 30
+    )
     terms = choose(stepwise(X, y, NAMES), LastStep()).names
-    assert set(found.models[0][0]) == set(terms)
+    assert set(result.models[0][0]) == set(terms)
 
 
 @pytest.mark.parametrize(
@@ -77,6 +93,6 @@ def test_one_draw_of_everything_is_the_selection(seed):
         ({"rule": CrossValidation(np.arange(120))}, "holds labels of samples"),
     ],
 )
-def test_what_makes_no_sense_is_refused(seed, change, words):
+def test_invalid_draws_are_refused(seed, change, words):
     with pytest.raises(InputError, match=words):
         stability(*planted(seed), NAMES, **{"generator": seed, **change})

@@ -1,4 +1,6 @@
-"""Records and requests that are unusual and legitimate: a dead sensor, no candidates, nothing shared, noise overstated."""
+"""Records and requests that are unusual and legitimate: a dead sensor, no candidates, nothing
+shared, noise overstated.
+"""
 
 import dataclasses
 
@@ -8,15 +10,17 @@ import numpy as np
 import pytest
 from small_spring import SIGMA, Spring, fly
 
-from jaxid import Effect, OutputError, close_loop, estimate, free
+from jaxid import OutputError, close_loop, estimate, free
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.types import Array
-from jaxid.diagnosis.predictable import predictable_share
+from jaxid.diagnosis.autoregression import autoregressive_r2
 from jaxid.diagnosis.validation import Prediction
-from jaxid.models import FixedNoise, Term
+from jaxid.effects import Effect, EffectCard, Location, LocationKind, Term
+from jaxid.models import FixedNoise
 from jaxid.report import html
 from jaxid.report.tables import decided
 from jaxid.study.check import difference_error, mean_log, uncertainty
+from jaxid.study.outcome import Outcome
 from jaxid.study.verdict import grown
 
 CUBE = Term("v", "x^3", gain=jnp.array(-0.5))
@@ -41,113 +45,142 @@ class Infinite(Effect):
     """A root of its gain: its derivative at zero is infinite."""
 
     gain: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
-    name, place, sentence = "root", "equation of v", "a root of its gain"
+    card = EffectCard(
+        name="root", description="a root of its gain", location=Location(LocationKind.EQUATION, "v")
+    )
 
     def equations(self, dx, signals):
         return {"v": jnp.sqrt(self.gain) * signals["x"]}
 
 
-def test_a_candidate_that_spoils_the_derivatives_of_all_others_is_refused_by_name():
+def test_candidate_with_nonfinite_derivatives_raises_error_with_its_name():
     model, chosen = spring()
     train, check = flights(2)
     with pytest.raises(InputError, match="at zero gain of 'root' is not finite"):
-        close_loop(model, chosen, OutputError(), train=train, check=check, effects=(*LIBRARY, Infinite()))
+        close_loop(
+            model, chosen, OutputError(), train=train, check=check, effects=(*LIBRARY, Infinite())
+        )
 
 
-def test_a_single_channel_that_is_predicted_worse_is_told():
-    """Where all together are predicted better; a channel of which nothing is seen is not asked."""
+def test_caveat_names_single_channel_with_worse_prediction():
+    """The mean over channels improves; a channel without samples is not tested."""
     v = jnp.asarray(np.random.default_rng(0).normal(size=(1, 2000, 3)))
     mask = jnp.ones(v.shape, bool).at[..., 2].set(False)
     old, new = prediction(v, mask), prediction(v * jnp.array([0.5, 1.2, 1.0])[None, None], mask)
-    assert grown("test", old, new, ("r", "ay", "p")) == ("But the error on test grows with it in ay by 20%.",)
+    assert grown("test", old, new, ("r", "ay", "p")) == (
+        "But the error on test grows with it in ay by 20%.",
+    )
     assert grown("test", old, old, ("r", "ay", "p")) == ()
 
 
-def test_a_channel_without_samples_is_left_out_of_the_error():
+def test_error_omits_channel_without_samples():
     rng = np.random.default_rng(0)
     v = jnp.asarray(rng.normal(size=(1, 200, 2)))
-    whole = jnp.ones(v.shape, bool)
-    dead = whole.at[..., 1].set(False)
-    both, one = prediction(v, dead), prediction(v[..., :1], whole[..., :1])
+    complete = jnp.ones(v.shape, bool)
+    dead = complete.at[..., 1].set(False)
+    both, one = prediction(v, dead), prediction(v[..., :1], complete[..., :1])
     assert np.isnan(both.rms[1])
     assert mean_log(both) == pytest.approx(mean_log(one), rel=1e-12)
     assert uncertainty(both) == pytest.approx(uncertainty(one), rel=1e-12)
-    halves = prediction(0.5 * v, dead), prediction(0.5 * v[..., :1], whole[..., :1])
-    assert difference_error(both, halves[0]) == pytest.approx(difference_error(one, halves[1]), rel=1e-12)
-    assert mean_log(prediction(0.0 * v, whole)) == mean_log(prediction(0.0 * v, dead))
+    halves = prediction(0.5 * v, dead), prediction(0.5 * v[..., :1], complete[..., :1])
+    assert difference_error(both, halves[0]) == pytest.approx(
+        difference_error(one, halves[1]), rel=1e-12
+    )
+    assert mean_log(prediction(0.0 * v, complete)) == mean_log(prediction(0.0 * v, dead))
 
 
-def test_check_records_without_any_sample_are_refused():
+def test_check_records_without_samples_raise_error():
     model, own = spring()
     train = flights(2)
     blind = eqx.tree_at(lambda one: one.mask, train[1], jnp.zeros_like(train[1].mask))
-    with pytest.raises(InputError, match="No output of the check records has a valid sample behind the window"):
+    with pytest.raises(
+        InputError, match="No output of the check records has a valid sample after the window"
+    ):
         close_loop(model, own, OutputError(), train=train[0], check=blind, effects=LIBRARY)
 
 
-def test_no_candidates_and_no_check_records():
+def test_loop_without_candidates_and_check_records_returns_declared_model():
     model, own = spring()
-    found = close_loop(model, own, OutputError(), train=flights(2), effects=(), window=20)
-    assert (found.effects, found.outcome) == ((), "unexplained")
-    assert "Something is missing" in str(found)
-    assert found.runaways == ()
+    result = close_loop(model, own, OutputError(), train=flights(2), effects=(), window=20)
+    assert (result.effects, result.outcome) == ((), Outcome.UNEXPLAINED)
+    assert "Something is missing" in str(result)
+    assert result.runaways == ()
 
 
-def test_a_simulation_that_runs_away_on_a_test_record_is_told_with_a_remedy():
+def test_diverging_test_record_is_reported_with_remedy():
     model, own = spring()
     train, *test = flights(3)
-    found = close_loop(model, own, OutputError(), train=train, test=test, effects=(), window=20)
-    whole = found.before.tests["test"]
+    result = close_loop(model, own, OutputError(), train=train, test=test, effects=(), window=20)
+    complete = result.before.tests["test"]
     lost = dataclasses.replace(
-        found.before, tests={"test": eqx.tree_at(lambda one: one.y, whole, whole.y.at[1, 100:].set(jnp.inf))}
+        result.before,
+        tests={
+            "test": eqx.tree_at(lambda one: one.y, complete, complete.y.at[1, 100:].set(jnp.inf))
+        },
     )
-    told = dataclasses.replace(found, before=lost)
+    told = dataclasses.replace(result, before=lost)
     (sentence,) = told.runaways
-    assert sentence.startswith(f"The declared model runs away on {test[1].names[0]}. ")
-    assert "jaxid.cut" in sentence
+    assert sentence.startswith(f"The declared model diverges on {test[1].names[0]}. ")
+    assert "jaxid.segment" in sentence
     assert sentence in str(told)
 
 
-def test_what_the_last_estimate_has_seen_is_predicted_by_the_one_before_it():
-    """Without check and test records the last third decides, and is reported as the fit to the first two thirds predicts it."""
+def test_records_of_final_estimate_are_predicted_by_search_estimate():
+    """Without check and test records the last third decides, and is reported as the fit to the
+    first two thirds predicts it.
+    """
     model, own = spring()
     train = flights(2)
     alone = close_loop(model, own, OutputError(), train=train, effects=LIBRARY, window=20)
-    given = close_loop(model, own, OutputError(), train=train, test={"check": train}, effects=LIBRARY, window=20)
+    given = close_loop(
+        model, own, OutputError(), train=train, test={"check": train}, effects=LIBRARY, window=20
+    )
     assert alone.effects == given.effects == ("x^3 in v",)
     assert alone.after.rms["check"]["x"] != given.after.rms["check"]["x"]
     np.testing.assert_array_equal(alone.after.estimate.values, given.after.estimate.values)
     assert decided(alone) == ("check",)
-    failed = [dataclasses.replace(one, errors={name: {"x": np.nan} for name in one.errors}) for one in alone.rounds]
+    failed = [
+        dataclasses.replace(one, errors={name: {"x": np.nan} for name in one.errors})
+        for one in alone.rounds
+    ]
     assert decided(dataclasses.replace(alone, rounds=tuple(failed))) == ("check",)
 
 
-def test_noise_that_is_overstated_leaves_a_place_and_a_page():
-    """The residual lies below the noise that is said, and a cubic is found in it all the same."""
+def test_overstated_noise_yields_location_and_report():
+    """The residual is smaller than the declared noise, and a cubic is still significant in it."""
     model, own = spring()
     records = flights(5, Term("v", "x^3", gain=jnp.array(-0.1)))
     noise = OutputError(FixedNoise([(1.5 * SIGMA) ** 2]))
-    found = close_loop(
-        model, own, noise, train=records[:3], check=records[3], test=records[4], effects=LIBRARY, window=20
+    result = close_loop(
+        model,
+        own,
+        noise,
+        train=records[:3],
+        check=records[3],
+        test=records[4],
+        effects=LIBRARY,
+        window=20,
     )
-    assert found.effects == ("x^3 in v",)
-    assert all(one.rivals() for one in found.where.values())
-    assert "<html" in html(found)
+    assert result.effects == ("x^3 in v",)
+    assert all(one.near_best() for one in result.localisation.values())
+    assert "<html" in html(result)
 
 
-def test_an_estimate_without_shared_parameters_is_printed():
+def test_estimate_without_shared_parameters_is_printed():
     model = Spring(1.5, 0.2)
-    found = estimate(model, free(model, per_record=("initial_state",)), flights(1, None)[0], OutputError())
-    assert "Converged" in str(found) or "converged" in str(found)
+    result = estimate(
+        model, free(model, per_record=("initial_state",)), flights(1, None)[0], OutputError()
+    )
+    assert "Converged" in str(result) or "converged" in str(result)
 
 
 @pytest.mark.parametrize("rows", [5, 10, 11])
 def test_the_predictable_share_of_a_short_record(rows):
     v = jnp.asarray(np.random.default_rng(1).normal(size=(1, rows, 1)))
-    assert np.all(np.isfinite(predictable_share(v, jnp.ones(v.shape, bool))))
+    assert np.all(np.isfinite(autoregressive_r2(v, jnp.ones(v.shape, bool))))
 
 
-def test_a_candidate_that_is_there_already_is_refused():
+def test_candidate_in_declared_model_raises_error():
     model, own = spring()
     with pytest.raises(InputError, match=r"The candidate 'x\^3 in v' has a gain of -0\.5"):
         close_loop(model, own, OutputError(), train=flights(2), effects=(CUBE,))

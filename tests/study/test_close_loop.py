@@ -1,4 +1,4 @@
-"""The closed loop on a spring: it names what is missing, says when nothing is, and makes no claim when it cannot."""
+"""The closed loop on a spring: missing effects, complete models, and undecidable cases."""
 
 import dataclasses
 import json
@@ -10,22 +10,24 @@ import numpy as np
 import pytest
 from small_spring import SIGMA, Spring, fly
 
-from jaxid import AbstractModel, Augmented, LoopOptions, OutputError, close_loop, free, record, simulate
+from jaxid import AbstractModel, LoopOptions, OutputError, close_loop, free, record, simulate
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.types import Array
-from jaxid.diagnosis import Place, Scores, Where
-from jaxid.estimation.estimate import as_stack
-from jaxid.models import (
-    Acting,
+from jaxid.diagnosis import LocalisationResult, Place, Scores
+from jaxid.effects import (
+    Augmented,
     DeadBand,
     DryFriction,
-    FixedNoise,
+    EffectCard,
     InputBetweenSamples,
     InputDelay,
     InputLag,
     InputRateLimit,
     LaggedSignal,
+    Location,
+    LocationKind,
     ParameterShift,
+    Placement,
     QuadraticDrag,
     Resonance,
     SensorBias,
@@ -35,14 +37,19 @@ from jaxid.models import (
     SensorScale,
     Term,
 )
-from jaxid.models.effects import Effect
-from jaxid.study.close_loop import SOLVER, candidates
-from jaxid.study.doubts import SETTLED, act_elsewhere, parts_of_one, unsettled
+from jaxid.effects.base import Effect
+from jaxid.estimation.estimate import as_stack
+from jaxid.models import FixedNoise
+from jaxid.study.candidates import candidates
+from jaxid.study.close_loop import SOLVER
+from jaxid.study.doubts import act_elsewhere, parts_of_one, unsettled
 from jaxid.study.judge import Judge
+from jaxid.study.outcome import Outcome
 from jaxid.study.pairs import pairs_of
-from jaxid.study.rivals import Rival, told_apart
+from jaxid.study.rivals import discrimination
+from jaxid.study.rounds import Candidate, Decision, Rival, Round
 from jaxid.study.search import Search
-from jaxid.study.study import Candidate, Round
+from jaxid.study.thresholds import SETTLED
 from jaxid.study.unpredictable import act_on_the_motion
 from jaxid.study.verdict import beyond, late, stands_out
 from jaxid.study.workbench import Workbench
@@ -71,7 +78,9 @@ def closed(flown, effects=LIBRARY, likelihood=None):
     model = Spring(1.0, 0.1)
     own = free(model, "k", "c", per_record=("initial_state",))
     options = dict(effects=effects, window=WINDOW)
-    return close_loop(model, own, likelihood or OutputError(), train=train, check=check, test=test, **options)
+    return close_loop(
+        model, own, likelihood or OutputError(), train=train, check=check, test=test, **options
+    )
 
 
 def realised(effect, seed):
@@ -88,36 +97,38 @@ PLANTED = {
 
 
 @pytest.mark.parametrize("name", PLANTED)
-def test_the_planted_effect_is_named_and_nothing_else(name):
-    found = study(PLANTED[name], seed=1)
-    assert found.effects == (name,)
-    assert found.outcome == "explained"
-    assert found.before.rms["test"]["x"] > 1.5 * found.after.rms["test"]["x"]
-    # The estimate costs a few degrees of freedom of hundreds of samples: within 3 % of the noise that is really there.
-    assert found.after.rms["test"]["x"] == pytest.approx(realised(PLANTED[name], 1), rel=0.03)
-    value = found.after.estimate.value(f"{name}.gain")
-    error = found.after.estimate.standard_error(f"{name}.gain")
+def test_loop_adds_only_the_planted_effect(name):
+    result = study(PLANTED[name], seed=1)
+    assert result.effects == (name,)
+    assert result.outcome is Outcome.EXPLAINED
+    assert result.before.rms["test"]["x"] > 1.5 * result.after.rms["test"]["x"]
+    # The estimate costs a few degrees of freedom of hundreds of samples: within 3 % of the noise
+    # that is really there.
+    assert result.after.rms["test"]["x"] == pytest.approx(realised(PLANTED[name], 1), rel=0.03)
+    value = result.after.estimate.value(f"{name}.gain")
+    error = result.after.estimate.standard_error(f"{name}.gain")
     assert abs(value - float(PLANTED[name].gain)) < 4 * error
 
 
-def test_an_input_that_acts_earlier_is_told_so_and_neither_lags_nor_is_limited():
+def test_early_input_is_named_as_negative_delay():
     rivals = (InputLag("force"), InputRateLimit("force"))  # less than none of either leads as well
-    found = study(InputDelay("force", jnp.array(-0.15)), seed=4, effects=(*LIBRARY, *rivals))
-    assert found.effects == ("delay of input force",)
-    assert "acts earlier than it is recorded" in found.verdict
-    refitted = {one.name: one.verdict for one in found.rounds[0].candidates if one.cost_fall is not None}
-    assert (
-        refitted["lag of input force"] == refitted["rate limit of input force (from 20%)"] == "it ends where it is none"
-    )
+    result = study(InputDelay("force", jnp.array(-0.15)), seed=4, effects=(*LIBRARY, *rivals))
+    assert result.effects == ("delay of input force",)
+    assert "acts earlier than it is recorded" in result.verdict
+    refitted = {
+        one.name: one.decision for one in result.rounds[0].candidates if one.cost_fall is not None
+    }
+    assert refitted["lag of input force"] is Decision.DEGENERATE
+    assert refitted["rate limit of input force (from 20%)"] is Decision.DEGENERATE
 
 
-def test_test_records_that_the_effect_does_not_suit_are_told():
+def test_caveat_names_test_records_with_worse_prediction():
     cubic = PLANTED["x^3 in v"]
     others = [fly(2005 + index)[0] for index in range(2)]
-    found = closed([*(fly(2000 + index, cubic)[0] for index in range(5)), *others])
-    assert found.effects == ("x^3 in v",)
-    assert found.after.rms["test"]["x"] > found.before.rms["test"]["x"]
-    assert "the error on test grows with it (x)" in found.verdict
+    result = closed([*(fly(2000 + index, cubic)[0] for index in range(5)), *others])
+    assert result.effects == ("x^3 in v",)
+    assert result.after.rms["test"]["x"] > result.before.rms["test"]["x"]
+    assert "the error on test grows with it (x)" in result.verdict
     well = study(cubic, seed=2)
     assert "does not carry over" not in well.verdict
     used, pushed = as_stack(others), dataclasses.replace(others[0], u=1.5 * others[0].u)
@@ -125,17 +136,18 @@ def test_test_records_that_the_effect_does_not_suit_are_told():
     assert beyond(used, as_stack(pushed)) == ("force",)
 
 
-def test_what_came_in_late_and_does_not_suit_the_test_records_is_told():
-    found = study(PLANTED["x^3 in v"], seed=2)
-    first, last = found.rounds
-    test, error = found.after.tests["test"], found.after.rms["test"]["x"]
-    assert last.errors["test test"]["x"] == pytest.approx(error, rel=1e-6)  # of the same fit, gone on with to its end
-    assert late("test", test, found.effects, found.rounds) == ()
+def test_caveat_names_late_effect_with_worse_test_prediction():
+    result = study(PLANTED["x^3 in v"], seed=2)
+    first, last = result.rounds
+    test, error = result.after.tests["test"], result.after.rms["test"]["x"]
+    # error of the same fit, continued until it converged
+    assert last.errors["test test"]["x"] == pytest.approx(error, rel=1e-6)
+    assert late("test", test, result.effects, result.rounds) == ()
     without = dataclasses.replace(last, effects=(), errors={"test test": {"x": 0.6 * error}})
-    (words,) = late("test", test, found.effects, (first, without, last))
+    (words,) = late("test", test, result.effects, (first, without, last))
     assert "after round 1, without x^3 in v, the error on test was 40% smaller" in words
     failed = dataclasses.replace(without, errors={"test test": {"x": np.nan}})
-    assert late("test", test, found.effects, (first, failed, last)) == ()
+    assert late("test", test, result.effects, (first, failed, last)) == ()
 
 
 class Undamped(AbstractModel):
@@ -151,87 +163,105 @@ class Undamped(AbstractModel):
         return x[:1]
 
 
-def test_damping_that_nobody_declared_is_named():
+def test_undeclared_damping_is_named():
     """Among the terms, drag and friction of the library that the loop takes by itself."""
-    train, check, test = ([fly(4000 + index, None)[0] for index in part] for part in (TRAIN, CHECK, TEST))
+    train, check, test = (
+        [fly(4000 + index, None)[0] for index in part] for part in (TRAIN, CHECK, TEST)
+    )
     model = Undamped(1.0)
     own = free(model, "k", per_record=("initial_state",))
     known = candidates(model, own, as_stack(train))
     library = [one for one in known if isinstance(one, Term | DryFriction | QuadraticDrag)]
     parts = dict(train=train, check=check, test=test, effects=library, window=WINDOW)
-    found = close_loop(model, own, OutputError(), **parts)
-    assert found.effects == ("v in v",)
-    assert found.outcome == "explained"
-    error = found.after.estimate.standard_error("v in v.gain")
-    assert abs(found.after.estimate.value("v in v.gain") + 0.2) < 4 * error
+    result = close_loop(model, own, OutputError(), **parts)
+    assert result.effects == ("v in v",)
+    assert result.outcome is Outcome.EXPLAINED
+    error = result.after.estimate.standard_error("v in v.gain")
+    assert abs(result.after.estimate.value("v in v.gain") + 0.2) < 4 * error
 
 
 MODES = ((0.3, 4.0, 0.04), (0.5, 6.5, 0.03))  # gain, frequency, damping
 
 
 @pytest.mark.parametrize("modes", [MODES[:1], MODES], ids=["one", "two"])
-def test_further_modes_are_found_where_the_declared_model_errs_most_beside_what_it_shows(modes):
-    """Among the shapes with a memory, from starts that know nothing of where they are; two of one family act at once."""
-    in_v = Acting.equation("v")
-    planted = [Resonance(in_v, "force", peak, *map(jnp.array, one)) for peak, one in enumerate(modes, start=1)]
-    library = (*(Resonance(in_v, "force", peak) for peak in (1, 2, 3)), LaggedSignal(in_v, "v"), *LIBRARY)
-    found = closed([fly(2000 + index, *planted)[0] for index in range(7)], library)
-    assert len(found.effects) == len(modes)
-    assert all(name.startswith("resonance to force in v") for name in found.effects)
-    assert found.outcome == "explained"
-    assert found.verdict.count("excites a resonance") == 1
-    estimate = found.after.estimate
-    near = sorted(found.effects, key=lambda name: float(estimate.value(f"{name}.frequency")))
+def test_planted_resonances_are_identified_among_memory_shapes(modes):
+    """Among the shapes with a memory, from starts that know nothing of where they are; two of one
+    family act at once.
+    """
+    in_v = Placement.equation("v")
+    planted = [
+        Resonance(in_v, "force", peak, *map(jnp.array, one))
+        for peak, one in enumerate(modes, start=1)
+    ]
+    library = (
+        *(Resonance(in_v, "force", peak) for peak in (1, 2, 3)),
+        LaggedSignal(in_v, "v"),
+        *LIBRARY,
+    )
+    result = closed([fly(2000 + index, *planted)[0] for index in range(7)], library)
+    assert len(result.effects) == len(modes)
+    assert all(name.startswith("resonance to force in v") for name in result.effects)
+    assert result.outcome is Outcome.EXPLAINED
+    assert result.verdict.count("excites a resonance") == 1
+    estimate = result.after.estimate
+    near = sorted(result.effects, key=lambda name: float(estimate.value(f"{name}.frequency")))
     for name, mode in zip(near, planted, strict=True):
         for field in ("gain", "frequency", "damping"):
             error = estimate.standard_error(f"{name}.{field}")
-            assert abs(estimate.value(f"{name}.{field}") - float(getattr(mode, field))) < 4 * error, (name, field)
+            assert (
+                abs(estimate.value(f"{name}.{field}") - float(getattr(mode, field))) < 4 * error
+            ), (name, field)
 
 
-def test_a_stop_that_the_records_show_comes_in_before_what_explains_more():
+def test_evident_stop_is_added_before_effect_with_larger_cost_fall():
     flown = [fly(3000 + index, PLANTED["x^3 in v"])[0] for index in range(7)]
     level = 0.6 * max(float(jnp.max(one.z)) for one in flown[:3])
     stopped = [eqx.tree_at(lambda one: one.z, one, jnp.minimum(one.z, level)) for one in flown]
-    found = closed(stopped)
-    assert [one.added for one in found.rounds] == ["upper saturation of x", "x^3 in v", None]
-    falls = {one.name: one.cost_fall for one in found.rounds[0].candidates}
+    result = closed(stopped)
+    assert [one.added for one in result.rounds] == ["upper saturation of x", "x^3 in v", None]
+    falls = {one.name: one.cost_fall for one in result.rounds[0].candidates}
     assert falls["x^3 in v"] > 2 * falls["upper saturation of x"]
-    assert found.outcome == "explained"
-    assert found.after.estimate.value("upper saturation of x.level") == pytest.approx(level, abs=SIGMA)
+    assert result.outcome is Outcome.EXPLAINED
+    assert result.after.estimate.value("upper saturation of x.level") == pytest.approx(
+        level, abs=SIGMA
+    )
 
 
-def test_a_bias_and_a_constant_force_are_one_to_a_spring():
+def test_bias_and_constant_force_are_rivals_for_spring():
     # With free initial states a bias b of x and a force of -k b give the same records.
-    found = study(SensorBias("x", jnp.array(0.1)), seed=1)
-    (kept,) = found.effects
-    rivals = {rival.name: rival for rival in found.rivals}
+    result = study(SensorBias("x", jnp.array(0.1)), seed=1)
+    (kept,) = result.effects
+    rivals = {rival.name: rival for rival in result.rivals}
     assert {kept, *rivals} >= {"bias of x", "1 in v"}
-    assert found.outcome == "explained"
+    assert result.outcome is Outcome.EXPLAINED
     other = ({"bias of x", "1 in v"} - {kept}).pop()
     assert rivals[other].instead_of == (kept,)
-    assert abs(rivals[other].chi_square) < 0.1  # of a hundred and more: the solver stops where a decision needs no more
-    # No record of the same kind would tell them apart either.
-    assert told_apart(found, fly(77, None)[0])[other] < 1e-6
+    # of a hundred and more: the solver stops where a decision needs no more
+    assert abs(rivals[other].chi_square) < 0.1
+    # No record of the same kind would distinguish them either.
+    assert discrimination(result, fly(77, None)[0])[other] < 1e-6
 
 
-def test_nothing_is_found_where_nothing_is_missing():
+def test_complete_model_gains_no_effect():
     # At a level of 1 % a false find in five studies has a probability of 5 %; the seeds are fixed.
-    found = [study(None, seed) for seed in range(2, 7)]
-    assert [one.effects for one in found] == [()] * 5
-    assert {one.outcome for one in found} == {"nothing missing"}
-    assert all(one.after.rms == one.before.rms for one in found)
+    result = [study(None, seed) for seed in range(2, 7)]
+    assert [one.effects for one in result] == [()] * 5
+    assert {one.outcome for one in result} == {Outcome.NOTHING_MISSING}
+    assert all(one.after.rms == one.before.rms for one in result)
 
 
-def test_no_cause_is_named_when_the_true_effect_is_not_in_the_library():
-    library = tuple(effect for effect in LIBRARY if effect.name not in ("x^3 in v", "x^2 v in v", "v^3 in v"))
-    found = study(PLANTED["x^3 in v"], seed=1, effects=library)
-    assert found.outcome in ("proxies", "unexplained")
-    assert found.verdict.startswith("Something is missing")
+def test_true_effect_outside_library_yields_no_cause():
+    library = tuple(
+        effect for effect in LIBRARY if effect.name not in ("x^3 in v", "x^2 v in v", "v^3 in v")
+    )
+    result = study(PLANTED["x^3 in v"], seed=1, effects=library)
+    assert result.outcome in (Outcome.PROXIES, Outcome.UNEXPLAINED)
+    assert result.verdict.startswith("Something is missing")
 
 
 def shaken(seed, samples=300, cubic=0.0):
-    """A record of the spring, with a cubic part or without, and with a random force of 0.1 1/s^2 and 0.5 s in it, in steps of a
-    twentieth of a sample."""
+    """A record of the spring, with a cubic part or without, and with a random force of 0.1 1/s^2
+    and 0.5 s in it, in steps of a twentieth of a sample."""
     rng = np.random.default_rng(seed)
     t, u = 0.1 * np.arange(samples), np.convolve(rng.normal(size=samples), np.ones(8) / 2.5, "same")
     keep, h = np.exp(-0.005 / 0.5), 0.005
@@ -246,80 +276,94 @@ def shaken(seed, samples=300, cubic=0.0):
     return record(t, u[:, None], z, inputs=("force",), outputs=("x",), name=f"record {seed}")
 
 
-def test_a_random_force_is_told_as_such_and_nothing_is_added():
-    found = closed([shaken(10 + index) for index in range(7)])
-    assert (found.outcome, found.effects) == ("process noise", ())
-    assert found.process_noise.places == ("v",)
-    # Found from 90 s of record, or 90 independent stretches, and below the noise at the fast end: within a half.
-    assert found.process_noise.force["v"] == pytest.approx(0.1, rel=0.5)
-    assert "random forces" in found.verdict
+def test_random_force_is_reported_as_process_noise_without_effects():
+    result = closed([shaken(10 + index) for index in range(7)])
+    assert (result.outcome, result.effects) == (Outcome.PROCESS_NOISE, ())
+    assert result.process_noise.places == ("v",)
+    # Found from 90 s of record, or 90 independent stretches, and below the noise at the fast end:
+    # within a half.
+    assert result.process_noise.force["v"] == pytest.approx(0.1, rel=0.5)
+    assert "random forces" in result.verdict
 
 
 def coloured(seed, effect=None):
-    """A record of the spring, with an effect, whose position has a noise of 0.02 that remembers 0.5 s."""
+    """A record of the spring, with an effect, whose position has a noise of 0.02 that remembers 0.5
+    s.
+    """
     flown, noise = fly(seed, effect)
-    fresh, keep = SIGMA * np.random.default_rng([seed, 1]).normal(size=noise.shape), np.exp(-0.1 / 0.5)
+    fresh, keep = (
+        SIGMA * np.random.default_rng([seed, 1]).normal(size=noise.shape),
+        np.exp(-0.1 / 0.5),
+    )
     error = fresh[:1]
     for one in fresh[1:]:
         error = np.concatenate([error, keep * error[-1:] + np.sqrt(1 - keep**2) * one[None]])
     return eqx.tree_at(lambda one: one.z, flown, flown.z - noise + error)
 
 
-def test_noise_of_a_sensor_with_a_memory_is_told_as_such(seed):
-    found = closed([coloured(seed + index) for index in range(7)])
-    assert (found.outcome, found.effects) == ("coloured noise", ())
-    noise = found.coloured_noise
+def test_coloured_sensor_noise_is_reported_without_effects(seed):
+    result = closed([coloured(seed + index) for index in range(7)])
+    assert (result.outcome, result.effects) == (Outcome.COLOURED_NOISE, ())
+    noise = result.coloured_noise
     assert noise.sensors == ("x",)
-    # 90 s hold 90 stretches of twice the memory: the size is known to 1/sqrt(2 * 90) = 7 %, the time to twice that;
-    # three of these.
+    # 90 s hold 90 stretches of twice the memory: the size is known to 1/sqrt(2 * 90) = 7 %, the
+    # time to twice that; three of these.
     assert np.hypot(noise.deviation["x"], noise.white["x"]) == pytest.approx(SIGMA, rel=0.22)
     assert noise.time["x"] == pytest.approx(0.5, rel=0.45)
-    assert "coloured noise" in found.verdict
-    assert json.loads(found.to_json())["coloured_noise"]["sensors"] == ["x"]
+    assert "coloured noise" in result.verdict
+    assert json.loads(result.to_json())["coloured_noise"]["sensors"] == ["x"]
 
 
-def test_an_effect_that_coloured_noise_does_without_is_not_kept():
-    # Of a hundred and more such studies, one whose noise has a mean that the score, corrected for its colour, takes for a force.
-    found = closed([coloured(7 + index) for index in range(7)])
-    assert found.rounds[0].added == "1 in v"
-    assert (found.outcome, found.effects) == ("coloured noise", ())
-    assert found.after.rms == found.before.rms
+def test_effect_made_superfluous_by_coloured_noise_is_removed():
+    # Of a hundred and more such studies, one whose noise has a mean that the score, corrected for
+    # its colour, takes for a force.
+    result = closed([coloured(7 + index) for index in range(7)])
+    assert result.rounds[0].added == "1 in v"
+    assert (result.outcome, result.effects) == (Outcome.COLOURED_NOISE, ())
+    assert result.after.rms == result.before.rms
 
 
-def test_an_effect_is_named_although_the_noise_is_coloured(seed):
-    found = closed([coloured(seed + index, PLANTED["x^3 in v"]) for index in range(7)])
-    assert (found.outcome, found.effects) == ("explained", ("x^3 in v",))
-    assert found.coloured_noise.sensors == ("x",)
-    assert "consistent with coloured noise of sensors" in found.verdict
-    # White noise of the same size would say more of what is slow: a noise that remembers five samples, 0.5 s, ten times.
-    assert found.coloured_noise.inflation == pytest.approx(10.0, rel=0.5)
+def test_planted_effect_is_named_under_coloured_noise(seed):
+    result = closed([coloured(seed + index, PLANTED["x^3 in v"]) for index in range(7)])
+    assert (result.outcome, result.effects) == (Outcome.EXPLAINED, ("x^3 in v",))
+    assert result.coloured_noise.sensors == ("x",)
+    assert "consistent with coloured noise of sensors" in result.verdict
+    # Variance of slow quantities under noise with a correlation time of five samples, 0.5 s: ten
+    # times that under white noise of the same size.
+    assert result.coloured_noise.inflation == pytest.approx(10.0, rel=0.5)
 
 
 @pytest.mark.parametrize("what", ["forces", "noise"])
-def test_the_likelihood_tells_noise_of_a_sensor_from_what_acts_on_the_motion(what):
+def test_likelihood_distinguishes_sensor_noise_from_random_forces(what):
     flown = [
-        shaken(20 + one, cubic=0.6) if what == "forces" else coloured(20 + one, PLANTED["x^3 in v"]) for one in TRAIN
+        shaken(20 + one, cubic=0.6) if what == "forces" else coloured(20 + one, PLANTED["x^3 in v"])
+        for one in TRAIN
     ]
     model = Spring(1.0, 0.1)
     own = free(model, "k", "c", per_record=("initial_state",))
-    bench = Workbench(model, own, (Term("v", "x^3"), Term("v", "v^3")), OutputError(), as_stack(flown), SOLVER)
-    found = bench.finish(bench.fit(["x^3 in v"], bench.set_shapes(bench.base()).values))
-    noise, _ = bench.filtered(found, jnp.array([SIGMA]), (("output", ("x",)),), False)
+    bench = Workbench(
+        model, own, (Term("v", "x^3"), Term("v", "v^3")), OutputError(), as_stack(flown), SOLVER
+    )
+    result = bench.finish(bench.fit(["x^3 in v"], bench.set_shapes(bench.base()).values))
+    noise, _ = bench.whiten_with_noise_model(
+        result, jnp.array([SIGMA]), ((LocationKind.SENSOR, ("x",)),), False
+    )
     search = Search(Judge(bench, as_stack(flown), {}, None, LoopOptions()), lambda _: None)
-    told = act_on_the_motion(search, found, bench.where(found), float(noise.gain))
+    told = act_on_the_motion(search, result, bench.localise(result), float(noise.gain))
     assert told == (what == "forces")
 
 
-def test_what_a_sensor_lacks_for_good_is_not_told_as_its_noise():
+def test_constant_sensor_error_is_not_reported_as_coloured_noise():
     """A bias that the library does not know would be noise with an endless memory."""
-    found = study(SensorBias("x", jnp.array(0.1)), seed=1, effects=LIBRARY[1:6])
-    assert found.outcome in ("proxies", "unexplained")
-    # Of the noise that is told what is white in the residual, not all that stays: 3 % of scatter in 600 samples, three times.
-    assert found.noise["x"] == pytest.approx(SIGMA, rel=0.1)
-    assert float(found.after.estimate.noise[0, 0]) > (1.5 * SIGMA) ** 2
+    result = study(SensorBias("x", jnp.array(0.1)), seed=1, effects=LIBRARY[1:6])
+    assert result.outcome in (Outcome.PROXIES, Outcome.UNEXPLAINED)
+    # The reported noise is the white part of the residual, not the complete residual. The limit is
+    # three times the 3 % scatter of 600 samples.
+    assert result.noise["x"] == pytest.approx(SIGMA, rel=0.1)
+    assert float(result.after.estimate.noise[0, 0]) > (1.5 * SIGMA) ** 2
 
 
-def test_pairs_score_together_what_their_parts_hide():
+def test_pair_score_exceeds_scores_of_its_parts():
     """The joint score is the fall of the sum of squares in a regression on both columns."""
     rng = np.random.default_rng(5)
     A = rng.normal(size=(200, 3))
@@ -329,7 +373,10 @@ def test_pairs_score_together_what_their_parts_hide():
     toward = A.T @ y
     scores = Scores(*map(jnp.asarray, (toward**2, np.ones(3), toward, np.ones(3), A.T @ A)))
     names = ("a", "b", "c")
-    single = tuple(Candidate(one, one, "", one, float(toward[i] ** 2), 0.0, 0.0, 1.0) for i, one in enumerate(names))
+    single = tuple(
+        Candidate(one, one, (), one, float(toward[i] ** 2), 0.0, 0.0, 1.0)
+        for i, one in enumerate(names)
+    )
     best = pairs_of(single, scores, {"a": 0, "b": 1, "c": 2}, 1)[0]
     assert best.parts == ("a", "b")
     rest = y - A[:, :2] @ np.linalg.lstsq(A[:, :2], y, rcond=None)[0]
@@ -348,23 +395,27 @@ def hard_spring(seed):
 
 
 @pytest.mark.parametrize(("first", "refits"), [(0, 1), (10, 1), (20, 1), (0, 5)])
-def test_what_scores_second_far_from_the_solution_is_asked_again_at_it(first, refits, monkeypatch):
-    """A dead band scores best where the linear spring was fitted; at its solution x^3 is better, whether it was not refitted at
-    first, or its refit ended in another valley."""
+def test_candidates_are_scored_again_at_estimate_of_winner(first, refits, monkeypatch):
+    """A dead band scores best where the linear spring was fitted; at its solution x^3 is better,
+    whether it was not refitted at first, or its refit ended in another valley."""
     flown = [hard_spring(first + i) for i in range(4)]
-    cubic, band = Term("v", "x^3"), DeadBand(Acting.equation("v"), "x")
+    cubic, band = Term("v", "x^3"), DeadBand(Placement.equation("v"), "x")
     model = Spring(jnp.array(1.5), jnp.array(0.2))
     library = (cubic, band, Term("v", "x v"), Term("v", "v^3"), Term("v", "force^3"))
-    bench = Workbench(model, free(model, "k", "c"), library, OutputError(), as_stack(flown[:2]), SOLVER)
-    search = Search(Judge(bench, as_stack(flown[2:]), {}, None, LoopOptions(refits=refits)), lambda _: None)
+    bench = Workbench(
+        model, free(model, "k", "c"), library, OutputError(), as_stack(flown[:2]), SOLVER
+    )
+    search = Search(
+        Judge(bench, as_stack(flown[2:]), {}, None, LoopOptions(refits=refits)), lambda _: None
+    )
     refit = search.refit
 
     def stuck(fitted, candidate):
-        found = refit(fitted, candidate)
+        result = refit(fitted, candidate)
         return (
-            eqx.tree_at(lambda one: one.fit.cost, found, fitted.fit.cost - 50.0)
+            eqx.tree_at(lambda one: one.fit.cost, result, fitted.fit.cost - 50.0)
             if candidate.name == cubic.name
-            else found
+            else result
         )
 
     monkeypatch.setattr(search, "refit", stuck)
@@ -372,50 +423,65 @@ def test_what_scores_second_far_from_the_solution_is_asked_again_at_it(first, re
     tried = search.tried(declared, 1)
     assert tried.candidates[0].name == band.name
     added, taken, _ = search.take(tried)
-    verdicts = {one.name: one.verdict for one in taken.candidates}
+    decisions = {one.name: one.decision for one in taken.candidates}
     assert added.name == cubic.name
     assert taken.refits[cubic.name].cost < declared.cost - 1000.0
-    assert (verdicts[cubic.name], verdicts[band.name]) == ("added", "helps less")
+    assert (decisions[cubic.name], decisions[band.name]) == (Decision.ADDED, Decision.WORSE)
     assert len(taken.candidates) == len(library)
 
 
 @pytest.mark.parametrize("time", [0.5, 1e9])
-def test_a_lag_longer_than_any_record_is_no_effect(time):
+def test_lag_longer_than_any_record_is_degenerate(time):
     """It follows nothing any more, and its gain is the damping's: the records determine neither."""
-    late = LaggedSignal(Acting.equation("v"), "v", gain=jnp.array(-0.4), time=jnp.array(0.5))
+    late = LaggedSignal(Placement.equation("v"), "v", gain=jnp.array(-0.4), time=jnp.array(0.5))
     model = Spring(1.5, 0.2)
     flown = as_stack([fly(60 + seed, late)[0] for seed in range(2)])
     bench = Workbench(model, free(model, "k", "c"), (late,), OutputError(), flown, SOLVER)
     values = np.array(bench.base().values)
     values[[bench.columns.index[f"{late.name}.{own}"] for own in ("gain", "time")]] = 0.1, time
-    assert bench.is_void(bench.fit([late.name], values), [late.name]) == (time > 1e6)
+    assert bench.is_degenerate(bench.fit([late.name], values), [late.name]) == (time > 1e6)
 
 
-def test_a_model_made_of_plain_numbers_has_a_library():
+def test_model_of_plain_numbers_has_library():
     model, arrays = Spring(1.0, 0.1), Spring(jnp.array(1.0), jnp.array(0.1))
     flown = as_stack([fly(0, None)[0]])
-    own, named = ([one.name for one in candidates(m, free(m, "k", "c"), flown)] for m in (model, arrays))
+    own, named = (
+        [one.name for one in candidates(m, free(m, "k", "c"), flown)] for m in (model, arrays)
+    )
     assert own == named
     assert "x^3 in v" in own
 
 
-def test_two_late_sensors_give_way_to_one_late_input():
-    """A late input is two late sensors; where it comes last in the list of candidates, it comes in by an exchange."""
+def test_two_sensor_delays_are_replaced_by_one_input_delay():
+    """A late input is two late sensors; where it comes last in the list of candidates, it comes in
+    by an exchange.
+    """
     late = InputDelay("force", jnp.array(0.1))
-    flown = [both_seen(seed, late) for seed in range(7)]
+    flown = [both_observed(seed, late) for seed in range(7)]
     effects = (SensorDelay("x"), SensorDelay("v"), late)
-    model = BothSeen(1.5, 0.2)
-    bench = Workbench(model, free(model, "k", "c"), effects, OutputError(), as_stack(flown[:3]), SOLVER)
+    model = BothObserved(1.5, 0.2)
+    bench = Workbench(
+        model, free(model, "k", "c"), effects, OutputError(), as_stack(flown[:3]), SOLVER
+    )
     search = Search(Judge(bench, as_stack(flown[3:5]), {}, None, LoopOptions()), lambda _: None)
     declared = bench.set_shapes(bench.base())
     sensors = bench.fit([effects[0].name, effects[1].name], declared.values)
     asked = search.candidates(sensors, bench.score(sensors))
-    found, came, went, told = search.exchange(sensors, asked, 1)
-    assert {name: one.verdict for name, one in told.items()} == {late.name: "added"}
-    assert (came, went, found.effects) == (late.name, (effects[0].name, effects[1].name), (late.name,))
-    value, error = bench.standard_errors(found)[f"{late.name}.gain"]
+    result, came, went, told = search.exchange(sensors, asked, 1)
+    assert {name: one.decision for name, one in told.items()} == {late.name: Decision.ADDED}
+    assert (came, went, result.effects) == (
+        late.name,
+        (effects[0].name, effects[1].name),
+        (late.name,),
+    )
+    value, error = bench.standard_errors(result)[f"{late.name}.gain"]
     assert abs(value - 0.1) < 4.0 * error
-    assert search.exchange(found, search.candidates(found, bench.score(found)), 1) == (found, None, (), {})
+    assert search.exchange(result, search.candidates(result, bench.score(result)), 1) == (
+        result,
+        None,
+        (),
+        {},
+    )
 
 
 class Bent(Effect):
@@ -423,9 +489,7 @@ class Bent(Effect):
 
     gain: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
 
-    @property
-    def name(self):
-        return "bent"
+    card = EffectCard(name="bent", description="bent", location=Location(LocationKind.MODEL, ""))
 
     def equations(self, dx, signals):
         return {"v": self.gain * signals["x"] ** 3}
@@ -437,34 +501,38 @@ class BentTwice(Effect):
     gain: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
     fifth: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
 
-    @property
-    def name(self):
-        return "bent twice"
-
-    @property
-    def refines(self):
-        return "bent"
+    card = EffectCard(
+        name="bent twice",
+        description="bent twice",
+        location=Location(LocationKind.MODEL, ""),
+        refines="bent",
+    )
 
     def equations(self, dx, signals):
         x = signals["x"]
         return {"v": self.gain * x**3 * (1.0 + self.fifth * x**2)}
 
 
-def test_a_finer_effect_comes_after_the_simple_one_and_takes_its_place():
+def test_refining_effect_replaces_simple_effect_in_later_round():
     truth = BentTwice(jnp.array(-0.6), jnp.array(0.5))
-    found = study(truth, 3, effects=(*LIBRARY[:3], BentTwice(), Bent()))
-    first, second, last = found.rounds
+    result = study(truth, 3, effects=(*LIBRARY[:3], BentTwice(), Bent()))
+    first, second, last = result.rounds
     assert "bent twice" not in {one.name for one in first.candidates}
     assert "bent" not in {one.name for one in last.candidates}
-    assert (first.added, second.added, second.dropped, last.added) == ("bent", "bent twice", ("bent",), None)
-    assert (found.effects, found.outcome) == (("bent twice",), "explained")
-    estimate = found.after.estimate
+    assert (first.added, second.added, second.dropped, last.added) == (
+        "bent",
+        "bent twice",
+        ("bent",),
+        None,
+    )
+    assert (result.effects, result.outcome) == (("bent twice",), Outcome.EXPLAINED)
+    estimate = result.after.estimate
     for name, true in (("bent twice.gain", -0.6), ("bent twice.fifth", 0.5)):
         at = estimate.names.index(name)
-        assert abs(estimate.values[at] - true) < 4.0 * estimate.coloured_errors[at]
+        assert abs(estimate.values[at] - true) < 4.0 * estimate.corrected_errors[at]
 
 
-class BothSeen(Spring):
+class BothObserved(Spring):
     """The spring with its speed seen too."""
 
     outputs = ("x", "v")
@@ -473,12 +541,12 @@ class BothSeen(Spring):
         return x
 
 
-def both_seen(seed, effect):
+def both_observed(seed, effect):
     """One record from rest."""
     rng = np.random.default_rng(seed)
     t = 0.1 * np.arange(200)
     u = np.convolve(rng.normal(size=200), np.ones(8) / 2.5, "same")[:, None]
-    truth = Augmented(BothSeen(1.5, 0.2), (effect,))
+    truth = Augmented(BothObserved(1.5, 0.2), (effect,))
     y = np.asarray(simulate(truth, t, u, jnp.zeros(2)).y)
     return record(t, u, y + SIGMA * rng.normal(size=y.shape), inputs=("force",), outputs=("x", "v"))
 
@@ -491,21 +559,31 @@ def both_seen(seed, effect):
         ((SensorBias("x"), SensorScale("x")), ()),
         ((Term("v", "x^3"), DryFriction("v", "v"), Term("v", "v^3")), ("sign(v) in v", "v^3 in v")),
         ((SensorDelay("x"), SensorBias("x"), SensorLag("v")), ()),
-        ((InputDelay("force"), InputBetweenSamples("force")), ("delay of input force", "force between samples")),
+        (
+            (InputDelay("force"), InputBetweenSamples("force")),
+            ("delay of input force", "force between samples"),
+        ),
         ((ParameterShift("r[0]", channel="x"), ParameterShift("r[1]", channel="x")), ()),
         ((ParameterShift("r[0]", channel="x"), SensorDelay("x")), ("shift of r[0]", "delay of x")),
     ],
     ids=[
-        *("series", "two signals", "one sensor", "shapes of one signal", "late and off", "late in two ways"),
+        *(
+            "series",
+            "two signals",
+            "one sensor",
+            "shapes of one signal",
+            "late and off",
+            "late in two ways",
+        ),
         *("elsewhere along two axes", "elsewhere and late"),
     ],
 )
-def test_shapes_of_one_signal_are_not_several_causes(effects, parts):
+def test_shapes_of_one_signal_are_one_cause(effects, parts):
     assert parts_of_one(effects) == parts
 
 
 def place(kind, name, share):
-    return Place(kind, name, 100.0, 10, share, np.zeros((1, 2)), np.ones((1, 2)))
+    return Place(Location(kind, name), 100.0, 10, share, np.zeros((1, 2)), np.ones((1, 2)))
 
 
 @pytest.mark.parametrize(
@@ -516,9 +594,11 @@ def place(kind, name, share):
         ((SensorDelay("x"), SensorDelay("a")), True),
         ((SensorDelay("x"), ParameterShift("k")), False),  # a parameter may act anywhere
         ((SensorDelay("b"),), False),  # nearly as well
-        ((SensorDelay("b"), SensorDelay("a")), True),  # of two, more is asked
-        ((SensorDelay("x"), InputDelay("force"), SensorDelay("a")), True),  # most of them act elsewhere
-        ((Term("v1", "(x1-x2)^3"), DryFriction("v2", "x1-x2")), False),  # between two parts: in the equations of both
+        ((SensorDelay("b"), SensorDelay("a")), True),  # the limit is stricter for two effects
+        # most of them act elsewhere
+        ((SensorDelay("x"), InputDelay("force"), SensorDelay("a")), True),
+        # between two parts: in the equations of both
+        ((Term("v1", "(x1-x2)^3"), DryFriction("v2", "x1-x2")), False),
         ((Term("v1", "(x1-x2)^3"), Term("v2", "(v1-v2)^3")), True),  # two actions
         ((Term("v1", "x^3"), Term("v2", "x^3")), True),  # of one signal: not between two parts
         ((Term("v1", "(x1-x2)^3"),), True),  # on one part alone
@@ -537,32 +617,50 @@ def place(kind, name, share):
         "on one part",
     ],
 )
-def test_what_explains_must_act_where_the_residual_sits(effects, elsewhere):
+def test_cause_must_act_at_location_of_residual(effects, elsewhere):
     places = (
-        place("input", "force", 0.9),
-        place("equation", "v", 0.88),
-        place("output", "b", 0.8),
-        place("output", "x", 0.6),
-        place("output", "a", 0.1),
-        place("equation", "v1", 0.1),
-        place("equation", "v2", 0.1),
+        place(LocationKind.INPUT, "force", 0.9),
+        place(LocationKind.EQUATION, "v", 0.88),
+        place(LocationKind.SENSOR, "b", 0.8),
+        place(LocationKind.SENSOR, "x", 0.6),
+        place(LocationKind.SENSOR, "a", 0.1),
+        place(LocationKind.EQUATION, "v1", 0.1),
+        place(LocationKind.EQUATION, "v2", 0.1),
     )
-    where = Where(places, np.zeros((1, 2)), {}, (2, 20), 1.0)
+    where = LocalisationResult(places, np.zeros((1, 2)), {}, (2, 20), 1.0)
     assert act_elsewhere(effects, where) is elsewhere
 
 
 @pytest.mark.parametrize(("score", "expected"), [(10.0, False), (21.0, False), (24.0, True)])
-def test_what_a_free_form_explains_beyond_chance_is_no_noise(score, expected):
-    # The chi-square of ten degrees of freedom is above 23.2 in one case of a hundred, above 25.2 in one of two hundred.
-    places = (Place("equation", "v", score, 10, 0.1, np.zeros((1, 2)), np.ones((1, 2))), place("output", "x", 0.0))
-    where = Where((places[0],), np.zeros((1, 2)), {}, (2, 20), 1.0)
+def test_free_form_explanation_beyond_chance_excludes_noise(score, expected):
+    # The chi-square of ten degrees of freedom is above 23.2 in one case of a hundred, above 25.2 in
+    # one of two hundred.
+    places = (
+        Place(
+            Location(LocationKind.EQUATION, "v"), score, 10, 0.1, np.zeros((1, 2)), np.ones((1, 2))
+        ),
+        place(LocationKind.SENSOR, "x", 0.0),
+    )
+    where = LocalisationResult((places[0],), np.zeros((1, 2)), {}, (2, 20), 1.0)
     assert stands_out(where, 0.01) is expected
-    assert not stands_out(Where((*where.places, places[1]._replace(score=1.0)), *where[1:]), 0.01)
+    assert not stands_out(
+        LocalisationResult((*where.places, places[1]._replace(score=1.0)), *where[1:]), 0.01
+    )
 
 
-def test_a_form_that_another_shape_nearly_has_is_not_settled():
+def test_shape_with_near_equivalent_is_not_settled():
     def refitted(name, fall):
-        return Candidate(name, name, "equation of v", name, fall, fall, 1.0, 1.0, cost_fall=fall)
+        return Candidate(
+            name,
+            name,
+            (Location(LocationKind.EQUATION, "v"),),
+            name,
+            fall,
+            fall,
+            1.0,
+            1.0,
+            cost_fall=fall,
+        )
 
     def contender(name, worse):
         return Rival(name, name, ("best",), worse, Spring(1.0, 0.1), free(Spring(1.0, 0.1), "k"))
@@ -570,51 +668,58 @@ def test_a_form_that_another_shape_nearly_has_is_not_settled():
     candidates = (refitted("best", 1000.0), refitted("near", 980.0), refitted("far", 970.0))
     one = Round((), candidates, "best", (), (), {}, {}, 12.0)
     assert [name.name for name in one.contenders(SETTLED)] == ["near"]
-    # Of an effect of a thousand, a contender that differs by less than a hundredth is the same to these records.
+    # Of an effect of a thousand, a contender that differs by less than a hundredth is the same to
+    # these records.
     assert unsettled((contender("same", 5.0), contender("near", 20.0)), (one,)) == ("near",)
 
 
-def test_a_faint_effect_is_no_cause_where_another_shape_does_nearly_as_well():
+def test_faint_effect_with_near_equivalent_shape_is_no_cause():
     # Faint dry friction, which the library lacks: a drag resembles it to within the noise.
     friction = DryFriction("v", "v", jnp.array(-0.012), width=jnp.array(0.01))
     effects = (QuadraticDrag("v", "v"), Term("v", "v^3"), Term("v", "x^3"), SensorBias("x"))
-    found = study(friction, seed=1, effects=effects)
-    assert len(found.effects) == 1
-    assert found.outcome == "proxies"
-    assert "do not settle the form" in found.verdict
+    result = study(friction, seed=1, effects=effects)
+    assert len(result.effects) == 1
+    assert result.outcome is Outcome.PROXIES
+    assert "do not settle the form" in result.verdict
 
 
-def test_known_noise_is_held_against_the_residual():
-    found = study(PLANTED["x^3 in v"], seed=1, likelihood=OutputError(FixedNoise([SIGMA**2])))
-    assert (found.effects, found.outcome, found.noise_known) == (("x^3 in v",), "explained", True)
-    assert found.noise["x"] == pytest.approx(SIGMA, rel=1e-9)
+def test_residual_is_tested_against_known_noise():
+    result = study(PLANTED["x^3 in v"], seed=1, likelihood=OutputError(FixedNoise([SIGMA**2])))
+    assert (result.effects, result.outcome, result.noise_known) == (
+        ("x^3 in v",),
+        Outcome.EXPLAINED,
+        True,
+    )
+    assert result.noise["x"] == pytest.approx(SIGMA, rel=1e-9)
 
 
-def test_one_record_is_cut_and_given_back():
-    whole, _ = fly(3, PLANTED["x^3 in v"], samples=900)
+def test_single_record_is_cut_for_check_and_complete_in_final_estimate():
+    complete, _ = fly(3, PLANTED["x^3 in v"], samples=900)
     test, _ = fly(4, PLANTED["x^3 in v"])
     model = Spring(1.0, 0.1)
-    found = close_loop(
+    result = close_loop(
         model,
         free(model, "k", "c", per_record=("initial_state",)),
         OutputError(),
-        train=whole,
+        train=complete,
         test={"other": test},
         effects=LIBRARY,
     )
-    assert found.effects == ("x^3 in v",)
-    assert found.after.estimate.residuals.shape[1] == 900
-    assert set(found.rounds[0].errors) == {"train", "check", "test other"}
+    assert result.effects == ("x^3 in v",)
+    assert result.after.estimate.residuals.shape[1] == 900
+    assert set(result.rounds[0].errors) == {"train", "check", "test other"}
 
 
-def test_a_second_study_compiles_nothing():
+def test_second_study_of_same_shapes_compiles_nothing():
     seen = []
 
     def listen(event, duration, **_):
         if event == COMPILED:
             seen.append(event)
 
-    flown = [[fly(1000 * seed + index, PLANTED["x^3 in v"])[0] for index in range(7)] for seed in (7, 8)]
+    flown = [
+        [fly(1000 * seed + index, PLANTED["x^3 in v"])[0] for index in range(7)] for seed in (7, 8)
+    ]
     for count, records in enumerate(flown):
         model = Spring(1.0, 0.1) if count == 0 else Spring(jnp.float32(1.1), 0.12)
         chosen = free(model, "k", "c", per_record=("initial_state",))
@@ -622,17 +727,24 @@ def test_a_second_study_compiles_nothing():
         if count == 1:
             jax.monitoring.register_event_duration_secs_listener(listen)
         try:
-            found = close_loop(
-                model, chosen, OutputError(), train=train, check=check, test=test, effects=LIBRARY, window=WINDOW
+            result = close_loop(
+                model,
+                chosen,
+                OutputError(),
+                train=train,
+                check=check,
+                test=test,
+                effects=LIBRARY,
+                window=WINDOW,
             )
         finally:
             if count == 1:
                 jax.monitoring.unregister_event_duration_listener(listen)
-        assert found.effects == ("x^3 in v",)
+        assert result.effects == ("x^3 in v",)
     assert seen == []
 
 
-def test_the_json_is_plain_and_whole():
+def test_json_is_plain_and_complete():
     figures = json.loads(study(PLANTED["x^3 in v"], seed=1).to_json())
     assert {"verdict", "effects", "before", "after", "noise", "tests", "rounds"} <= set(figures)
     assert figures["effects"] == ["x^3 in v"]
@@ -647,22 +759,30 @@ def test_the_json_is_plain_and_whole():
         ({"test": {}}, "`test` is empty"),
     ],
 )
-def test_bad_input_is_refused_before_anything_is_computed(change, words):
+def test_invalid_input_raises_error_before_computation(change, words):
     one, _ = fly(1, None)
     model = Spring(1.0, 0.1)
-    arguments = {"train": [one], "check": [one], "test": [one], "effects": (SensorScale("x"),)} | change
+    arguments = {
+        "train": [one],
+        "check": [one],
+        "test": [one],
+        "effects": (SensorScale("x"),),
+    } | change
     with pytest.raises(InputError, match=words):
         close_loop(model, free(model, "k"), OutputError(), **arguments)
 
 
-def test_a_start_that_diverges_is_told():
+def test_diverging_start_raises_error():
     one, _ = fly(1, None)
     model = Spring(-5000.0, 0.1)
     with pytest.raises(InputError, match=r"stops being finite at t = .* s, in (x, )?v"):
         close_loop(model, free(model, "k"), OutputError(), train=one, effects=(SensorScale("x"),))
 
 
-@pytest.mark.parametrize("change", [{"level": 0.0}, {"refits": 0}, {"harm": -1.0}, {"predictable": 1.5}])
-def test_options_are_checked(change):
+@pytest.mark.parametrize(
+    "change",
+    [{"level": 0.0}, {"refits": 0}, {"max_check_loss": -1.0}, {"max_predictable_share": 1.5}],
+)
+def test_invalid_options_raise_error(change):
     with pytest.raises(InputError, match=next(iter(change))):
         LoopOptions(**change)

@@ -1,4 +1,6 @@
-"""Which instruments disagree: a cart whose accelerometer, position and speed are measured, and simulated flights."""
+"""Which instruments disagree: a cart whose accelerometer, position and speed are measured, and
+simulated flights.
+"""
 
 import importlib
 from pathlib import Path
@@ -33,7 +35,9 @@ class Errors(eqx.Module):
 
 
 class Cart(jaxid.AbstractModel):
-    """Acceleration integrated twice, as three erring instruments show it; linear in its three usual errors."""
+    """Acceleration integrated twice, as three erring instruments show it; linear in its three usual
+    errors.
+    """
 
     bias: Errors
     scale: Errors
@@ -56,7 +60,9 @@ class Cart(jaxid.AbstractModel):
         u = (record.u - self.bias.force) / (1.0 + self.scale.force)
         bias, scale = ((of.place, of.speed) for of in (self.bias, self.scale))
         z = (record.z - jnp.stack(bias)[None]) / (1.0 + jnp.stack(scale)[None])
-        return jaxid.record(record.t, u, z, inputs=record.inputs, outputs=record.outputs, name=record.names[0])
+        return jaxid.record(
+            record.t, u, z, inputs=record.inputs, outputs=record.outputs, name=record.names[0]
+        )
 
 
 def errors(force=0.0, speed=0.0, place=0.0):
@@ -70,7 +76,9 @@ def measured(key, bias=PERFECT.bias, scale=PERFECT.scale, name="run", input_nois
     """A record of the cart, its force a smooth sum of sines, with errors and white noise."""
     force = np.sin(0.9 * T) + 0.7 * np.cos(2.3 * T)
     shown = (1.0 + scale.force) * force + bias.force
-    y = jaxid.simulate(Cart(bias, scale), T, shown[:, None], jnp.array([1.0, 0.5]), hold=jaxid.Cubic()).y
+    y = jaxid.simulate(
+        Cart(bias, scale), T, shown[:, None], jnp.array([1.0, 0.5]), hold=jaxid.hold.Cubic()
+    ).y
     for_z, for_u = jax.random.split(key)
     z = y + SIGMA[None] * jax.random.normal(for_z, y.shape)
     u = shown[:, None] + input_noise * jax.random.normal(for_u, (T.size, 1))
@@ -83,63 +91,72 @@ def record():
 
 
 @pytest.fixture(scope="module")
-def found(record):
+def result(record):
     return jaxid.consistency(PERFECT, record)
 
 
-def test_it_names_what_errs_and_by_how_much(found):
-    assert found.verdict.startswith("force is off by +0.3 m/s^2; speed shows 1")
-    assert found.verdict.endswith("% too much.")
-    assert [error.name for error in found.found] == ["bias.force", "scale.speed"]
-    for error, true in zip(found.errors, (0.3, 0.1), strict=True):
-        assert abs(error.value - true) < 4.0 * float(found.estimate.standard_error(error.name))
-    words = str(found)
+def test_verdict_states_instruments_and_sizes_of_errors(result):
+    assert result.verdict.startswith("force is off by +0.3 m/s^2; speed shows 1")
+    assert result.verdict.endswith("% too much.")
+    assert [error.name for error in result.significant_errors] == ["bias.force", "scale.speed"]
+    for error, true in zip(result.errors, (0.3, 0.1), strict=True):
+        assert abs(error.value - true) < 4.0 * float(result.estimate.standard_error(error.name))
+    words = str(result)
     assert "bias.force" in words
     assert "* significant at 0.05 over all 2 tried (Holm)" in words
     assert "give `input_noise`" in words
 
 
-def test_the_residuals_fall_to_the_noise(found):
+def test_residuals_fall_to_noise_level(result):
     """RMS of 200 samples: sigma within 4 of its own 5 % deviations."""
-    for channel, sigma in zip(found.channels, SIGMA, strict=True):
+    for channel, sigma in zip(result.channels, SIGMA, strict=True):
         assert channel.before > 1.3 * sigma
         np.testing.assert_allclose(channel.after, sigma, rtol=0.2)
 
 
-def test_nothing_is_left_in_the_corrected_record(found, record):
-    again = jaxid.consistency(PERFECT, found.corrected(record))
+def test_corrected_record_has_no_significant_error(result, record):
+    again = jaxid.consistency(PERFECT, result.corrected(record))
     assert again.verdict == "The instruments agree within their errors."
-    assert not again.found
+    assert not again.significant_errors
     for error in again.errors:
         assert abs(error.value) < 0.01 * error.standard_error
 
 
-def test_an_error_that_another_start_makes_up_for_is_not_determined(record):
-    found = jaxid.consistency(PERFECT, record, ERRORS)
-    assert found.verdict.endswith("the records do not determine bias.place.")
-    assert "bias.place is not told from another initial state" in found.weak
-    assert [error.name for error in found.errors] == list(ERRORS)
-    assert (found.errors[2].value, found.errors[2].standard_error, found.errors[2].chance) == (0.0, np.inf, 1.0)
-    assert [error.name for error in found.found] == ["bias.force", "scale.speed"]
+def test_error_imitated_by_initial_state_is_undetermined(record):
+    result = jaxid.consistency(PERFECT, record, ERRORS)
+    assert result.verdict.endswith("the records do not determine bias.place.")
+    assert "bias.place cannot be distinguished from a different initial state" in result.weak
+    assert [error.name for error in result.errors] == list(ERRORS)
+    assert (result.errors[2].value, result.errors[2].standard_error, result.errors[2].chance) == (
+        0.0,
+        np.inf,
+        1.0,
+    )
+    assert [error.name for error in result.significant_errors] == ["bias.force", "scale.speed"]
 
 
-def test_pairs_that_are_nearly_one_are_told(record):
+def test_nearly_collinear_pairs_are_reported(record):
     """About its maximum the speed hardly changes, and its bias and scale are one."""
     fastest = int(jnp.argmax(record.z[10:-10, 1])) + 10
-    found = jaxid.consistency(PERFECT, record.window(fastest - 10, fastest + 10), ("scale.speed", "bias.speed"))
-    assert any("hardly told apart" in words for words in found.weak)
+    result = jaxid.consistency(
+        PERFECT, record.window(fastest - 10, fastest + 10), ("scale.speed", "bias.speed")
+    )
+    assert any("can hardly be distinguished" in words for words in result.weak)
 
 
-def test_holm_is_that_of_statsmodels():
-    from jaxid.study.consistency import _judged
+def test_holm_correction_equals_statsmodels():
+    from jaxid.study.consistency import _tested
 
     values = np.array([2.6, 0.3, -3.5, 2.2, np.nan, 2.4])
     p = np.array([2 * (1 - _normal(abs(v))) if np.isfinite(v) else 1.0 for v in values])
-    rows = [SensorError(f"e{k}", None, float(v), 1.0 if np.isfinite(v) else np.nan, "") for k, v in enumerate(values)]
-    judged = _judged(rows, 0.05)
+    rows = [
+        SensorError(f"e{k}", None, float(v), 1.0 if np.isfinite(v) else np.nan, "")
+        for k, v in enumerate(values)
+    ]
+    tested = _tested(rows, 0.05)
     reject, corrected, *_ = multipletests(p, 0.05, "holm")
-    np.testing.assert_allclose([row.chance for row in judged], corrected, rtol=1e-9)
-    assert [row.found for row in judged] == list(reject)
+    np.testing.assert_allclose([row.chance for row in tested], corrected, rtol=1e-9)
+    assert [row.significant for row in tested] == list(reject)
 
 
 def _normal(x):
@@ -159,44 +176,53 @@ def _normal(x):
         ("wind.north", 3.0, "wind.north is 3 rad/s"),
     ],
 )
-def test_words(name, value, words):
+def test_sentence_describes_error_of_instrument(name, value, words):
     assert SensorError(name, None, value, 1.0, "rad/s").sentence == words
     assert SensorError(name, "A", value, 1.0, "rad/s").sentence == f"{words} in A"
 
 
-def test_effects_serve_as_errors_too(record):
-    cart = jaxid.Augmented(PERFECT, (jaxid.SensorScale("speed"), jaxid.SensorBias("place")))
-    found = jaxid.consistency(cart, record, ("scale of speed.gain", "bias.force"))
-    assert found.verdict.startswith("speed shows 1")
-    with pytest.raises(InputError, match="Augmented does not say how errors are taken out"):
-        found.corrected(record)
+def test_sensor_effects_are_accepted_as_errors(record):
+    cart = jaxid.Augmented(
+        PERFECT, (jaxid.effects.SensorScale("speed"), jaxid.effects.SensorBias("place"))
+    )
+    result = jaxid.consistency(cart, record, ("scale of speed.gain", "bias.force"))
+    assert result.verdict.startswith("speed shows 1")
+    with pytest.raises(InputError, match="Augmented has no correction of a record"):
+        result.corrected(record)
     with pytest.raises(InputError, match="proposes no errors"):
         jaxid.consistency(cart, record)
 
 
 @pytest.fixture(scope="module")
 def two():
-    """Two runs whose accelerometer has drifted between them, the scale error of the speed being the same."""
+    """Two runs whose accelerometer has drifted between them, the scale error of the speed being the
+    same.
+    """
     first = measured(jax.random.key(2), errors(force=0.3), errors(speed=0.1), "first")
     return first, measured(jax.random.key(3), errors(force=-0.2), errors(speed=0.1), "second")
 
 
-def test_an_error_of_each_record(two):
-    found = jaxid.consistency(PERFECT, two, per_record=("bias.force",))
-    assert [(e.name, e.record) for e in found.errors] == [
+def test_per_record_error_has_one_value_per_record(two):
+    result = jaxid.consistency(PERFECT, two, per_record=("bias.force",))
+    assert [(e.name, e.record) for e in result.errors] == [
         ("scale.speed", None),
         ("bias.force", "first"),
         ("bias.force", "second"),
     ]
-    assert "force is off by +0.3 m/s^2 in first; force is off by -0.2 m/s^2 in second" in found.verdict
-    np.testing.assert_allclose([error.value for error in found.errors], [0.1, 0.3, -0.2], atol=0.01)
+    assert (
+        "force is off by +0.3 m/s^2 in first; force is off by -0.2 m/s^2 in second"
+        in result.verdict
+    )
+    np.testing.assert_allclose(
+        [error.value for error in result.errors], [0.1, 0.3, -0.2], atol=0.01
+    )
     for one, bias in zip(two, (0.3, -0.2), strict=True):
-        taken = float((one.u - found.corrected(one).u)[0, 0])
+        taken = float((one.u - result.corrected(one).u)[0, 0])
         np.testing.assert_allclose(taken, bias, atol=0.01)
     with pytest.raises(InputError, match=r"one per record\. Correct one record"):
-        found.corrected(stack(two))
+        result.corrected(stack(two))
     with pytest.raises(InputError, match="no record with errors of its own"):
-        found.corrected(measured(jax.random.key(0)))
+        result.corrected(measured(jax.random.key(0)))
 
 
 def test_refusals(record, two):
@@ -212,14 +238,20 @@ def test_refusals(record, two):
         jaxid.consistency(PERFECT, record, input_noise={"place": 0.1})
     with pytest.raises(InputError, match=r"noise of 'force' is -0\.1"):
         jaxid.consistency(PERFECT, record, input_noise={"force": -0.1})
-    with pytest.raises(InputError, match="`input_noise` reaches errors that the records share"):
+    with pytest.raises(InputError, match="`input_noise` applies to errors that all records share"):
         jaxid.consistency(PERFECT, two, per_record=("bias.force",), input_noise={"force": 0.1})
 
 
-def test_the_first_seconds_can_be_left_out(record):
-    """With 1 s of nonsense at the beginning masked, the estimate is that of the rest, initial state and all."""
+def test_skip_omits_first_seconds(record):
+    """With 1 s of nonsense at the beginning masked, the estimate is that of the rest, initial state
+    and all.
+    """
     spoiled = jaxid.record(
-        T, record.u, np.where(T[:, None] < 1.0, 7.0, record.z), inputs=record.inputs, outputs=record.outputs
+        T,
+        record.u,
+        np.where(T[:, None] < 1.0, 7.0, record.z),
+        inputs=record.inputs,
+        outputs=record.outputs,
     )
     skipped = jaxid.consistency(PERFECT, spoiled, skip=1.0)
     rest = jaxid.consistency(PERFECT, record, skip=1.0)
@@ -227,33 +259,37 @@ def test_the_first_seconds_can_be_left_out(record):
     assert int(jnp.sum(skipped.estimate.mask)) == 2 * 180
 
 
-# Noise of the inputs -------------------------------------------------------------------------------------------------------
+# Noise of the inputs ------------------------------------------------------------------------------
 
 
-def test_input_noise_is_what_estimates_make_of_every_input_sample(record):
-    """A linear model and R known: `added = K diag(sigma^2) K'` with K by moving single input samples and estimating again."""
+def test_input_noise_covariance_equals_propagated_input_samples(record):
+    """A linear model and R known: `added = K diag(sigma^2) K'` with K by moving single input
+    samples and estimating again.
+    """
     likelihood = jaxid.OutputError(jaxid.FixedNoise(SIGMA**2), hold=Linear())
-    whole = stack([record.window(0, 40)])
+    complete = stack([record.window(0, 40)])
     free = jaxid.free(PERFECT, "bias.force", "bias.speed", per_record=("initial_state",))
-    begin = jaxid.estimate(PERFECT, free, whole, likelihood)
-    added = input_noise_covariance(PERFECT, begin, whole, likelihood, {"force": 0.2})
+    begin = jaxid.estimate(PERFECT, free, complete, likelihood)
+    added = input_noise_covariance(PERFECT, begin, complete, likelihood, {"force": 0.2})
 
     def moved(k):
-        other = eqx.tree_at(lambda r: r.u, whole, whole.u.at[0, k, 0].add(0.5))
+        other = eqx.tree_at(lambda r: r.u, complete, complete.u.at[0, k, 0].add(0.5))
         return (jaxid.estimate(PERFECT, free, other, likelihood).values - begin.values) / 0.5
 
     K = np.stack([np.asarray(moved(k)) for k in range(40)], axis=1)
     np.testing.assert_allclose(added, 0.2**2 * K @ K.T, rtol=1e-6, atol=1e-12)
 
 
-def test_input_noise_widens_the_errors(record):
-    plain, noisy = (jaxid.consistency(PERFECT, record, input_noise=noise) for noise in (None, {"force": 0.5}))
+def test_input_noise_increases_standard_errors(record):
+    plain, noisy = (
+        jaxid.consistency(PERFECT, record, input_noise=noise) for noise in (None, {"force": 0.5})
+    )
     assert noisy.errors[0].standard_error > 1.2 * plain.errors[0].standard_error
     assert "give `input_noise`" not in str(noisy)
     assert noisy.estimate.value("bias.force") == plain.estimate.value("bias.force")
 
 
-# Flights -------------------------------------------------------------------------------------------------------------------
+# Flights ------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -264,11 +300,12 @@ def benchmark():
 
 
 @pytest.mark.parametrize(("noisy", "kind"), [(False, "bound"), (True, "input noise")])
-def test_intervals_of_simulated_flights_hold_the_planted_errors(benchmark, noisy, kind):
-    """200 flights of 6 s, thirteen errors: the band, 0.88 to 0.995, is that of a right estimator with 99.9 % probability.
+def test_intervals_of_simulated_flights_cover_planted_errors(benchmark, noisy, kind):
+    """200 flights of 6 s, thirteen errors: the band, 0.88 to 0.995, is that of a right estimator
+    with 99.9 % probability.
 
-    `python -m benchmarks.consistency` does the same with 1,000 flights of 10 s. With noise in the inputs the Cramer-Rao
-    bound alone covers too little, which it must, or the noise was none.
+    `python -m benchmarks.consistency` does the same with 1,000 flights of 10 s. With noise in the
+    inputs the Cramer-Rao bound alone covers too little, which it must, or the noise was none.
     """
     told = benchmark.coverage(benchmark.flights(200, noisy_inputs=noisy, chunk=200, seconds=6.0))
     assert told["converged"] == 200

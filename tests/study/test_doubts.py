@@ -1,4 +1,6 @@
-"""Reasons to call no cause what leaves nothing but noise: the next power, and a gain that is whole or none and is neither."""
+"""Reasons to call no cause what leaves nothing but noise: the next power, and a gain that is whole
+or none and is neither.
+"""
 
 import jax.numpy as jnp
 import numpy as np
@@ -6,12 +8,23 @@ import pytest
 from small_spring import Spring, fly
 from test_close_loop import LIBRARY, PLANTED, SIGMA, closed, study
 
-from jaxid import Augmented, OutputError, free, record, simulate
+from jaxid import OutputError, free, record, simulate
+from jaxid.effects import (
+    Augmented,
+    DeadBand,
+    InputDelay,
+    InputLag,
+    Placement,
+    QuadraticDrag,
+    SensorSaturation,
+    Term,
+)
 from jaxid.estimation.estimate import as_stack
-from jaxid.models import Acting, DeadBand, FixedNoise, InputDelay, InputLag, QuadraticDrag, SensorSaturation, Term
+from jaxid.models import FixedNoise
 from jaxid.study.close_loop import SOLVER
 from jaxid.study.doubts import OFF, PARTIAL, Doubts, partial
 from jaxid.study.kin import misfits_of_kin, near_kin
+from jaxid.study.outcome import Outcome
 from jaxid.study.verdict import Conclusion, not_borne_out
 from jaxid.study.workbench import Workbench
 
@@ -19,62 +32,81 @@ SQUARE = Term("v", "x^2", jnp.array(-0.6))
 
 
 def pressed(seed, swing, samples=300):
-    """A record of a spring that hardens as the square of its length, pulled to a length near one, about which it swings."""
+    """A record of a spring that hardens as the square of its length, pulled to a length near one,
+    about which it swings.
+    """
     rng = np.random.default_rng(seed)
     t = 0.1 * np.arange(samples)
     force = 2.1 + swing * np.convolve(rng.normal(size=samples), np.ones(8) / 2.5, "same")[:, None]
-    y = np.asarray(simulate(Augmented(Spring(1.5, 0.2), (SQUARE,)), t, force, jnp.array([1.0, 0.0])).y)
+    y = np.asarray(
+        simulate(Augmented(Spring(1.5, 0.2), (SQUARE,)), t, force, jnp.array([1.0, 0.0])).y
+    )
     return record(
-        t, force, y + 0.5 * SIGMA * rng.normal(size=y.shape), inputs=("force",), outputs=("x",), name=f"{seed}"
+        t,
+        force,
+        y + 0.5 * SIGMA * rng.normal(size=y.shape),
+        inputs=("force",),
+        outputs=("x",),
+        name=f"{seed}",
     )
 
 
 @pytest.mark.parametrize("swing", [0.1, 0.3])
-def test_misfits_of_kin_are_those_of_a_refit(swing):
+def test_predicted_misfit_of_neighbouring_shape_equals_refit(swing):
     cubic, fourth = Term("v", "x^3"), Term("v", "x^4")
     records = as_stack([pressed(seed, swing) for seed in range(2)])
     model = Spring(1.0, 0.1)
     own = free(model, "k", "c", per_record=("initial_state",))
 
     def fitted(library, name):
-        bench = Workbench(model, own, library, OutputError(FixedNoise([(0.5 * SIGMA) ** 2])), records, SOLVER)
+        bench = Workbench(
+            model, own, library, OutputError(FixedNoise([(0.5 * SIGMA) ** 2])), records, SOLVER
+        )
         declared = bench.set_shapes(bench.base())
         return bench, bench.finish(bench.fit([name], declared.values))
 
-    bench, found = fitted((cubic, Term("v", "v^3")), "x^3 in v")
+    bench, result = fitted((cubic, Term("v", "v^3")), "x^3 in v")
     _, other = fitted((fourth,), "x^4 in v")
-    ((name, misfit),) = misfits_of_kin(bench, found).items()
+    ((name, misfit),) = misfits_of_kin(bench, result).items()
     assert name == "x^4 in v"
-    # What the linear model leaves out is second order in how far apart the two motions are.
-    assert misfit == pytest.approx(2.0 * (other.cost - found.cost), rel=0.05)
-    assert near_kin(bench, found, misfit + 1.0) == ("x^4 in v",)
-    assert near_kin(bench, found, misfit - 1.0) == ()
-    # What the library holds is asked about by a refit, not here.
-    both, found = fitted((cubic, fourth), "x^3 in v")
-    assert misfits_of_kin(both, found) == {}
+    # The error of the linear model is of second order in the difference of the two motions.
+    assert misfit == pytest.approx(2.0 * (other.cost - result.cost), rel=0.05)
+    assert near_kin(bench, result, misfit + 1.0) == ("x^4 in v",)
+    assert near_kin(bench, result, misfit - 1.0) == ()
+    # Shapes of the library are refitted instead.
+    both, result = fitted((cubic, fourth), "x^3 in v")
+    assert misfits_of_kin(both, result) == {}
 
 
-def test_a_power_is_no_cause_where_the_next_would_do_nearly_as_well():
-    found = closed([pressed(seed, 0.1) for seed in range(7)], (Term("v", "x^3"), Term("v", "v^3"), Term("v", "x v")))
-    assert (found.outcome, found.effects) == ("proxies", ("x^3 in v",))
-    assert "do not settle the form: x^4 in v would do nearly as well" in found.verdict
+def test_power_with_near_equivalent_next_power_is_no_cause():
+    result = closed(
+        [pressed(seed, 0.1) for seed in range(7)],
+        (Term("v", "x^3"), Term("v", "v^3"), Term("v", "x v")),
+    )
+    assert (result.outcome, result.effects) == (Outcome.PROXIES, ("x^3 in v",))
+    assert "do not settle the form: x^4 in v would do nearly as well" in result.verdict
 
 
-def test_a_lag_that_stands_for_a_delay_is_no_cause():
-    # With the delay in the library that is named; without it a lag imitates it, with a gain of two and half its time.
+def test_lag_in_place_of_delay_is_no_cause():
+    # With the delay in the library that is named; without it a lag imitates it, with a gain of two
+    # and half its time.
     without = tuple(one for one in LIBRARY if not isinstance(one, InputDelay))
-    found = study(PLANTED["delay of input force"], seed=1, effects=(*without, InputLag("force")))
-    assert (found.outcome, found.effects) == ("proxies", ("lag of input force",))
-    gain = found.after.estimate.value("lag of input force.gain")
-    assert gain == pytest.approx(2.0, abs=3.0 * found.after.estimate.standard_error("lag of input force.gain"))
-    assert f"lag of input force has a gain of {gain:.2f}" in found.verdict
+    result = study(PLANTED["delay of input force"], seed=1, effects=(*without, InputLag("force")))
+    assert (result.outcome, result.effects) == (Outcome.PROXIES, ("lag of input force",))
+    gain = result.after.estimate.value("lag of input force.gain")
+    assert gain == pytest.approx(
+        2.0, abs=3.0 * result.after.estimate.standard_error("lag of input force.gain")
+    )
+    assert f"lag of input force has a gain of {gain:.2f}" in result.verdict
 
 
-def test_a_gain_is_whole_where_it_is_known_to_be():
+def test_unit_gain_requires_small_deviation_and_standard_error():
     lag, term = InputLag("force"), Term("v", "x^3")
 
     def told(gain, error):
-        return partial((lag, term), {f"{lag.name}.gain": (gain, error), f"{term.name}.gain": (5.0, 0.1)}, {})
+        return partial(
+            (lag, term), {f"{lag.name}.gain": (gain, error), f"{term.name}.gain": (5.0, 0.1)}, {}
+        )
 
     assert told(1.0, 0.01) == {}
     assert told(1.0 + 0.9 * PARTIAL, 0.001) == {}
@@ -84,47 +116,55 @@ def test_a_gain_is_whole_where_it_is_known_to_be():
     assert told(1.0, np.inf) == {lag.name: (1.0, np.inf)}
 
 
-def test_a_stop_that_the_records_show_needs_no_gain_of_one():
+def test_evident_stop_needs_no_unit_gain():
     stop, ramp = SensorSaturation("x"), np.linspace(0.0, 1.0, 100)
     estimates = {f"{stop.name}.gain": (0.7, 0.4)}
     assert partial((stop,), estimates, {"x": ramp}) == {stop.name: (0.7, 0.4)}
     assert partial((stop,), estimates, {"x": np.minimum(ramp, 0.5)}) == {}
 
 
-def test_no_doubt_has_no_words():
+def test_no_caveat_yields_empty_text():
     assert str(Doubts()) == ""
     assert not any(Doubts())
 
 
-def test_a_dead_band_is_no_cause_where_a_drag_that_no_library_holds_would_do_as_well():
+def test_dead_band_is_no_cause_if_drag_outside_library_fits_as_well():
     drag = QuadraticDrag("v", "v", jnp.array(-0.1))
     flown = [fly(400 + seed, drag)[0] for seed in range(7)]
-    found = closed(flown, (DeadBand(Acting.equation("v"), "v"), Term("v", "x^2")))
-    assert (found.outcome, found.effects) == ("proxies", ("dead band of v in v",))
-    assert "do not settle the form" in found.verdict
-    assert "|v|v in v" in found.verdict
-    named = closed(flown, (QuadraticDrag("v", "v"), DeadBand(Acting.equation("v"), "v"), Term("v", "v^3")))
+    result = closed(flown, (DeadBand(Placement.equation("v"), "v"), Term("v", "x^2")))
+    assert (result.outcome, result.effects) == (Outcome.PROXIES, ("dead band of v in v",))
+    assert "do not settle the form" in result.verdict
+    assert "|v|v in v" in result.verdict
+    named = closed(
+        flown, (QuadraticDrag("v", "v"), DeadBand(Placement.equation("v"), "v"), Term("v", "v^3"))
+    )
     assert "|v|v in v" in named.effects
 
 
-def test_the_smooth_shapes_of_one_speed_are_kin():
+def test_smooth_shapes_of_one_speed_are_neighbours():
     def names(effect):
-        return {one.name for one in effect.kin()}
+        return {one.name for one in effect.neighbouring_shapes()}
 
     assert names(Term("v", "v^3")) == {"v^4 in v", "|v|v in v"}
     assert names(Term("v", "x^3")) == {"x^4 in v"}
-    assert names(QuadraticDrag("v", "(x-y)")) == names(DeadBand(Acting.equation("v"), "x-y")) == {"(x-y)^3 in v"}
-    assert names(DeadBand(Acting.equation("v"), "v")) == {"v^3 in v", "|v|v in v"}
-    assert names(DeadBand(Acting("Cm", (("q", "q_per_Cm"),)), "alpha")) == set()
+    assert (
+        names(QuadraticDrag("v", "(x-y)"))
+        == names(DeadBand(Placement.equation("v"), "x-y"))
+        == {"(x-y)^3 in v"}
+    )
+    assert names(DeadBand(Placement.equation("v"), "v")) == {"v^3 in v", "|v|v in v"}
+    assert names(DeadBand(Placement("Cm", (("q", "q_per_Cm"),)), "alpha")) == set()
 
 
-def test_what_the_whole_of_the_records_takes_out_again_is_no_cause():
-    """What is left is a proxy, or nothing; and what was told before of what stays is told no more."""
-    explained = Conclusion("explained")
+def test_effect_removed_by_complete_records_is_no_cause():
+    """The remaining effects are proxies, or none remain; earlier statements on them are dropped."""
+    explained = Conclusion(Outcome.EXPLAINED)
     some = not_borne_out(explained, ("x^2 in v",), ("bias of x",))
-    assert some.outcome == "proxies"
-    assert "Nothing but noise stayed with bias of x beside them, which the whole" in str(some.doubts)
+    assert some.outcome is Outcome.PROXIES
+    assert "Nothing but noise stayed with bias of x beside them, which the whole" in str(
+        some.doubts
+    )
     none = not_borne_out(explained, (), ("bias of x",))
-    assert (none.outcome, none.coloured_noise, none.contenders) == ("unexplained", None, ())
-    proxies = Conclusion("proxies", doubts=Doubts(elsewhere=True))
+    assert (none.outcome, none.coloured_noise, none.contenders) == (Outcome.UNEXPLAINED, None, ())
+    proxies = Conclusion(Outcome.PROXIES, doubts=Doubts(elsewhere=True))
     assert not_borne_out(proxies, ("x^2 in v",), ("bias of x",)).doubts == proxies.doubts

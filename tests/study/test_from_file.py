@@ -1,4 +1,6 @@
-"""From a study file to the model, its free parameters and candidates; what does not exist is refused where it stands."""
+"""From a study file to the model, its free parameters and candidates; what does not exist is
+refused where it stands.
+"""
 
 import dataclasses
 import re
@@ -14,9 +16,9 @@ from written_flight import MASS, SIZE, TRUE, flight
 from jaxid import LoopOptions
 from jaxid._foundation.checks import InputError
 from jaxid.aircraft import model_of
-from jaxid.data.io_study import read_study
+from jaxid.data.io.study import read_study
 from jaxid.models import DiagonalNoise
-from jaxid.models.names import read
+from jaxid.models.names import read_parameters
 from jaxid.study.from_file import BuiltIn, case_of
 
 GUIDE = Path(__file__).resolve().parent.parent.parent / "docs" / "study_file.md"
@@ -27,7 +29,7 @@ MODULE = """
 import jax
 import jax.numpy as jnp
 import jaxid
-from jaxid.models import SensorBias, Term
+from jaxid.effects import SensorBias, Term
 
 
 class Spring(jaxid.AbstractModel):
@@ -91,7 +93,9 @@ def said(tmp_path, monkeypatch):
     monkeypatch.delitem(sys.modules, "own_springs", raising=False)
     t = 0.1 * np.arange(20)
     header = "t,spare,force,x [mm],y [V]"
-    np.savetxt(tmp_path / "a.csv", np.column_stack([t] * 5), delimiter=",", header=header, comments="")
+    np.savetxt(
+        tmp_path / "a.csv", np.column_stack([t] * 5), delimiter=",", header=header, comments=""
+    )
 
     def made(*changes):
         text = GOOD
@@ -104,10 +108,13 @@ def said(tmp_path, monkeypatch):
     return made
 
 
-def test_a_class_beside_the_file_is_made_and_declared(said):
+def test_class_in_folder_of_file_becomes_declared_model(said):
     case = said()
     assert (float(case.model.k), float(case.model.c)) == (1.0, 2.0)
-    assert (case.free.shared, case.free.per_record) == (("k",), ("initial_state.x", "initial_state.v"))
+    assert (case.free.shared, case.free.per_record) == (
+        ("k",),
+        ("initial_state.x", "initial_state.v"),
+    )
     assert (float(case.free.lower["k"]), float(case.free.upper["k"])) == (0.0, np.inf)
     assert (case.train[0].inputs, case.train[0].outputs) == (("force",), ("x",))
     assert case.likelihood.noise.R.tolist() == [[pytest.approx(25e-6, rel=1e-12)]]
@@ -116,16 +123,22 @@ def test_a_class_beside_the_file_is_made_and_declared(said):
     assert (case.check, case.test) == (None, None)
 
 
-def test_every_option_of_the_loop_may_be_said(said):
+def test_file_accepts_every_option_of_loop(said):
     defaults = {field.name: field.default for field in dataclasses.fields(LoopOptions)}
     text = "\n".join(f"{name} = {value}" for name, value in defaults.items())
     assert said(("level = 0.05", text)).options == LoopOptions()
-    assert said(("level = 0.05", "ways = 1")).options.ways == 1
+    assert said(("level = 0.05", "beam_width = 1")).options.beam_width == 1
 
 
-def test_defaults_are_those_of_the_loop(said):
+def test_defaults_of_file_equal_defaults_of_loop(said):
     loop, library = "[loop]\nwindow = 3\nlevel = 0.05", GOOD[GOOD.index("[library]") :]
-    case = said(("Spring", "stiff"), ("c = 2", "c = 1"), ('[noise]\nx = "5 mm"', ""), (loop, ""), (library, ""))
+    case = said(
+        ("Spring", "stiff"),
+        ("c = 2", "c = 1"),
+        ('[noise]\nx = "5 mm"', ""),
+        (loop, ""),
+        (library, ""),
+    )
     assert float(case.model.k) == 100.0  # of the function
     assert isinstance(case.likelihood.noise, DiagonalNoise)
     assert (case.window, case.effects) == (None, None)
@@ -135,18 +148,36 @@ def test_defaults_are_those_of_the_loop(said):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("own_springs:Spring", "own_springs", r"\[model\] use: found 'own_springs', and `module:name`.*: aircraft"),
-        ("own_springs:Spring", "nowhere:Spring", r"\[model\] use: there is no module 'nowhere' beside the file"),
+        (
+            "own_springs:Spring",
+            "own_springs",
+            r"\[model\] use: found 'own_springs', and "
+            r"`module:name`.*: aircraft",
+        ),
+        (
+            "own_springs:Spring",
+            "nowhere:Spring",
+            r"\[model\] use: there is no module 'nowhere' "
+            r"in the file's folder",
+        ),
         (
             "own_springs:Spring",
             "own_springs:Sprin",
             r"There is no name in the module .* 'Sprin'. Did you mean 'Spring'",
         ),
-        ("own_springs:Spring", "own_springs:NUMBER", r"own_springs:NUMBER is no class"),
+        ("own_springs:Spring", "own_springs:NUMBER", r"own_springs:NUMBER is neither a class"),
         ("own_springs:Spring", "own_springs:text", r"\[model\] use: own_springs:text gives a str"),
-        ("c = 2", "d = 2", r"\[model\] parameters: There is no parameter of own_springs:Spring 'd'"),
+        (
+            "c = 2",
+            "d = 2",
+            r"\[model\] parameters: There is no parameter of own_springs:Spring 'd'",
+        ),
         (", c = 2", "", r"\[model\] parameters: c must have a starting value. Give c = 1.0"),
-        ("[free]", "terms = { Cm = [] }\n[free]", r"\[model\] terms: it belongs to a built-in model"),
+        (
+            "[free]",
+            "terms = { Cm = [] }\n[free]",
+            r"\[model\] terms: it belongs to a built-in model",
+        ),
         ('parameters = ["k"]', 'parameters = ["kk"]', r"\[free\]: There is no parameter 'kk'"),
         ('parameters = ["k"]', "", r"\[free\]: `parameters` is missing"),
         ("k = [0.0", "k = [2.0", r"\[free\]: The starting value of 'k'"),
@@ -154,44 +185,74 @@ def test_defaults_are_those_of_the_loop(said):
         ('x = "5 mm"', 'z = "5 mm"', r"\[noise\]: There is no output 'z'"),
         ("5 mm", "5 V", r"\[noise\]: x = '5 V' is no number with a unit of this channel"),
         ('"5 mm"', "0.0", r"\[noise\]: the standard deviation of x is 0.0"),
-        ("level = 0.05", "levels = 0.05", r"\[loop\]: There is no key 'levels'. Did you mean 'level'"),
+        (
+            "level = 0.05",
+            "levels = 0.05",
+            r"\[loop\]: There is no key 'levels'. Did you mean "
+            r"'level'",
+        ),
         ("level = 0.05", "level = 5", r"\[loop\]: level is 5.0; it must lie between 0 and 1"),
-        ("level = 0.05", "refits = 2.5", r"\[loop\] refits: found 2.5, and a whole number is wanted"),
-        ("level = 0.05", "ways = 3", r"\[loop\]: ways is 3; it must be 1 or 2"),
-        ("own_springs:own", "own_springs:wrong", r"\[library\] effects: own_springs:wrong gives something that is no"),
-        ("bias of x", "bias of z", r"\[library\] leave_out: There is no candidate or family 'bias of z'"),
+        (
+            "level = 0.05",
+            "refits = 2.5",
+            r"\[loop\] refits: found 2.5, and a whole number is wanted",
+        ),
+        ("level = 0.05", "beam_width = 3", r"\[loop\]: beam_width is 3; it must be 1 or 2"),
+        (
+            "own_springs:own",
+            "own_springs:wrong",
+            r"\[library\] effects: own_springs:wrong returns an object that is not",
+        ),
+        (
+            "bias of x",
+            "bias of z",
+            r"\[library\] leave_out: There is no candidate or family 'bias "
+            r"of z'",
+        ),
         ('["bias of x"]', '["bias of x", "x^5 in v"]', r"\[library\]: no candidate is left"),
     ],
 )
-def test_what_does_not_exist_is_refused_where_it_stands(old, new, words, said):
+def test_unknown_name_raises_error_with_section_and_key(old, new, words, said):
     with pytest.raises(InputError, match=words):
         said((old, new))
 
 
-def test_what_a_module_beside_the_file_misses_is_said_by_its_name(said, tmp_path):
+def test_missing_import_of_module_raises_error_with_its_name(said, tmp_path):
     (tmp_path / "own_needs.py").write_text("import a_package_that_is_nowhere\n")
-    with pytest.raises(InputError, match=r"own_needs.py imports 'a_package_that_is_nowhere', which is not installed"):
+    with pytest.raises(
+        InputError,
+        match=r"own_needs.py imports 'a_package_that_is_nowhere', which "
+        r"is not installed",
+    ):
         said(("own_springs:Spring", "own_needs:Spring"))
 
 
-# The guide's aircraft ---------------------------------------------------------------------------------------------------
+# The guide's aircraft -----------------------------------------------------------------------------
 
 SI = {"deg": np.pi / 180, "deg/s": np.pi / 180, "kt": 1852 / 3600, "ft": 0.3048, "g0": 9.80665}
 
 
 @pytest.fixture(scope="module")
 def aircraft_file(tmp_path_factory):
-    """The guide's file for an aircraft, beside one simulated flight under the five names that it has."""
+    """The guide's file for an aircraft, with one simulated flight under its five names."""
     folder = tmp_path_factory.mktemp("aircraft")
-    (text,) = re.findall(r'^```toml\n(\[model\]\nuse = "aircraft".*?)^```', GUIDE.read_text("utf-8"), re.M | re.S)
+    (text,) = re.findall(
+        r'^```toml\n(\[model\]\nuse = "aircraft".*?)^```', GUIDE.read_text("utf-8"), re.M | re.S
+    )
     said = tomllib.loads(text)
     settings, records = said["model"]["aircraft"], said["records"]
-    assert {name: settings[name] for name in ("mass", "Iy", *SIZE)} == {"mass": MASS["mass"], "Iy": MASS["Iy"], **SIZE}
+    assert {name: settings[name] for name in ("mass", "Iy", *SIZE)} == {
+        "mass": MASS["mass"],
+        "Iy": MASS["Iy"],
+        **SIZE,
+    }
     measured = flight(seconds=16.0, which=("stabilator",), seed=3)
     names, units = ("t", *records["inputs"], *records["outputs"]), records["units"]
     table = np.column_stack([measured[name] / SI.get(units.get(name), 1.0) for name in names])
     for file in ("doublets", "3211", "pulls", "slow", "sweep"):
-        np.savetxt(folder / f"{file}.csv", table, delimiter=",", header=",".join(names), comments="")
+        np.savetxt(
+            folder / f"{file}.csv", table, delimiter=",", header=",".join(names), comments=""
+        )
     return folder, text
 
 
@@ -202,17 +263,21 @@ def read_aircraft(aircraft_file, old="", new=""):
     return case_of(read_study(folder / "study.toml"), BUILT_IN)
 
 
-def test_an_aircraft_starts_at_a_first_estimate_of_its_terms(aircraft_file):
-    case = read_aircraft(aircraft_file, 'Cm = ["alpha"', 'Cm = ["1", "alpha"')  # every coefficient has its constant
+def test_aircraft_starts_at_first_estimate_of_its_terms(aircraft_file):
+    # every coefficient has its constant
+    case = read_aircraft(aircraft_file, 'Cm = ["alpha"', 'Cm = ["1", "alpha"')
     assert case.model.states == ("u", "w", "q", "pitch")
     assert case.window == 25
     assert [*case.test] == ["slow", "sweep"]
     expected = {f"{name}.{term}" for name in ("CX", "CZ", "Cm") for term in ("1", *TRUE[name])}
     assert set(case.free.shared) == expected
-    # Two copies of one flight: the strong derivatives come within some standard errors, of about 1 %.
+    # Two copies of one flight: the strong derivatives come within some standard errors, of about 1
+    # %.
     for name in ("CZ.alpha", "Cm.alpha", "Cm.qhat", "Cm.stabilator"):
         coefficient, term = name.split(".")
-        assert float(read(case.model, (name,))[0]) == pytest.approx(TRUE[coefficient][term], rel=0.05), name
+        assert float(read_parameters(case.model, (name,))[0]) == pytest.approx(
+            TRUE[coefficient][term], rel=0.05
+        ), name
     assert all(bool(jnp.all(record.mask)) for record in case.train)
 
 
@@ -220,14 +285,19 @@ def test_an_aircraft_starts_at_a_first_estimate_of_its_terms(aircraft_file):
     ("old", "new", "words"),
     [
         ("mass = 5000.0", "masses = 5000.0", r"\[model\] aircraft: There is no setting 'masses'"),
-        ("mass = 5000.0", "", r"\[model\] aircraft: Record 'doublets' does not say mass"),
+        ("mass = 5000.0", "", r"\[model\] aircraft: Record 'doublets' lacks mass"),
         ('Cm = ["alpha"', 'Cm = ["alfa"', r"\[model\] terms: .*'alfa'"),
         ("Cm = [", "CY = [", r"\[model\] terms: There is no coefficient 'CY'"),
         ('derivatives = { q = "qdot" }', "", r"\[model\] terms: .*needs 'qdot'"),
-        ("[loop]", '[free]\nparameters = ["Cm.beta"]\n[loop]', r"\[free\]: There is no parameter 'Cm.beta'"),
+        (
+            "[loop]",
+            '[free]\nparameters = ["Cm.beta"]\n[loop]',
+            r"\[free\]: There is no parameter "
+            r"'Cm.beta'",
+        ),
         ("[loop]", "[noise]\nq = 0.1\n[loop]", r"\[noise\]: .* has no standard deviation"),
     ],
 )
-def test_what_an_aircraft_lacks_is_refused_before_it_is_fitted(old, new, words, aircraft_file):
+def test_incomplete_aircraft_raises_error_before_fit(old, new, words, aircraft_file):
     with pytest.raises(InputError, match=words):
         read_aircraft(aircraft_file, old, new)

@@ -1,4 +1,6 @@
-"""What one study found is the declared model of the next: what is in is offered no more, and all else is."""
+"""The final model of one study is the declared model of the next: effects in the model are no
+longer candidates, all others are.
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,11 +11,14 @@ from test_static_model import Lift
 
 import jaxid
 from jaxid._foundation.checks import InputError
-from jaxid.models import InputLag, SensorSaturation, Term, general_effects
-from jaxid.study.close_loop import candidates
+from jaxid.effects import InputLag, SensorSaturation, Term, general_effects
+from jaxid.study.candidates import candidates
+from jaxid.study.outcome import Outcome
 
 LAG = InputLag("force", gain=jnp.array(1.0), time=jnp.array(0.4))
-CUBE, SQUARE = (Term("v", product, gain=jnp.array(gain)) for product, gain in (("x^3", -0.4), ("x^2", -0.3)))
+CUBE, SQUARE = (
+    Term("v", product, gain=jnp.array(gain)) for product, gain in (("x^3", -0.4), ("x^2", -0.3))
+)
 STATES = ("initial_state.x", "initial_state.v")
 
 
@@ -30,35 +35,51 @@ def flights(seed, count, *effects):
 
 
 def declared():
-    """The lag, that a study could have found, and the declared spring; the cube is still missing."""
+    """The lag, that a study could have found, and the declared spring; the cube is still
+    missing.
+    """
     model = jaxid.Augmented(Spring(1.5, 0.2), (LAG,))
     return model, jaxid.free(model, "k", "c", "lag of input force.time", per_record=STATES)
 
 
 @pytest.mark.parametrize("lacks", [CUBE, SQUARE], ids=["cube", "square"])
-def test_the_loop_goes_on_from_a_model_with_effects(seed, lacks):
+def test_loop_continues_from_model_with_effects(seed, lacks):
     model, free = declared()
     flown = flights(seed, 4, LAG, lacks)
-    library = [one for one in candidates(model, free, flown[0]) if isinstance(one, Term | SensorSaturation)]
+    library = [
+        one for one in candidates(model, free, flown[0]) if isinstance(one, Term | SensorSaturation)
+    ]
     study = jaxid.close_loop(
-        model, free, jaxid.OutputError(), train=flown[:2], check=flown[2], test=flown[3], window=60, effects=library
+        model,
+        free,
+        jaxid.OutputError(),
+        train=flown[:2],
+        check=flown[2],
+        test=flown[3],
+        window=60,
+        effects=library,
     )
-    assert study.outcome == "explained"
+    assert study.outcome is Outcome.EXPLAINED
     assert study.effects == (lacks.name,)
     assert all(
-        one.name != "lagged force" for one in study.where["before"].places
+        one.location.name != "lagged force" for one in study.localisation["before"].places
     )  # the equation of an effect's own state is exact
     again = {one.name for one in candidates(study.after.model, study.after.estimate.free, flown[0])}
     assert not {LAG.name, lacks.name} & again
     assert "sign(v) in v" in again
 
 
-def test_what_is_in_is_refused_as_a_candidate():
+def test_effect_in_model_raises_error_as_candidate():
     model, free = declared()
     flown = flights(0, 2, LAG)
     with pytest.raises(InputError, match=r"holds 'lag of input force' already"):
         jaxid.close_loop(
-            model, free, jaxid.OutputError(), train=flown[0], check=flown[1], effects=(eqx.tree_at(_gain, LAG, 0.0),)
+            model,
+            free,
+            jaxid.OutputError(),
+            train=flown[0],
+            check=flown[1],
+            effects=(eqx.tree_at(_gain, LAG, 0.0),),
         )
 
 
@@ -66,19 +87,21 @@ def _gain(effect):
     return effect.gain
 
 
-def test_uneven_times_are_refused_wherever_an_input_must_be_band_limited():
+def test_uneven_times_with_band_limited_input_raise_error():
     model = Spring(1.5, 0.2)
     free = jaxid.free(model, "k", "c", per_record=STATES)
     even = fly(0)[0]
     uneven = eqx.tree_at(lambda one: one.t, even, even.t + 0.02 * jnp.sin(jnp.arange(even.t.size)))
     names = [{one.name for one in candidates(model, free, even, other)} for other in (even, uneven)]
     assert names[0] - names[1] == {"force between samples"}
-    band_limited = jaxid.OutputError(hold=jaxid.BandLimited())
+    band_limited = jaxid.OutputError(hold=jaxid.hold.BandLimited())
     with pytest.raises(InputError, match="uniform sampling"):
-        jaxid.close_loop(model, free, band_limited, train=even, check=even, test=uneven, effects=(SQUARE,))
+        jaxid.close_loop(
+            model, free, band_limited, train=even, check=even, test=uneven, effects=(SQUARE,)
+        )
 
 
-def test_a_model_without_states_goes_on_with_its_outputs():
+def test_static_model_continues_with_effects_on_outputs():
     lag = InputLag("alpha", gain=jnp.array(1.0), time=jnp.array(0.1))
     late = jaxid.Augmented(Lift(jnp.array(5.0), jnp.array(0.4)), (lag,))
     offered = {one.name for one in general_effects(late)}
@@ -86,6 +109,7 @@ def test_a_model_without_states_goes_on_with_its_outputs():
     assert not any("lagged" in name for name in offered)
     t, u = 0.01 * np.arange(200.0), np.column_stack([np.full(200, 0.2), np.zeros(200)])
     both = jaxid.Augmented(late, (Term("CL", "alpha^2", gain=jnp.array(3.0)),))
-    found = jaxid.simulate(both, t, u, np.array([0.1])).y[:, 0]
+    result = jaxid.simulate(both, t, u, np.array([0.1])).y[:, 0]
     alpha = 0.2 - 0.1 * np.exp(-t / 0.1)
-    np.testing.assert_allclose(found, 5.0 * alpha + 3.0 * alpha**2, rtol=0, atol=1e-5)  # steps of a tenth of the lag
+    # steps of a tenth of the lag
+    np.testing.assert_allclose(result, 5.0 * alpha + 3.0 * alpha**2, rtol=0, atol=1e-5)

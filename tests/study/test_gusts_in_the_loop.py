@@ -1,4 +1,4 @@
-"""Turbulence, which moves an aircraft's vane as well as its wing, is told as such where the model knows of gusts."""
+"""Turbulence acts on an aircraft's vane and wing; it is reported as such if the model has gusts."""
 
 import equinox as eqx
 import jax
@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from jaxid import AbstractModel, OutputError, close_loop, free, record
-from jaxid.models import InputDelay, SensorBias, Term
+from jaxid.effects import InputDelay, SensorBias, Term
+from jaxid.study.outcome import Outcome
 
 SPEED, STEP, SAMPLES, WINDOW = 150.0, 0.05, 300, 50  # m/s, s
 GUST, MEMORY = 1.0, 1.0  # standard deviation [m/s] and correlation time [s] of the vertical gusts
@@ -16,7 +17,9 @@ NOISE = np.array([0.001, 0.002, 0.1])
 
 
 class ShortPeriod(AbstractModel):
-    """Vertical velocity and pitch rate at constant speed; the wing and the vane feel the velocity through the air."""
+    """Vertical velocity and pitch rate at constant speed; the wing and the vane feel the velocity
+    through the air.
+    """
 
     Zw: jax.Array
     Mw: jax.Array
@@ -38,12 +41,14 @@ class ShortPeriod(AbstractModel):
         through_air = x[0] - jnp.sum(u[1:])
         return jnp.stack([through_air / SPEED, x[1], self.Zw * through_air])
 
-    def gusty(self):
+    def with_disturbance_inputs(self):
         return ShortPeriod(self.Zw, self.Mw, self.Mq, self.Md, gusts=("gust_w",))
 
 
 def flown(seed):
-    """A record in gusts that nobody records, with twenty steps between samples, in NumPy; and the gusts."""
+    """A record in gusts that nobody records, with twenty steps between samples, in NumPy; and the
+    gusts.
+    """
     rng = np.random.default_rng(seed)
     elevator = 0.02 * np.convolve(rng.normal(size=SAMPLES), np.ones(8) / 2.5, "same")
     part, x, gust, y = STEP / 20, np.zeros(2), GUST * rng.normal(), []
@@ -56,19 +61,28 @@ def flown(seed):
             moved = elevator[i] + k / 20 * (elevator[min(i + 1, SAMPLES - 1)] - elevator[i])
             air = x[0] - gust
             x = x + part * np.array(
-                [TRUE["Zw"] * air + SPEED * x[1], TRUE["Mw"] * air + TRUE["Mq"] * x[1] + TRUE["Md"] * moved]
+                [
+                    TRUE["Zw"] * air + SPEED * x[1],
+                    TRUE["Mw"] * air + TRUE["Mq"] * x[1] + TRUE["Md"] * moved,
+                ]
             )
             gust = keep * gust + np.sqrt(1 - keep**2) * GUST * rng.normal()
     z, outputs = np.array(y) + NOISE * rng.normal(size=(SAMPLES, 3)), ShortPeriod.outputs
     t = STEP * np.arange(SAMPLES)
-    return record(t, elevator[:, None], z, inputs=("elevator",), outputs=outputs, name=f"{seed}"), gusts
+    return record(
+        t, elevator[:, None], z, inputs=("elevator",), outputs=outputs, name=f"{seed}"
+    ), gusts
 
 
-def test_turbulence_is_told_as_such_although_the_vane_feels_it(seed):
+def test_turbulence_is_reported_although_it_acts_on_vane(seed):
     records, gusts = zip(*(flown(seed + k) for k in range(5)), strict=True)
     model = ShortPeriod(**{name: jnp.array(0.9 * value) for name, value in TRUE.items()})
-    library = (*(Term("q", product) for product in ("w^2", "w^3", "w q")), SensorBias("alpha"), InputDelay("elevator"))
-    found = close_loop(
+    library = (
+        *(Term("q", product) for product in ("w^2", "w^3", "w q")),
+        SensorBias("alpha"),
+        InputDelay("elevator"),
+    )
+    result = close_loop(
         model,
         free(model, *TRUE, per_record=("initial_state",)),
         OutputError(),
@@ -78,8 +92,9 @@ def test_turbulence_is_told_as_such_although_the_vane_feels_it(seed):
         effects=library,
         window=WINDOW,
     )
-    assert (found.outcome, found.effects) == ("process noise", ())
-    assert "gust_w" in found.process_noise.places
-    # From 45 s of records, or 45 correlation times, which tell a deviation to 1/sqrt(2 * 45) = 10 %: within two of these.
-    assert found.process_noise.force["gust_w"] == pytest.approx(np.std(gusts[:3]), rel=0.21)
-    assert "m/s in gust_w" in found.verdict
+    assert (result.outcome, result.effects) == (Outcome.PROCESS_NOISE, ())
+    assert "gust_w" in result.process_noise.places
+    # 45 s of records are 45 correlation times; the standard error of a standard deviation is then
+    # 1/sqrt(2 * 45) = 10 %. The limit is two standard errors.
+    assert result.process_noise.force["gust_w"] == pytest.approx(np.std(gusts[:3]), rel=0.21)
+    assert "m/s in gust_w" in result.verdict

@@ -1,4 +1,6 @@
-"""The integrated process on a system of a user's own: structure, decisions, overrules, and the refusals."""
+"""The integrated process on a system of a user's own: structure, decisions, overrules, and the
+refusals.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -6,10 +8,11 @@ import numpy as np
 import pytest
 
 import jaxid
-from jaxid import IdentifyOptions, identify
+from jaxid import identify
 from jaxid._foundation.checks import InputError
 from jaxid.models import AbstractModel, Polynomial
-from jaxid.models.pseudo import PseudoMeasurements
+from jaxid.models.pseudo_measurements import PseudoMeasurements
+from jaxid.study import IdentifyOptions
 
 CANDIDATES = ("x", "v", "force", "x^2", "x v", "x^3", "x^2 v", "v^2", "v^3", "|v| v")
 TRUE = {"x": -2.0, "v": -0.3, "force": 1.0, "x^3": -1.5}
@@ -17,7 +20,9 @@ SIGMA = {"x": 0.004, "v": 0.01, "w": 0.05, "vdot": 0.02, "wdot": 0.05}
 
 
 class Oscillator(AbstractModel):
-    """x' = v, v' = stiffness(x, v, force), and a state w of its own that nothing drives: w' = drift(w)."""
+    """x' = v, v' = stiffness(x, v, force), and a state w of its own that nothing drives: w' =
+    drift(w).
+    """
 
     stiffness: Polynomial
     drift: Polynomial
@@ -75,58 +80,64 @@ def record():
 
 
 @pytest.fixture(scope="module")
-def found(record):
+def result(record):
     return identify(EMPTY, record)
 
 
-def test_the_structure_is_found_and_the_equation_without_motion_is_left_out(found):
-    assert set(found.equations["stiffness"].regression.names) == set(TRUE)
-    assert found.left_out == ("drift",)
-    assert "below 100" in found.equations["drift"].why
-    assert found.model.states == ("x", "v")
-    assert found.model.inputs == ("force", "w")
+def test_structure_is_identified_without_equation_of_absent_motion(result):
+    assert set(result.equations["stiffness"].regression.names) == set(TRUE)
+    assert result.left_out == ("drift",)
+    assert "below 100" in result.equations["drift"].why
+    assert result.model.states == ("x", "v")
+    assert result.model.inputs == ("force", "w")
 
 
-def test_likelihood_removes_the_bias_of_the_regression(found):
-    """Noise in x and v biases the regression; the estimates are within four of their standard errors."""
-    fit = found.estimate
+def test_maximum_likelihood_removes_bias_of_regression(result):
+    """Noise in x and v biases the regression; the estimates are within four of their standard
+    errors.
+    """
+    fit = result.estimate
     assert bool(fit.successful)
     for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
         assert abs(float(value) - TRUE.get(name.partition(".")[2], 0.0)) < 4 * float(error), name
-    assert float(fit.cost) < found.start.cost
+    assert float(fit.cost) < result.start.cost
 
 
-def test_both_stages_stand_side_by_side(found):
-    rows = {row.name: row for row in found.parameters}
-    regression = found.equations["stiffness"].regression
+def test_parameters_list_results_of_both_stages(result):
+    rows = {row.name: row for row in result.parameters}
+    regression = result.equations["stiffness"].regression
     for name, value, F in zip(regression.names, regression.values, regression.F, strict=True):
         row = rows[f"stiffness.{name}"]
-        np.testing.assert_allclose((row.regression, row.regression_F, row.start), (value, F, value), rtol=1e-12)
+        np.testing.assert_allclose(
+            (row.regression, row.regression_F, row.start), (value, F, value), rtol=1e-12
+        )
         assert np.isfinite(row.start_F)
-    assert "stiffness.x^3" in str(found)
-    assert "drift: left out" in str(found)
+    assert "stiffness.x^3" in str(result)
+    assert "drift: left out" in str(result)
 
 
-def test_the_start_costs_what_the_estimate_says_it_did(found):
-    np.testing.assert_allclose(found.start.cost, found.estimate.costs[0], rtol=1e-12)
+def test_cost_of_start_equals_first_cost_of_estimate(result):
+    np.testing.assert_allclose(result.start.cost, result.estimate.costs[0], rtol=1e-12)
 
 
-def test_a_flight_not_used_is_predicted_to_the_noise(found):
-    """400 samples: the RMS scatters by 3.5 %; 15 % is four of these, and the initial state is the measured one."""
+def test_unused_flight_is_predicted_to_noise_level(result):
+    """400 samples: the RMS scatters by 3.5 %; 15 % is four of these, and the initial state is the
+    measured one.
+    """
     other = measured(8)
-    prediction = found.predict(other, window=10)
-    rms = dict(zip(found.model.outputs, np.asarray(prediction.rms), strict=True))
+    prediction = result.predict(other, window=10)
+    rms = dict(zip(result.model.outputs, np.asarray(prediction.rms), strict=True))
     assert rms["x"] < 1.15 * SIGMA["x"]
     assert rms["v"] < 1.15 * SIGMA["v"]
 
 
-def test_bands_of_the_response_hold_the_truth(found, record):
-    band = found.bands("v").signals["v"]
+def test_prediction_bands_cover_true_response(result, record):
+    band = result.prediction_bands("v").signals["v"]
     assert band.value.shape == (1, 400)
     assert np.all(np.asarray(band.deviation) > 0)
 
 
-def test_every_decision_can_be_overruled_by_name(record):
+def test_options_override_every_decision_by_name(record):
     options = IdentifyOptions(
         keep=("drift",),
         terms={"drift": ("w",), "stiffness": ("x", "v", "force", "x^3", "x^2")},
@@ -134,23 +145,29 @@ def test_every_decision_can_be_overruled_by_name(record):
         estimate={"stiffness": ("x^2",)},
         constants=False,
     )
-    found = identify(EMPTY, record, options=options)
-    names = found.estimate.names
+    result = identify(EMPTY, record, options=options)
+    names = result.estimate.names
     assert "stiffness.x^2" in names
     assert "stiffness.v" not in names
     assert "stiffness.1" not in names
-    assert found.left_out == ()
-    assert found.equations["drift"].why == "kept by name"
-    regression = found.equations["stiffness"].regression
+    assert result.left_out == ()
+    assert result.equations["drift"].why == "kept by name"
+    regression = result.equations["stiffness"].regression
     kept = dict(zip(regression.names, regression.values, strict=True))["v"]
-    assert float(found.model.stiffness.coefficients[found.model.stiffness.terms.index("v")]) == pytest.approx(kept)
+    assert float(
+        result.model.stiffness.coefficients[result.model.stiffness.terms.index("v")]
+    ) == pytest.approx(kept)
 
 
-def test_several_records_are_identified_together(record):
+def test_two_records_are_identified_jointly(record):
     """Twice the data: standard errors fall by about the square root of two."""
     single = identify(EMPTY, record)
-    both = identify(EMPTY, [record, measured(4)], options=IdentifyOptions(terms={"stiffness": tuple(TRUE)}))
-    ratio = both.estimate.standard_error("stiffness.x") / single.estimate.standard_error("stiffness.x")
+    both = identify(
+        EMPTY, [record, measured(4)], options=IdentifyOptions(terms={"stiffness": tuple(TRUE)})
+    )
+    ratio = both.estimate.standard_error("stiffness.x") / single.estimate.standard_error(
+        "stiffness.x"
+    )
     assert 0.5 < ratio < 0.95
 
 
@@ -164,19 +181,19 @@ def test_several_records_are_identified_together(record):
         (IdentifyOptions(terms={"stiffness": ("x", "y")}), "'y'"),
     ],
 )
-def test_a_name_that_does_not_exist_or_nothing_left_is_refused(record, options, words):
+def test_unknown_name_or_empty_structure_raises_error(record, options, words):
     with pytest.raises(InputError, match=words):
         identify(EMPTY, record, options=options)
 
 
-def test_options_out_of_range_are_refused():
+def test_options_out_of_range_raise_error():
     with pytest.raises(InputError, match="share"):
         IdentifyOptions(share=2.0)
     with pytest.raises(InputError, match="drift"):
         IdentifyOptions(keep=("drift",), leave_out=("drift",))
 
 
-def test_a_model_without_pseudo_measurements_is_told_so(record):
+def test_model_without_pseudo_measurements_raises_error(record):
     class Silent(AbstractModel):
         states, inputs, outputs = ("x",), ("force",), ("x",)
 
@@ -190,11 +207,13 @@ def test_a_model_without_pseudo_measurements_is_told_so(record):
         identify(Silent(), record)
 
 
-def test_a_share_of_the_response_can_be_asked_for(record):
+def test_least_r2_omits_equation_with_small_explained_share(record):
     """None of the two responses is explained to four nines."""
     asked = IdentifyOptions(least_F=0.0, least_R2=0.9999)
     with pytest.raises(
-        InputError, match=r"No equation is left: stiffness left out: overall F .*, and R2 below 0.9999; drift"
+        InputError,
+        match=r"No equation is left: stiffness left out: overall F .*, and R2 below "
+        r"0.9999; drift",
     ):
         identify(EMPTY, record, options=asked)
     with pytest.raises(InputError, match="least_R2 is 1"):

@@ -1,7 +1,9 @@
-"""From files in the layouts of SIDPAC and of DLR to a model that predicts another flight: what docs/real_records.md prints, run.
+"""From files in the layouts of SIDPAC and of DLR to a model that predicts another flight: what
+docs/real_records.md prints, run.
 
-Files are simulated flights of an aircraft whose coefficients are known. Estimates are held against them in standard errors, the
-seeds fixed: of 40 normal numbers the largest exceeds 4 in one of 400 draws.
+Files are simulated flights of an aircraft whose coefficients are known. Estimates are held against
+them in standard errors, the seeds fixed: of 40 normal numbers the largest exceeds 4 in one of 400
+draws.
 """
 
 import re
@@ -27,12 +29,14 @@ OWN = {
 
 @pytest.fixture(scope="module")
 def guide(tmp_path_factory):
-    """Everything that the guide's blocks leave behind, and what they printed."""
+    """All variables that the guide's code blocks define, and their printed output."""
     folder = tmp_path_factory.mktemp("flights")
     write_sidpac(folder / "flight.mat", flight(seed=1))
     write_sidpac(folder / "other.mat", flight(seed=2, which=("rudder", "stabilator", "aileron")))
     write_hfb(folder / "hfb320_1_10.asc", flight(step=0.05, which=("stabilator",), seed=3))
-    blocks = re.findall(r"^```python\n(.*?)^```", GUIDE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    blocks = re.findall(
+        r"^```python\n(.*?)^```", GUIDE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
+    )
     code = "\n".join(blocks)
     for printed, own in OWN.items():
         assert code.count(printed) == 1, printed
@@ -57,53 +61,66 @@ def true_at(centre):
     return moved
 
 
-def standardised(found):
+def standardised(result):
     """Deviations from the truth, in standard errors."""
-    estimate, true = found.estimate, true_at(found.centre)
-    values, errors = np.asarray(estimate.values), np.asarray(estimate.coloured_errors)
-    return {n: (v - true.get(n, 0.0)) / e for n, v, e in zip(estimate.names, values, errors, strict=True)}
+    estimate, true = result.estimate, true_at(result.centre)
+    values, errors = np.asarray(estimate.values), np.asarray(estimate.corrected_errors)
+    return {
+        n: (v - true.get(n, 0.0)) / e
+        for n, v, e in zip(estimate.names, values, errors, strict=True)
+    }
 
 
-def test_a_record_of_sidpac_is_identified(guide):
-    """All six equations are kept, with the terms that are true and none that is not, and values within their errors."""
-    found = guide["found"]
-    assert bool(found.estimate.successful), found.estimate.status
-    assert found.left_out == ()
-    assert {n: {*one.regression.names} for n, one in found.equations.items()} == {
+def test_sidpac_record_is_identified(guide):
+    """All six equations are kept, with the terms that are true and none that is not, and values
+    within their errors.
+    """
+    result = guide["found"]
+    assert bool(result.estimate.successful), result.estimate.status
+    assert result.left_out == ()
+    assert {n: {*one.regression.names} for n, one in result.equations.items()} == {
         n: {*of} - {"1"} for n, of in TRUE.items()
     }
-    deviations = standardised(found)
+    deviations = standardised(result)
     assert max(map(abs, deviations.values())) < WORST, deviations
 
 
-def test_its_instruments_are_checked(guide):
-    """Nothing is planted, and residuals are the noise; what is found is what noise of the gyros adds up to (1e-4 rad/s)."""
+def test_consistency_of_sidpac_record_finds_gyro_noise_level(guide):
+    """No error is planted, and the residuals are noise; the estimated error is the integrated noise
+    of the gyros (1e-4 rad/s).
+    """
     checked = guide["checked"]
     assert bool(checked.estimate.successful)
     for channel in checked.channels:
         assert channel.after == pytest.approx(NOISE[channel.name], rel=0.08), channel.name
     assert all(
-        abs(one.value) < 2e-4 for one in checked.errors if one.name in ("input_bias.p", "input_bias.q", "input_bias.r")
+        abs(one.value) < 2e-4
+        for one in checked.errors
+        if one.name in ("input_bias.p", "input_bias.q", "input_bias.r")
     )
     assert "instruments" in guide["said"][0]
 
 
-def test_another_flight_is_predicted_to_its_noise(guide):
-    """RMS of errors near the noise; an error of the model and of its start as large as the noise would make 1.41 of it."""
+def test_other_flight_is_predicted_to_noise_level(guide):
+    """RMS of errors near the noise; an error of the model and of its start as large as the noise
+    would make 1.41 of it.
+    """
     rms = dict(zip(guide["found"].model.outputs, np.asarray(guide["prediction"].rms), strict=True))
     assert set(rms) == set(NOISE) - {"altitude"}
     for name, value in rms.items():
         assert 0.9 * NOISE[name] < value < 1.45 * NOISE[name], name
 
 
-def test_a_longitudinal_flight_in_text_columns_is_identified(guide):
-    """Mass and size as arguments, angular accelerations from the file, density from qbar, no altitude and no heading."""
-    found = guide["longitudinal"]
-    assert bool(found.estimate.successful), found.estimate.status
-    assert found.model.states == ("u", "w", "q", "pitch")
-    assert set(found.model.inputs) == {*SURFACES, "thrust", "density", "v", "p", "r", "phi"}
-    assert {n: {*one.regression.names} for n, one in found.equations.items()} == {
+def test_longitudinal_flight_in_text_columns_is_identified(guide):
+    """Mass and size as arguments, angular accelerations from the file, density from qbar, no
+    altitude and no heading.
+    """
+    result = guide["longitudinal"]
+    assert bool(result.estimate.successful), result.estimate.status
+    assert result.model.states == ("u", "w", "q", "pitch")
+    assert set(result.model.inputs) == {*SURFACES, "thrust", "density", "v", "p", "r", "phi"}
+    assert {n: {*one.regression.names} for n, one in result.equations.items()} == {
         n: {*TRUE[n]} - {"1"} for n in ("CX", "CZ", "Cm")
     }
-    deviations = standardised(found)
+    deviations = standardised(result)
     assert max(map(abs, deviations.values())) < WORST, deviations

@@ -1,4 +1,4 @@
-"""Which record would tell two effects apart."""
+"""Power of a planned record to distinguish two effects."""
 
 from types import SimpleNamespace
 
@@ -7,16 +7,25 @@ import numpy as np
 import pytest
 from small_spring import Spring
 
-from jaxid import Augmented, OutputError, ZeroOrder, estimate, free, record, simulate
+from jaxid import OutputError, estimate, free, record, simulate
 from jaxid._foundation.checks import InputError
-from jaxid.models import FixedNoise, Term
-from jaxid.study import Rival, told_apart
+from jaxid.effects import Augmented, Term
+from jaxid.models import FixedNoise
+from jaxid.simulation.hold import ZeroOrder
+from jaxid.study import Rival, Study, discrimination
 
 SIGMA = 0.02
 
 
 def with_term(product, gain):
     return Augmented(Spring(1.5, 0.2), (Term("v", product, jnp.array(gain)),))
+
+
+def partial_study(**fields):
+    """A `Study` that has only the fields that `discrimination` reads."""
+    study = object.__new__(Study)
+    vars(study).update(fields)
+    return study
 
 
 def plan(size):
@@ -30,7 +39,7 @@ def study():
     """A cubic spring was named; a square of position times speed would do as well."""
     named, rival = with_term("x^3", -0.05), with_term("x^2 v", -0.02)
     chosen = free(rival, "k", "c", "x^2 v in v.gain")
-    return SimpleNamespace(
+    return partial_study(
         rivals=(Rival("x^2 v in v", "x^2 v", ("x^3 in v",), 1.0, rival, chosen),),
         after=SimpleNamespace(model=named, estimate=SimpleNamespace(free=chosen)),
         noise={"x": SIGMA},
@@ -39,24 +48,28 @@ def study():
     )
 
 
-def test_what_is_left_is_what_a_fit_of_the_rival_leaves(study):
-    """The fit is nonlinear, what is told is linear: they agree within a few per cent where the difference is small."""
+def test_discrimination_equals_residual_of_refitted_rival(study):
+    """The fit is nonlinear and the prediction linear: for small differences they agree within a few
+    per cent.
+    """
     small = plan(0.25)
-    told = told_apart(study, small)["x^2 v in v"]
+    chi_square = discrimination(study, small)["x^2 v in v"]
     y = simulate(study.after.model, small.t, small.u, jnp.zeros(2), hold=ZeroOrder()).y
     expected = record(small.t, small.u, y, inputs=("force",), outputs=("x",))
     (rival,) = study.rivals
-    fit = estimate(rival.model, rival.free, expected, OutputError(FixedNoise([SIGMA**2]), ZeroOrder()))
+    fit = estimate(
+        rival.model, rival.free, expected, OutputError(FixedNoise([SIGMA**2]), ZeroOrder())
+    )
     left = float(np.sum((np.asarray(fit.residuals) / SIGMA) ** 2))
     assert left > 1e-3
-    np.testing.assert_allclose(told, left, rtol=0.05)
+    np.testing.assert_allclose(chi_square, left, rtol=0.05)
 
 
-def test_a_larger_input_tells_more(study):
-    little, much = (told_apart(study, plan(size))["x^2 v in v"] for size in (0.25, 1.0))
+def test_larger_input_increases_discrimination(study):
+    little, much = (discrimination(study, plan(size))["x^2 v in v"] for size in (0.25, 1.0))
     assert little < 6.0 < much
 
 
 def test_refusals(study):
     with pytest.raises(InputError, match="no rivals"):
-        told_apart(SimpleNamespace(rivals=()), plan(1.0))
+        discrimination(partial_study(rivals=()), plan(1.0))

@@ -5,55 +5,69 @@ import numpy as np
 import pytest
 
 from jaxid.diagnosis.scores import Scores
-from jaxid.models.effects_equation import StateLimit, Term
-from jaxid.models.effects_sensor import SensorSaturation
+from jaxid.effects.equation import StateLimit, Term
+from jaxid.effects.sensor import SensorSaturation
+from jaxid.study.rounds import Candidate, Decision
 from jaxid.study.shortlist import HOPELESS, has_no_shape, shortlist
-from jaxid.study.study import Candidate
 
-EFFECTS = {one.name: one for one in (Term("v", "x^3"), Term("v", "x^2"), Term("v", "x"), StateLimit("x", "v"))}
+EFFECTS = {
+    one.name: one
+    for one in (Term("v", "x^3"), Term("v", "x^2"), Term("v", "x"), StateLimit("x", "v"))
+}
 GAINS = {name: column for column, name in enumerate(EFFECTS)}
 
 
 def _listed(scores: dict[str, float], overlap=0.0, limit=8, threshold=10.0):
-    """The shortlist of candidates with given scores, the first two of which overlap."""
+    """Shortlist of candidates with given scores; the first two candidates overlap."""
     names = sorted(scores, key=lambda name: -scores[name])
     alike = np.eye(len(GAINS))
     alike[0, 1] = alike[1, 0] = overlap
     zero = jnp.zeros(len(GAINS))
-    found = Scores(zero, zero + 1.0, zero, zero, jnp.asarray(alike))
-    candidates = tuple(Candidate(name, name, "", "", scores[name], scores[name], 0.0, 1.0) for name in names)
-    return shortlist(candidates, found, EFFECTS, GAINS, {}, threshold, limit), {one.name: one for one in candidates}
+    result = Scores(zero, zero + 1.0, zero, zero, jnp.asarray(alike))
+    candidates = tuple(
+        Candidate(name, name, (), "", scores[name], scores[name], 0.0, 1.0) for name in names
+    )
+    return shortlist(candidates, result, EFFECTS, GAINS, {}, threshold, limit), {
+        one.name: one for one in candidates
+    }
 
 
-def _verdict(listed, one: Candidate, best_fall: float):
-    return listed.verdict_without_refit(one, EFFECTS[one.name], best_fall)
+def _decision(listed, one: Candidate, best_fall: float):
+    return listed.decision_without_refit(one, EFFECTS[one.name], best_fall)
 
 
-def test_the_best_scored_above_the_threshold_are_refitted():
+def test_best_scored_candidates_above_threshold_are_refitted():
     listed, candidates = _listed({"x^3 in v": 50.0, "x^2 in v": 40.0, "x in v": 9.0})
     assert listed.chosen == ("x^3 in v", "x^2 in v")
-    assert [_verdict(listed, one, 0.0) for one in candidates.values()] == [None, None, "not refitted"]
+    assert [_decision(listed, one, 0.0) for one in candidates.values()] == [
+        None,
+        None,
+        Decision.NOT_REFITTED,
+    ]
     listed, _ = _listed({"x^3 in v": 50.0, "x^2 in v": 40.0}, limit=1)
     assert listed.chosen == ("x^3 in v",)
 
 
-def test_of_twins_the_simpler_is_refitted():
+def test_simpler_of_collinear_candidates_is_refitted():
     listed, candidates = _listed({"x^3 in v": 50.0, "x^2 in v": 49.9}, overlap=1.0)
     assert listed.chosen == ("x^2 in v",)
-    assert _verdict(listed, candidates["x^3 in v"], 0.0) == "to these records one and the same as x^2 in v"
+    assert _decision(listed, candidates["x^3 in v"], 0.0) is Decision.COLLINEAR
+    assert listed.twins == {"x^3 in v": "x^2 in v"}
 
 
 @pytest.mark.parametrize(("share", "refitted"), [(1.01 * HOPELESS, True), (0.99 * HOPELESS, False)])
-def test_what_scores_far_below_the_best_fall_is_not_refitted(share, refitted):
+def test_score_far_below_best_fall_is_not_refitted(share, refitted):
     listed, candidates = _listed({"x^3 in v": 1000.0, "x^2 in v": 1000.0 * share})
-    assert (_verdict(listed, candidates["x^2 in v"], 1000.0) is None) == refitted
+    assert (_decision(listed, candidates["x^2 in v"], 1000.0) is None) == refitted
 
 
-def test_of_many_shapes_so_many_are_refitted_and_what_the_records_show_first():
+def test_refits_of_shapes_are_limited_and_evident_ones_come_first():
     levels = [StateLimit("x", "v", fraction) for fraction in (0.6, 0.75, 0.9)]
     stop = SensorSaturation("x")
     effects = {one.name: one for one in (*levels, stop)}
-    candidates = tuple(Candidate(name, name, "", "", 9.0 - i, 9.0 - i, 0.0, 1.0) for i, name in enumerate(effects))
+    candidates = tuple(
+        Candidate(name, name, (), "", 9.0 - i, 9.0 - i, 0.0, 1.0) for i, name in enumerate(effects)
+    )
     zero = jnp.zeros(len(effects))
     scores = Scores(zero, zero + 1.0, zero, zero, jnp.eye(len(effects)))
     measured = {"x": np.minimum(np.linspace(0.0, 2.0, 101), 1.0)}
@@ -62,7 +76,7 @@ def test_of_many_shapes_so_many_are_refitted_and_what_the_records_show_first():
     assert listed.unseen == {stop.name, levels[0].name}
 
 
-def test_a_shape_is_refitted_however_little_it_scores():
+def test_shape_is_refitted_at_any_score():
     (limit,) = (name for name, one in EFFECTS.items() if not has_no_shape(one))
     listed, candidates = _listed({"x^3 in v": 1e6, limit: 20.0})
-    assert _verdict(listed, candidates[limit], 1e6) is None
+    assert _decision(listed, candidates[limit], 1e6) is None

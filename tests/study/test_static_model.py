@@ -1,4 +1,6 @@
-"""A model without states: a calibration, or coefficients from accelerations; its outputs are its equations."""
+"""A model without states: a calibration, or coefficients from accelerations; its outputs are its
+equations.
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -6,8 +8,17 @@ import numpy as np
 import pytest
 
 import jaxid
-from jaxid.models import Acting, Hinge, InputDelay, InputHysteresis, SensorScale, Term, general_effects
-from jaxid.models.library import uncertain_equations
+from jaxid.effects import (
+    Hinge,
+    InputDelay,
+    InputHysteresis,
+    LocationKind,
+    Placement,
+    SensorScale,
+    Term,
+    general_effects,
+)
+from jaxid.effects.library import uncertain_equations
 
 
 class Lift(jaxid.AbstractModel):
@@ -39,19 +50,30 @@ def records(seed):
     return [measured(rng) for _ in range(3)]
 
 
-def test_what_an_effect_adds_to_its_equation_is_seen():
-    effects = (Term("CL", "alpha^2", gain=jnp.array(3.0)), Hinge(Acting.equation("CL"), "alpha", 0.5))
+def test_effect_changes_its_equation():
+    effects = (
+        Term("CL", "alpha^2", gain=jnp.array(3.0)),
+        Hinge(Placement.equation("CL"), "alpha", 0.5),
+    )
     model = jaxid.Augmented(Lift(jnp.array(5.0), jnp.array(0.4)), effects)
     t, u = np.arange(3.0), np.array([[0.1, 0.2], [0.2, 0.0], [-0.1, 0.1]])
-    found = jaxid.simulate(model, t, u, np.zeros(0)).y[:, 0]
-    np.testing.assert_allclose(found, 5.0 * u[:, 0] + 0.4 * u[:, 1] + 3.0 * u[:, 0] ** 2, rtol=1e-14)
+    result = jaxid.simulate(model, t, u, np.zeros(0)).y[:, 0]
+    np.testing.assert_allclose(
+        result, 5.0 * u[:, 0] + 0.4 * u[:, 1] + 3.0 * u[:, 0] ** 2, rtol=1e-14
+    )
 
 
-def test_the_general_library_has_terms_and_bends_of_its_inputs():
+def test_general_library_has_terms_and_hinges_of_inputs():
     model = Lift(jnp.array(5.0), jnp.array(0.4))
     assert uncertain_equations(model, np.arange(2)) == ("CL",)
     offered = {effect.name for effect in general_effects(model)}
-    assert {"alpha^3 in CL", "alpha elevator in CL", "1 in CL", "delay of input alpha", "bias of CL"} <= offered
+    assert {
+        "alpha^3 in CL",
+        "alpha elevator in CL",
+        "1 in CL",
+        "delay of input alpha",
+        "bias of CL",
+    } <= offered
     assert any(name.startswith("dead band") and name.endswith("in CL") for name in offered)
     assert "hysteresis of input elevator" in offered
     assert not any(
@@ -59,13 +81,18 @@ def test_the_general_library_has_terms_and_bends_of_its_inputs():
     )  # it has no speed, and no state that lags
 
 
-@pytest.mark.parametrize("effect", [InputDelay("elevator"), InputHysteresis("elevator", width=jnp.array(0.1))])
-def test_it_feels_its_input_as_it_arrives(effect):
+@pytest.mark.parametrize(
+    "effect", [InputDelay("elevator"), InputHysteresis("elevator", width=jnp.array(0.1))]
+)
+def test_static_model_receives_modified_input(effect):
     t = 0.1 * np.arange(50)
     u = np.column_stack([0.1 * np.sin(t), 0.2 * np.cos(3.0 * t)])
     model = Lift(jnp.array(5.0), jnp.array(0.4))
     there = eqx.tree_at(lambda one: one.gain, effect, jnp.array(0.1))
-    before, after = (jaxid.simulate(one, t, u, np.zeros(0)).y for one in (model, jaxid.Augmented(model, (there,))))
+    before, after = (
+        jaxid.simulate(one, t, u, np.zeros(0)).y
+        for one in (model, jaxid.Augmented(model, (there,)))
+    )
     assert np.max(np.abs(after - before)) > 0.2 * 0.4 * 0.2
 
 
@@ -83,7 +110,7 @@ def behind(u, gain, width):
     return u - gain * np.array(z[::20])
 
 
-def test_hysteresis_of_its_input_is_found():
+def test_input_hysteresis_is_identified():
     def flown(seed):
         rng = np.random.default_rng(seed)
         t = 0.04 * np.arange(400)
@@ -101,15 +128,18 @@ def test_hysteresis_of_its_input_is_found():
         name = f"hysteresis of input elevator.{field}"
         error = study.after.estimate.standard_error(name)
         assert abs(study.after.estimate.value(name) - planted) < 4.0 * error < 0.1 * planted
-    assert study.after.rms["test"]["CL"] == pytest.approx(NOISE, rel=0.08)  # 1,200 samples, four times 2 %
+    # 1,200 samples, four times 2 %
+    assert study.after.rms["test"]["CL"] == pytest.approx(NOISE, rel=0.08)
 
 
-def test_its_curve_is_found(records):
+def test_static_curve_is_identified(records):
     model = Lift(jnp.array(4.0), jnp.array(0.0))
     free = jaxid.free(model, "slope", "elevator")
     train, check, test = records
     effects = (Term("CL", "alpha^2"), Term("CL", "alpha^3"), SensorScale("CL"))
-    study = jaxid.close_loop(model, free, jaxid.OutputError(), train=train, check=check, test=test, effects=effects)
+    study = jaxid.close_loop(
+        model, free, jaxid.OutputError(), train=train, check=check, test=test, effects=effects
+    )
     assert study.effects == ("alpha^3 in CL",)
     value, error = (
         study.after.estimate.value("alpha^3 in CL.gain"),
@@ -118,4 +148,7 @@ def test_its_curve_is_found(records):
     assert abs(value - TRUE) < 4.0 * error
     # 400 samples: the RMS of noise scatters by 3.5 %.
     assert study.after.rms["test"]["CL"] == pytest.approx(NOISE, rel=0.14)
-    assert {place.kind for place in study.where["before"].places} == {"input", "output"}
+    assert {place.location.kind for place in study.localisation["before"].places} == {
+        LocationKind.INPUT,
+        LocationKind.SENSOR,
+    }

@@ -1,4 +1,6 @@
-"""Gusts so strong that output error takes other derivatives for them: the filter finds the gusts and the derivatives."""
+"""Gusts so strong that output error takes other derivatives for them: the filter finds the gusts
+and the derivatives.
+"""
 
 import equinox as eqx
 import jax
@@ -9,16 +11,18 @@ import pytest
 import jaxid
 from jaxid.data import stack
 from jaxid.diagnosis.process_noise import process_noise
+from jaxid.effects import InputDelay, LocationKind, Term
 from jaxid.estimation import estimate
 from jaxid.estimation.problem import Problem
-from jaxid.models import InputDelay, Term
 from jaxid.models.free import Parameters
+from jaxid.study.outcome import Outcome
 
 SPEED, STEP, SAMPLES, GRAVITY = 150.0, 0.05, 300, 9.81  # m/s, s, m/s^2
 GUST, MEMORY = 3.0, 1.0  # standard deviation [m/s] and correlation time [s] of the lateral gusts
 TRUE = {"Yv": -0.2, "Lv": -0.06, "Lp": -2.0, "La": -8.0, "Nv": 0.02, "Nr": -0.4, "Nd": -2.0}
 KNOWN = (
-    "Yv"  # else a force on v would be asked about beside the gust, which moves the aircraft through the air as it does
+    # A free force on v would be nearly collinear with the gust, which acts in the same equation.
+    "Yv"
 )
 FREE = tuple(f"derivatives.{name}" for name in TRUE if name != KNOWN)
 NOISE = np.array([0.001, 0.002, 0.002, 0.003, 0.05])  # rad, rad/s, rad/s, rad, m/s^2
@@ -41,7 +45,9 @@ def seen(d, x, gust):
 
 
 class Lateral(jaxid.AbstractModel):
-    """Each sensor has a bias, and no start is known: a steady wind is another start, and hard to see."""
+    """Each sensor has a bias, and no start is known: a steady wind is another start, and hard to
+    see.
+    """
 
     derivatives: dict[str, jax.Array]
     bias: jax.Array
@@ -58,14 +64,18 @@ class Lateral(jaxid.AbstractModel):
     def output(self, t, x, u):
         return jnp.stack(seen(self.derivatives, x, jnp.sum(u[2:]))) + self.bias
 
-    def gusty(self):
+    def with_disturbance_inputs(self):
         return Lateral(self.derivatives, self.bias, gusts=("gust_v",))
 
 
 def flown(seed):
-    """A record in gusts that nobody records, with twenty steps between samples, in NumPy; and the gusts."""
+    """A record in gusts that nobody records, with twenty steps between samples, in NumPy; and the
+    gusts.
+    """
     rng = np.random.default_rng(seed)
-    u = 0.02 * np.stack([np.convolve(rng.normal(size=SAMPLES), np.ones(8) / 2.5, "same") for _ in range(2)], axis=1)
+    u = 0.02 * np.stack(
+        [np.convolve(rng.normal(size=SAMPLES), np.ones(8) / 2.5, "same") for _ in range(2)], axis=1
+    )
     keep, gust = np.exp(-STEP / MEMORY), [GUST * rng.normal()]
     for _ in range(SAMPLES):
         gust.append(keep * gust[-1] + np.sqrt(1 - keep**2) * GUST * rng.normal())
@@ -74,11 +84,13 @@ def flown(seed):
         y.append(seen(TRUE, x, gust[i]))
         for k in range(20):
             now = u[i] + k / 20 * (u[min(i + 1, SAMPLES - 1)] - u[i])
-            x = x + part * np.array(rates(TRUE, x, *now, gust[i] + k / 20 * (gust[i + 1] - gust[i]), np.sin))
+            x = x + part * np.array(
+                rates(TRUE, x, *now, gust[i] + k / 20 * (gust[i + 1] - gust[i]), np.sin)
+            )
     z, t = np.array(y) + NOISE * rng.normal(size=(SAMPLES, 5)), STEP * np.arange(SAMPLES)
-    return jaxid.record(t, u, z, inputs=("aileron", "rudder"), outputs=Lateral.outputs, name=f"record {seed}"), gust[
-        :-1
-    ]
+    return jaxid.record(
+        t, u, z, inputs=("aileron", "rudder"), outputs=Lateral.outputs, name=f"record {seed}"
+    ), gust[:-1]
 
 
 def declared(first, count=3):
@@ -86,28 +98,48 @@ def declared(first, count=3):
     records, gusts = zip(*(flown(first + k) for k in range(count)), strict=True)
     begin = {name: value if name == KNOWN else 0.8 * value for name, value in TRUE.items()}
     model = Lateral(jax.tree.map(jnp.array, begin), jnp.zeros(5))
-    return records, np.array(gusts), model, jaxid.free(model, *FREE, "bias", per_record=("initial_state",))
+    return (
+        records,
+        np.array(gusts),
+        model,
+        jaxid.free(model, *FREE, "bias", per_record=("initial_state",)),
+    )
 
 
-def test_strong_gusts_and_the_derivatives_are_found():
+def test_strong_gusts_and_derivatives_are_estimated():
     records, gusts, model, free = declared(800)
     fit = estimate(model, free, stack(list(records)), jaxid.OutputError())
     problem = Problem.of(fit.model, free, stack(list(records)), jaxid.OutputError())
-    begin = Parameters(jnp.array([0.8 * TRUE[name] for name in TRUE if name != KNOWN] + [0.0] * 5), jnp.zeros((3, 4)))
-    found = process_noise(problem, fit.parameters, jnp.array([GUST]), (("air", ("gust_v",)),), False, (begin,))
-    # 45 s hold 45 correlation times, which tell a deviation to 1/sqrt(2 * 45) = 10 %, the time to twice that: two of these.
-    assert float(found.force[0]) == pytest.approx(np.std(gusts), rel=0.21)
-    assert float(found.time[0]) == pytest.approx(MEMORY, rel=0.42)
+    begin = Parameters(
+        jnp.array([0.8 * TRUE[name] for name in TRUE if name != KNOWN] + [0.0] * 5),
+        jnp.zeros((3, 4)),
+    )
+    result = process_noise(
+        problem,
+        fit.parameters,
+        jnp.array([GUST]),
+        ((LocationKind.AIR, ("gust_v",)),),
+        False,
+        (begin,),
+    )
+    # 45 s are 45 correlation times; the standard error of a standard deviation is then
+    # 1/sqrt(2 * 45) = 10 %, of the time twice that. The limit is two standard errors.
+    assert float(result.force[0]) == pytest.approx(np.std(gusts), rel=0.21)
+    assert float(result.time[0]) == pytest.approx(MEMORY, rel=0.42)
     true = np.array([value for name, value in TRUE.items() if name != KNOWN])
     by_filter, by_output_error = (
-        np.abs(np.asarray(one.shared)[: true.size] / true - 1.0) for one in (found.parameters, fit.parameters)
+        np.abs(np.asarray(one.shared)[: true.size] / true - 1.0)
+        for one in (result.parameters, fit.parameters)
     )
     assert np.max(by_output_error) > 0.3
-    assert np.max(by_filter) < 0.045  # three times what the innovations say of the least known of them, the yaw damping
+    # three standard errors of the least accurate parameter, the yaw damping
+    assert np.max(by_filter) < 0.045
 
 
-def test_where_output_error_leads_astray_the_loop_begins_anew():
-    """Here output error takes the gusts for no yaw damping at all, from where the filter finds a wind that wanders."""
+def test_loop_restarts_filter_from_declared_values():
+    """Here output error takes the gusts for no yaw damping at all, from where the filter finds a
+    wind that wanders.
+    """
     records, gusts, model, free = declared(400, count=5)
     study = jaxid.close_loop(
         model,
@@ -119,11 +151,13 @@ def test_where_output_error_leads_astray_the_loop_begins_anew():
         effects=(Term("r", "v r"), InputDelay("rudder")),
         window=50,
     )
-    assert study.outcome == "process noise"
+    assert study.outcome is Outcome.PROCESS_NOISE
     assert abs(study.before.estimate.value("derivatives.Nr") / TRUE["Nr"] - 1.0) > 0.3
     told = study.process_noise
     assert told.force["gust_v"] == pytest.approx(np.std(gusts[:3]), rel=0.21)
     assert told.time == pytest.approx(MEMORY, rel=0.42)
     assert [*told.parameters] == [*study.before.estimate.names]
     for name in FREE:
-        assert told.parameters[name] == pytest.approx(TRUE[name.removeprefix("derivatives.")], rel=0.045)
+        assert told.parameters[name] == pytest.approx(
+            TRUE[name.removeprefix("derivatives.")], rel=0.045
+        )

@@ -1,4 +1,4 @@
-"""A set of effects is fitted in a model with the whole library or in one of its own: the fit is the same."""
+"""Fits with the complete library and with the reduced model are the same; continuation of fits."""
 
 import dataclasses
 
@@ -8,22 +8,23 @@ import pytest
 from small_spring import Spring, fly
 
 from jaxid import AbstractModel, OutputError, free
+from jaxid.effects.augmented import Augmented
+from jaxid.effects.equation import StateLimit, Term
+from jaxid.effects.input import InputLag
+from jaxid.effects.sensor import SensorBias
 from jaxid.estimation.estimate import as_stack
-from jaxid.models.augmented import Augmented
-from jaxid.models.effects_equation import StateLimit, Term
-from jaxid.models.effects_input import InputLag
-from jaxid.models.effects_sensor import SensorBias
-from jaxid.study import workbench
+from jaxid.study import fit, loop_problem
 from jaxid.study.close_loop import SOLVER
-from jaxid.study.programs import operations, pays_to_compile
-from jaxid.study.workbench import Workbench, worth_going_on
+from jaxid.study.compilation import operations, use_reduced_model
+from jaxid.study.fit import worth_continuing
+from jaxid.study.workbench import Workbench
 
 LIBRARY = (Term("v", "x^3"), InputLag("force"), SensorBias("x"), StateLimit("x", "v"))
 CUBIC = Term("v", "x^3", jnp.array(-0.3))
 
 
-def _bench(monkeypatch, by_itself: bool, solver=SOLVER) -> Workbench:
-    monkeypatch.setattr(workbench, "pays_to_compile", lambda model, samples: by_itself)
+def _workbench(monkeypatch, reduced: bool, solver=SOLVER) -> Workbench:
+    monkeypatch.setattr(loop_problem, "use_reduced_model", lambda model, samples: reduced)
     model = Spring(jnp.array(1.5), jnp.array(0.2))
     own = free(
         model,
@@ -38,71 +39,81 @@ def _bench(monkeypatch, by_itself: bool, solver=SOLVER) -> Workbench:
 
 
 def _both(monkeypatch, named):
-    """For each of two starts, the workbench and its fit with the whole library, and those in a model of its own."""
-    found = []
-    for by_itself in (False, True):
-        bench = _bench(monkeypatch, by_itself)
-        declared = bench.set_shapes(bench.base())
-        bench.score(declared)  # so that the sensitivities there are known to the fit
+    """For each of two starts: workbench and fit with the complete library, and with the reduced
+    model.
+    """
+    fits = []
+    for reduced in (False, True):
+        workbench = _workbench(monkeypatch, reduced)
+        declared = workbench.set_shapes(workbench.base())
+        workbench.score(declared)  # so that the fit reuses the sensitivities at its start
         values = np.array(declared.values)
-        values[[bench.columns.gains[name] for name in named]] = 0.05
-        starts = (declared.values, values)
-        found.append([(bench, bench.fit(named, start, declared.fit.parameters.rows)) for start in starts])
-    return zip(*found, strict=True)
+        values[[workbench.columns.gains[name] for name in named]] = 0.05
+        rows = declared.fit.parameters.rows
+        fits.append(
+            [(workbench, workbench.fit(named, at, rows)) for at in (declared.values, values)]
+        )
+    return zip(*fits, strict=True)
 
 
 @pytest.mark.parametrize("named", [(), ("x^3 in v",), ("lag of input force", "bias of x")])
-def test_a_fit_in_a_model_of_its_own_is_the_same_fit(monkeypatch, named):
-    for (whole, carried), (alone, fitted) in _both(monkeypatch, named):
-        assert carried.columns == fitted.columns
+def test_fit_in_reduced_model_equals_fit_in_complete_library(monkeypatch, named):
+    for (complete, padded), (reduced, fitted) in _both(monkeypatch, named):
+        assert padded.columns == fitted.columns
         assert fitted.fit.parameters.shared.size == len(fitted.columns)
-        np.testing.assert_allclose(fitted.cost, carried.cost, rtol=1e-9)
-        known = whole.standard_errors(carried)
-        for name, (value, error) in alone.standard_errors(fitted).items():
-            # The same steps but for rounding, which an ill-determined direction magnifies: told in standard errors.
+        np.testing.assert_allclose(fitted.cost, padded.cost, rtol=1e-9)
+        known = complete.standard_errors(padded)
+        for name, (value, error) in reduced.standard_errors(fitted).items():
+            # The steps differ by rounding, which an ill-determined direction magnifies, so the
+            # limit is in standard errors.
             assert abs(value - known[name][0]) < 1e-6 * known[name][1]
             np.testing.assert_allclose(error, known[name][1], rtol=1e-5)
-        rows = carried.fit.parameters.rows
+        rows = padded.fit.parameters.rows
         np.testing.assert_allclose(fitted.fit.parameters.rows, rows, rtol=1e-6, atol=1e-9)
 
 
-def test_at_a_corner_both_fits_end_alike(monkeypatch):
-    """Which steps are refused at a corner hangs on rounding: from its two starts one and the same program ends 0.01 of the cost
-    apart. A search goes on for `LITTLE`, of which a tenth is asked."""
-    for (_, carried), (_, fitted) in _both(monkeypatch, (LIBRARY[3].name,)):
-        assert abs(fitted.cost - carried.cost) < 0.1 * workbench.LITTLE
+def test_reduced_and_padded_fits_of_effect_with_corner_reach_same_cost(monkeypatch):
+    """Rounding decides which steps are rejected at a corner: from its two starts, one program
+    reaches costs that differ by 0.01. The limit is a tenth of `LEAST_CONTINUED_FALL`, the smallest
+    fall for which a search continues a fit.
+    """
+    for (_, padded), (_, fitted) in _both(monkeypatch, (LIBRARY[3].name,)):
+        assert abs(fitted.cost - padded.cost) < 0.1 * fit.LEAST_CONTINUED_FALL
 
 
-def test_a_fit_that_its_iteration_limit_ends_is_gone_on_with(monkeypatch):
-    """So that a search compares what the effects bring, and not how far their fits have come."""
-    whole, brief = (_bench(monkeypatch, False, dataclasses.replace(SOLVER, max_steps=most)) for most in (100, 4))
-    start = whole.base().values
-    done = whole.fit(["x^3 in v"], start).cost
-    assert abs(brief.fit(["x^3 in v"], start).cost - done) < SOLVER.least_fall
-    monkeypatch.setattr(workbench, "GO_ON", 0)
-    assert brief.fit(["x^3 in v"], start).cost > done + 10.0
+def test_fit_stopped_by_its_iteration_limit_is_continued(monkeypatch):
+    """A search compares converged fits."""
+    patient, brief = (
+        _workbench(monkeypatch, False, dataclasses.replace(SOLVER, max_steps=most))
+        for most in (100, 4)
+    )
+    start = patient.base().values
+    converged = patient.fit(["x^3 in v"], start).cost
+    assert abs(brief.fit(["x^3 in v"], start).cost - converged) < SOLVER.least_fall
+    monkeypatch.setattr(fit, "GO_ON", 0)
+    assert brief.fit(["x^3 in v"], start).cost > converged + 10.0
 
 
 @pytest.mark.parametrize(
-    ("costs", "creeping", "goes_on"),
+    ("costs", "creeping", "continues"),
     [
         ([50.0], 0.1, True),  # no fall is known yet
         ([50.0, 20.0], 0.1, True),
         ([50.0, 20.0, 18.0], 0.1, False),
         ([50.0, 20.0, 18.0], 0.0, True),
         ([50.0, 49.7], 0.0, False),
-        ([50.0 - one for one in range(20)], 0.0, False),  # it has gone on often enough
+        ([50.0 - k for k in range(20)], 0.0, False),  # the limit of continuations
     ],
 )
-def test_a_fit_that_creeps_is_not_gone_on_with_but_to_be_finished(costs, creeping, goes_on):
-    assert worth_going_on(costs, creeping) is goes_on
+def test_creeping_fit_is_continued_only_to_finish_it(costs, creeping, continues):
+    assert worth_continuing(costs, creeping) is continues
 
 
-def test_a_program_of_its_own_pays_for_a_small_model_on_long_records():
+def test_reduced_model_is_used_for_small_model_on_long_records():
     small = Augmented(Spring(jnp.array(1.5), jnp.array(0.2)), LIBRARY)
-    assert not pays_to_compile(small, 300)
-    assert pays_to_compile(small, 20_000)
-    assert not pays_to_compile(small.only(()), 20_000)  # as it carries nothing
+    assert not use_reduced_model(small, 300)
+    assert use_reduced_model(small, 20_000)
+    assert not use_reduced_model(small.only(()), 20_000)  # it has no absent effects
 
 
 class Nested(AbstractModel):
@@ -117,5 +128,5 @@ class Nested(AbstractModel):
         return x
 
 
-def test_operations_are_those_of_the_equations_however_they_are_nested():
+def test_operations_count_nested_equations():
     assert operations(Nested()) == 3

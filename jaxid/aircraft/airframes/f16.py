@@ -8,43 +8,51 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._foundation.types import Array, Float
-from ...data.io_table import GridData
+from ...data.io.table import GridData
 from ...models.table_set import TableSet
 from ...models.tables import Extrapolation, Interpolation
-from ..aerodynamics import AbstractAerodynamics
-from ..aerodynamics_tables import read_coefficients
-from ..airframe import Airframe
+from ..vehicle.aerodynamics import AbstractAerodynamics
+from ..vehicle.aerodynamics_tables import read_coefficients
+from ..vehicle.airframe import Airframe
 from .shared import DATA, angles, ft, ft2, mass_properties
 
+# Deflections of the tables of TP-1538.
 FLAP = math.radians(25.0)  # leading-edge flap of the basic tables
-AILERON = math.radians(20.0)  # deflections of the tables that end in _a20 and _r30
-RUDDER = math.radians(30.0)
+AILERON = math.radians(20.0)  # tables that end in _a20
+RUDDER = math.radians(30.0)  # tables that end in _r30
 
 
 class F16Aerodynamics(AbstractAerodynamics):
-    r"""The build-up of NASA TP-1538, with `e = 1 - flap/25deg`, `a = aileron/20deg`, `d = rudder/30deg`.
+    r"""The build-up of NASA TP-1538, with `e = 1 - flap/25deg`, `a = aileron/20deg`, `d =
+    rudder/30deg`.
 
-        CX = CX(alpha, beta, stabilator) + e dCX_lef(alpha, beta) + (CXq + e dCXq_lef) qhat,      CZ alike
-        Cm = Cm(alpha, beta, stabilator) eta(stabilator) + e dCm_lef + dCm(alpha) + (Cmq + e dCmq_lef) qhat
+        CX = CX(alpha, beta, stabilator) + e dCX_lef(alpha, beta) + (CXq + e dCXq_lef) qhat
+        CZ as CX
+        Cm = Cm(alpha, beta, stabilator) eta(stabilator) + e dCm_lef + dCm(alpha)
+             + (Cmq + e dCmq_lef) qhat
         CY = CY(alpha, beta) + e dCY_lef + a (dCY_a20 + e dCY_a20_lef) + d dCY_r30
              + (CYp + e dCYp_lef) phat + (CYr + e dCYr_lef) rhat
         Cl, Cn as CY, with a static part that depends on the stabilator
 
-    The basic tables hold for the leading-edge flap fully down, 25 deg, those that end in `_lef` for the flap up; the increments
-    d... are differences of tables, and their values are parameters. The signs of deflections are those of this library, which
-    are the source's own. Not in: speed brake, deep-stall increment of the stabilator, and the increments of Cl_beta and Cn_beta
-    whose unit (per degree or per radian) is in doubt.
+    The basic tables are valid for the leading-edge flap fully down, 25 deg, tables that end in
+    `_lef` for the flap up; the increments d... are differences of tables, and their values are
+    parameters. The signs of deflections in the source are the signs of this library. Left out:
+    speed brake, deep-stall increment of the stabilator, and the increments of Cl_beta and Cn_beta,
+    because their unit (per degree or per radian) is uncertain.
 
-    The flap is either fixed or follows its steady schedule (TP-1538, without its lag), within 0 to 25 deg:
+    The flap is either fixed or follows its steady schedule (TP-1538, without its lag), within 0 to
+    25 deg:
 
         flap = 1.38 alpha + 1.45 deg - 9.05 deg qbar/pressure
 
     Args:
         grids: knots and values by name of table.
-        flap: of the leading edge [rad]; None for the schedule, which asks for the signals `qbar` and `pressure`.
+        flap: of the leading edge [rad]; None for the schedule, which needs the signals `qbar` and
+            `pressure`.
         interpolation: between knots, see `Table`.
-        extrapolation: beyond those of the basic tables. Increments of the flap are held beyond their 45 deg of alpha, where
-            the schedule has the flap fully down.
+        extrapolation: beyond the knots of the basic tables. Increments of the flap are constant
+            above 45 deg of alpha, the end of their tables; the schedule has the flap fully down
+            there.
 
     Raises:
         InputError: when a grid cannot be a table.
@@ -75,7 +83,11 @@ class F16Aerodynamics(AbstractAerodynamics):
         a, d = signals["aileron"] / AILERON, signals["rudder"] / RUDDER
 
         def longitudinal(name: str, static):
-            return static + e * c[f"d{name}_lef"] + (c[f"{name}q"] + e * c[f"d{name}q_lef"]) * signals["qhat"]
+            return (
+                static
+                + e * c[f"d{name}_lef"]
+                + (c[f"{name}q"] + e * c[f"d{name}q_lef"]) * signals["qhat"]
+            )
 
         def lateral(name: str):
             static = c[name] + e * c[f"d{name}_lef"] + d * c[f"d{name}_r30"]
@@ -88,11 +100,15 @@ class F16Aerodynamics(AbstractAerodynamics):
         return jnp.stack([*forces, lateral("Cl"), pitching, lateral("Cn")])
 
     def flap_position(self, signals: Mapping[str, Float[Array, ""]]) -> Float[Array, ""]:
-        """The leading-edge flap [rad], from `alpha`, `qbar` and `pressure` where it follows its schedule."""
+        """Return the position of the leading-edge flap [rad], fixed or by the schedule from
+        `alpha`, `qbar` and `pressure`.
+        """
         if self.flap is not None:
             return self.flap
         pressure = signals["qbar"] / signals["pressure"]
-        return jnp.clip(1.38 * signals["alpha"] + math.radians(1.45) - math.radians(9.05) * pressure, 0.0, FLAP)
+        return jnp.clip(
+            1.38 * signals["alpha"] + math.radians(1.45) - math.radians(9.05) * pressure, 0.0, FLAP
+        )
 
     @property
     def limits(self) -> dict[str, tuple[float, float]]:
@@ -110,28 +126,34 @@ def f16(
     interpolation: Interpolation = "linear",
     extrapolation: Extrapolation = "hold",
 ) -> Airframe:
-    """The F-16 of NASA TP-1538 (Nguyen et al., 1979), low speed, -20 to 90 deg in alpha and -30 to 30 deg in beta.
+    """Return the F-16 of NASA TP-1538 (Nguyen et al., 1979), low speed, -20 to 90 deg in alpha and
+    -30 to 30 deg in beta.
 
     Args:
         flap_deg: leading-edge flap, 0 to 25 [deg]; None for its schedule.
-        xcg: centre of gravity in parts of the chord; the tables refer to 0.35.
+        xcg: centre of gravity as a fraction of the chord; the tables refer to 0.35.
         interpolation: between knots, see `Table`.
-        extrapolation: beyond them.
+        extrapolation: beyond the knots.
     """
     flap = None if flap_deg is None else math.radians(flap_deg)
     aerodynamics = F16Aerodynamics(
-        read_coefficients(DATA / "f16"), flap=flap, interpolation=interpolation, extrapolation=extrapolation
+        read_coefficients(DATA / "f16"),
+        flap=flap,
+        interpolation=interpolation,
+        extrapolation=extrapolation,
     )
     return f16_airframe("f16", aerodynamics, xcg)
 
 
 def f16_airframe(name: str, aerodynamics: AbstractAerodynamics, xcg: float) -> Airframe:
-    """Mass, size and stops of the F-16 (TP-1538) with one of its sets of tables."""
+    """Return the F-16 with mass, size and stops of TP-1538 and one of its sets of tables."""
     cbar = ft(11.32)
     ranges = {signal: aerodynamics.limits[signal] for signal in ("alpha", "beta")}
     return Airframe(
         name=name,
-        mass_properties=mass_properties(weight_lb=20500.0, Ix=9496.0, Iy=55814.0, Iz=63100.0, Ixz=982.0),
+        mass_properties=mass_properties(
+            weight_lb=20500.0, Ix=9496.0, Iy=55814.0, Iz=63100.0, Ixz=982.0
+        ),
         S=ft2(300.0),
         b=ft(30.0),
         cbar=cbar,
@@ -143,22 +165,33 @@ def f16_airframe(name: str, aerodynamics: AbstractAerodynamics, xcg: float) -> A
 
 
 def _differences(grids: Mapping[str, GridData]) -> tuple[dict[str, GridData], dict[str, GridData]]:
-    """Basic tables and increments. Where the source tabulates a total, the increment is that less the basic one."""
-    basic = {name: grid for name, grid in grids.items() if "_lef" not in name and not name.endswith(("_a20", "_r30"))}
-    increments = {name: grid for name, grid in grids.items() if name.startswith("d") and name.endswith("_lef")}
+    """Return basic tables and increments; an increment that the source tabulates as a total is the
+    total less the basic table.
+    """
+    basic = {
+        name: grid
+        for name, grid in grids.items()
+        if "_lef" not in name and not name.endswith(("_a20", "_r30"))
+    }
+    increments = {
+        name: grid for name, grid in grids.items() if name.startswith("d") and name.endswith("_lef")
+    }
     for name in ("CX", "CY", "CZ", "Cl", "Cm", "Cn"):
         grid = grids[f"{name}_lef"]
-        clean, rows = _undeflected(grids[name]), len(grid.knots[0])  # the flap's alphas are the first of the basic ones
+        # The knots in alpha of the flap tables are the first of the basic tables.
+        clean, rows = _undeflected(grids[name]), len(grid.knots[0])
         increments[f"d{name}_lef"] = grid._replace(values=grid.values - clean[:rows])
         if name in ("CY", "Cl", "Cn"):
             for end in ("a20", "r30"):
                 total = grids[f"{name}_{end}"]
                 basic[f"d{name}_{end}"] = total._replace(values=total.values - clean)
-            rest = grids[f"{name}_a20_lef"].values - grid.values - basic[f"d{name}_a20"].values[:rows]
-            increments[f"d{name}_a20_lef"] = grid._replace(values=rest)
+            values = (
+                grids[f"{name}_a20_lef"].values - grid.values - basic[f"d{name}_a20"].values[:rows]
+            )
+            increments[f"d{name}_a20_lef"] = grid._replace(values=values)
     return basic, increments
 
 
 def _undeflected(grid: GridData) -> np.ndarray:
-    """Values over alpha and beta at zero stabilator."""
+    """Return the values over alpha and beta at zero stabilator."""
     return grid.values[..., grid.knots[2].index(0.0)] if len(grid.knots) == 3 else grid.values

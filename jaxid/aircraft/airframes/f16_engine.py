@@ -1,4 +1,4 @@
-"""The engine of the F-16 as Stevens and Lewis tabulate it."""
+"""The engine of the F-16 with the tables of Stevens and Lewis."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -7,18 +7,19 @@ from types import MappingProxyType
 import numpy as np
 
 from ..._foundation.types import Array, Float
-from ...data.io_table import GridData, read_table
+from ...data.io.table import GridData, read_table
 from ...data.units import convert
 from ...models.tables import Table
-from ..engine import Engine
-from ..engine_turbofan import RATINGS, Turbofan
+from ..vehicle.engine import Engine
+from ..vehicle.turbofan import RATINGS, Turbofan
 from .shared import DATA
 
 
 def f16_engine(setting: Float[Array, ""] | float = 0.0) -> Engine:
-    """The F-16's engine, along the x axis through the centre of gravity; 160 slug ft^2/s of angular momentum.
+    """Return the F-16's engine, along the x axis through the centre of gravity, with an angular
+    momentum of 160 slug ft^2/s.
 
-    Give it to an aircraft as `Aircraft(f16_low(), engines=(f16_engine(),))`; a trim then finds its throttle.
+    Use it as `Aircraft(f16_low(), engines=(f16_engine(),))`; a trim then solves for its throttle.
 
     Args:
         setting: throttle in trim, 0 to 1.
@@ -30,18 +31,29 @@ def f16_engine(setting: Float[Array, ""] | float = 0.0) -> Engine:
 
 
 def f16_thrust() -> Table:
-    """Thrust of the F-16's engine at `idle`, `mil` (military) and `max` power [N], over `altitude` [m] and `mach`.
+    """Return the thrust of the F-16's engine at `idle`, `mil` (military) and `max` power [N], over
+    `altitude` [m] and `mach`.
 
-    0 to 50,000 ft and Mach 0 to 1, linear between and beyond, as in Stevens and Lewis, App. A.
+    The knots are 0 to 50,000 ft and Mach 0 to 1; interpolation and extrapolation are linear, as in
+    Stevens and Lewis, App. A.
     """
     grids = _thrust()
     first = grids[RATINGS[0]]
     values = np.stack([grids[name].values for name in RATINGS], axis=-1)
-    return Table(values, first.knots, first.axes, units=first.units, quantities=RATINGS, extrapolation="linear")
+    return Table(
+        values,
+        first.knots,
+        first.axes,
+        units=first.units,
+        quantities=RATINGS,
+        extrapolation="linear",
+    )
 
 
 @cache
 def _thrust() -> Mapping[str, GridData]:
-    """The engine's three tables, read once."""
+    """Read the engine's three tables (cached)."""
     file = DATA / "f16_low" / "engine" / "thrust.csv"
-    return MappingProxyType({name: read_table(file, value=name, axes=("altitude", "mach")) for name in RATINGS})
+    return MappingProxyType(
+        {name: read_table(file, value=name, axes=("altitude", "mach")) for name in RATINGS}
+    )

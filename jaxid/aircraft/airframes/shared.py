@@ -1,30 +1,37 @@
-"""What the short files of the airframes share: their folder, and units of the sources."""
+"""Data folder of the airframes, and conversion of the units of the sources."""
 
 import math
 from pathlib import Path
 
 from ...data.units import convert
-from ..mass import MassProperties
+from ..physics.mass import MassProperties
 
 DATA = Path(__file__).parent / "data"
 
 
 def ft(length: float) -> float:
-    """Metres from feet."""
+    """Return metres from feet."""
     return float(convert(length, "ft", "m"))
 
 
 def ft2(area: float) -> float:
-    """Square metres from square feet."""
+    """Return square metres from square feet."""
     return float(convert(area, "ft^2", "m^2"))
 
 
 def angles(**ranges_deg: tuple[float, float]) -> dict[str, tuple[float, float]]:
-    """Ranges of angles by name, from degrees [rad]."""
-    return {name: (math.radians(low), math.radians(high)) for name, (low, high) in ranges_deg.items()}
+    """Return ranges of angles by name, from degrees [rad]."""
+    return {
+        name: (math.radians(low), math.radians(high)) for name, (low, high) in ranges_deg.items()
+    }
 
 
 def mass_properties(*, weight_lb: float, **inertia_slug_ft2: float) -> MassProperties:
-    """Mass and inertia [SI] from the pounds and slugs of American sources; Ixy and Iyz are zero where they are not given."""
-    inertia = {name: float(convert(value, "slug*ft^2", "kg*m^2")) for name, value in inertia_slug_ft2.items()}
+    """Return mass and inertia [SI] from the pounds and slugs of American sources; Ixy and Iyz are
+    zero by default.
+    """
+    inertia = {
+        name: float(convert(value, "slug*ft^2", "kg*m^2"))
+        for name, value in inertia_slug_ft2.items()
+    }
     return MassProperties(mass=float(convert(weight_lb, "lb", "kg")), **inertia)

@@ -1,4 +1,6 @@
-"""Measured sets that others have used too, split as their makers split them; the files are not part of jaxid."""
+"""Loaders of published measured data sets with their official split; jaxid does not include the
+files.
+"""
 
 from .base import DataSet as DataSet
 from .cascaded_tanks import cascaded_tanks as cascaded_tanks

@@ -1,0 +1,1 @@
+"""The atmosphere, wind, turbulence and buffet."""

@@ -1,0 +1,1 @@
+"""Effects that an aircraft model may lack."""

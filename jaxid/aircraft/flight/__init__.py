@@ -1,0 +1,1 @@
+"""The aircraft in flight: trim, modes, simulation and the report's flights."""

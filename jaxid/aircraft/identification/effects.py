@@ -1,0 +1,62 @@
+"""Candidate effects of an identification model: those that change its motion or its outputs."""
+
+from collections.abc import Collection, Mapping
+
+from ...effects.base import Effect
+from ...models.base import AbstractModel, canonical
+from ...models.names import parameter_names
+from ..effects.coefficient_term import lacking_terms
+from ..effects.library import signals_of, usual_effects
+from ..instruments.channels import RATES
+from .channels import Channels
+
+STATES_OF: Mapping[
+    str, tuple[str, ...]
+] = {  # states that determine a factor of a term, in either frame
+    "alpha": ("w", "alpha"),
+    "beta": ("v", "beta"),
+    **{f"{rate}hat": (rate,) for rate in RATES},
+}
+LATERAL_PARAMETERS = ("Ix", "Iz", "Ixz", "reference.y")  # they act in roll and yaw only
+LATERAL_ENGINE_PARAMETERS = ("position.y", "momentum")
+
+
+def effects_of(
+    model: AbstractModel, channels: Channels, terms: Mapping[str, tuple[str, ...]]
+) -> tuple[Effect, ...]:
+    """Return candidate terms of the propagated coefficients, and the usual effects of an aircraft.
+
+    Terms of signals that are held constant, and effects on parameters that no output depends on,
+    are left out.
+
+    Args:
+        model: model whose parameters and signals the effects act on.
+        channels: channels of the model.
+        terms: terms of the model by coefficient.
+    """
+    moved = {name: channels.translation.moved(name, channels.states) for name in channels.responses}
+    lacking = lacking_terms(terms, moved)
+    names = tuple(
+        name for name in parameter_names(canonical(model)) if _has_influence(name, channels)
+    )
+    usual = usual_effects(names, moved, signals_of(canonical(model)))
+    return (
+        *(term for term in lacking if not _is_constant(term.card.signals, channels.held)),
+        *usual,
+    )
+
+
+def _is_constant(factors: tuple[str, ...], held: Collection[str]) -> bool:
+    """Return True if a factor of a term is constant."""
+    return any(name in held for factor in factors for name in STATES_OF.get(factor, (factor,)))
+
+
+def _has_influence(name: str, channels: Channels) -> bool:
+    """Return True if the motion or an output depends on a parameter."""
+    part, _, entry = name.partition(".")
+    if part == "instruments":
+        return entry.split(".")[1] in channels.outputs
+    lateral = name in LATERAL_PARAMETERS or (
+        part == "engines" and name.endswith(LATERAL_ENGINE_PARAMETERS)
+    )
+    return not (lateral and {"p", "r"} <= set(channels.held))

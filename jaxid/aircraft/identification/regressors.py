@@ -1,0 +1,95 @@
+"""Candidate terms of each coefficient in a regression (report Table 6.1)."""
+
+from collections.abc import Mapping, Sequence
+
+from ..._foundation.checks import require_known
+from ..vehicle.aerodynamics import COEFFICIENTS
+
+STATIC_TERMS = (
+    *(
+        "alpha",
+        "beta",
+        "alpha^2",
+        "beta^2",
+        "alpha beta",
+        "alpha^3",
+        "beta^3",
+        "alpha^2 beta",
+        "alpha beta^2",
+    ),
+    *(
+        "alpha^4",
+        "beta^4",
+        "alpha^2 beta^2",
+        "alpha^5",
+        "beta^5",
+        "alpha^6",
+        "alpha^7",
+        "alpha^8",
+        "alpha^9",
+    ),
+)
+FORCE_TERMS = ("stabilator", "alpha stabilator", "qhat", "alpha qhat")
+PITCHING_TERMS = ("stabilator", "alpha^2 stabilator", "qhat", "alpha qhat")
+LATERAL_TERMS = (
+    "rudder",
+    "alpha rudder",
+    "aileron",
+    "alpha aileron",
+    "phat",
+    "alpha phat",
+    "rhat",
+    "alpha rhat",
+)
+
+TABLE_6_1: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("CX", "CZ"), (*FORCE_TERMS, *STATIC_TERMS)),
+    "Cm": (*PITCHING_TERMS, *STATIC_TERMS),
+    **dict.fromkeys(("CY", "Cl", "Cn"), (*LATERAL_TERMS, *STATIC_TERMS)),
+}
+"""Regressors of the report by coefficient, without the constant, which the regression adds.
+
+Alpha and beta are centred on their means. The regressands u, v, w, p, q, r of the table determine
+CX, CY, CZ, Cl, Cm, Cn; its p, q, r are the reduced rates phat, qhat, rhat of the coefficients (E.1
+to E.8). The scan is corrected in two places:
+
+- The rows of rudder, aileron, p and r have a cross in the column of q, and the rows of stabilator
+  and q have none. The tables of results contradict this: Cm has stabilator, q, alpha q and alpha^2
+  stabilator (Tables 6.3, 6.4, also Table 3.1). The tables of results are followed here.
+- `alpha stabilator` has no cross at q, and `alpha^2 stabilator` has one. Cm therefore has the
+  latter instead of the former: each longitudinal equation then has 22 terms and each lateral
+  equation 26, the numbers of Table 6.2.
+"""
+
+SMALL_MOTION: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("CX", "CZ", "Cm"), ("alpha", "qhat", "stabilator", "alpha^2")),
+    **dict.fromkeys(("CY", "Cl", "Cn"), ("beta", "phat", "rhat", "aileron", "rudder")),
+}
+"""Derivatives about one flight condition and the parabola of the drag polar.
+
+A manoeuvre of a few degrees determines no more terms: for a change of the angle of attack of 2 deg
+its high powers are nearly collinear, and a regression on a long record may choose among them by
+noise.
+"""
+
+
+def extended(*more: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
+    """Return the regressors of Table 6.1 followed by further terms.
+
+    Args:
+        more: further terms by coefficient, such as `{"Cm": ("alpha stabilator", "|alpha| qhat")}`;
+            repeated terms are kept once.
+
+    Returns:
+        Terms by coefficient.
+
+    Raises:
+        InputError: for an unknown coefficient.
+    """
+    terms = dict(TABLE_6_1)
+    for given in more:
+        require_known("aerodynamic coefficient", given, COEFFICIENTS)
+        terms |= {
+            name: tuple(dict.fromkeys((*terms[name], *added))) for name, added in given.items()
+        }
+    return terms

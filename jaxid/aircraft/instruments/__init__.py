@@ -1,0 +1,1 @@
+"""Instruments of an aircraft: channels, geometry, errors and noise levels."""

@@ -1,0 +1,1 @@
+"""Frames, rotation, mass properties and the rigid body's equations of motion."""

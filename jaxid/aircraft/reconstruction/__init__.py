@@ -1,0 +1,1 @@
+"""Flight-path reconstruction: the kinematic model with instrument errors."""

@@ -1,0 +1,1 @@
+"""Parts of an aircraft: aerodynamics, engines, actuators and control system."""

@@ -1,0 +1,1 @@
+"""Reading and writing of files: records, inputs, tables on a grid, study files."""

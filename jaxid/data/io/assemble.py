@@ -1,0 +1,69 @@
+"""Functions that all file readers use. A reader takes named columns from a file, and `assemble`
+makes the record.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..._foundation.checks import require
+from ..build import TIME, record
+from ..record import Record
+
+
+def existing(path: str | Path) -> Path:
+    """Return the path of a file; a missing file is refused."""
+    path = Path(path)
+    require(path.is_file(), f"There is no file {path}. Check the folder and the name.")
+    return path
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal digits."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def clock(sample_time: float | int, samples: int, path: Path) -> np.ndarray:
+    """Time from zero at a constant rate [s]."""
+    require(
+        sample_time > 0, f"{path.name}: `sample_time` is {sample_time}. Give a positive number [s]."
+    )
+    return sample_time * np.arange(samples)
+
+
+def assemble(
+    columns: Mapping[str, np.ndarray],
+    time: str,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    file_units: Mapping[str, str],
+    units: Mapping[str, str] | None,
+    name: str,
+    constants: Mapping[str, Any] | None,
+) -> Record:
+    """Return the record of columns of one length.
+
+    Units given in the call (`units`) take precedence over the units of the file (`file_units`).
+    """
+    for n in (*inputs, *outputs):
+        require(
+            len(columns[n]) == len(columns[time]),
+            f"Record {name!r}: channel {n!r} has {len(columns[n])} samples and time "
+            f"{len(columns[time])}. Resample them to the same times.",
+        )
+    chosen = {n: unit for n, unit in file_units.items() if n in columns} | dict(units or {})
+    if time in chosen:
+        chosen[TIME] = chosen.pop(time)
+    return record(
+        columns[time],
+        np.stack([columns[n] for n in inputs], axis=1) if inputs else None,
+        np.stack([columns[n] for n in outputs], axis=1) if outputs else None,
+        inputs=inputs,
+        outputs=outputs,
+        units=chosen,
+        name=name,
+        constants=constants,
+    )

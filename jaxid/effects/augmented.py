@@ -1,0 +1,252 @@
+"""`Augmented`: a model with effects added to it."""
+
+import itertools
+from collections.abc import Collection, Iterable
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.checks import require_known, require_unique
+from .._foundation.types import Array, Float
+from ..data.record import Record
+from ..models.base import AbstractModel, equations_of
+from ..models.polynomial import monomials
+from ..models.signal_dependence import with_differences
+from .base import Effect
+from .parameter import total_offsets, with_parameter_offsets
+from .sensor import SensorEffect, apply_together, vectorisation_key
+
+
+class _SplitState(NamedTuple):
+    """State and input of an augmented model, split.
+
+    Attributes:
+        state: state of the model without effects.
+        extra: states of the effects, by name.
+        effect_inputs: input of each effect, after the effects before it.
+        plant_input: input that the plant receives, after all effects.
+    """
+
+    state: Float[Array, " state"]
+    extra: dict[str, Float[Array, ""]]
+    effect_inputs: list[Float[Array, " input"]]
+    plant_input: Float[Array, " input"]
+
+
+class Augmented(AbstractModel):
+    """A model and a set of effects.
+
+    Effects are sorted by stage and name, so that the structure depends on the set alone. With all
+    gains zero the augmented model equals the model. Outputs that depend on state derivatives, such
+    as accelerometers, include the terms that effects add to the equations
+    (`AbstractModel.output_given`). Parameters of the model keep their names; the parameters of an
+    effect are called `<effect>.gain` and so on.
+
+    Args:
+        model: the declared model.
+        effects: effects that the model may lack; names must differ.
+
+    Raises:
+        InputError: if two effects, or an effect's extra state and a state, have the same name.
+    """
+
+    model: AbstractModel
+    effects_in: tuple[Effect, ...]
+    states: tuple[str, ...] = eqx.field(static=True)
+    inputs: tuple[str, ...] = eqx.field(static=True)
+    outputs: tuple[str, ...] = eqx.field(static=True)
+
+    transparent: ClassVar[tuple[str, ...]] = ("model", "effects_in")
+
+    def __init__(self, model: AbstractModel, effects: tuple[Effect, ...]):
+        self.model = model
+        self.effects_in = tuple(
+            sorted(effects, key=lambda effect: (effect.card.stage, effect.name))
+        )
+        require_unique("effect", (effect.name for effect in effects))
+        self.states = model.states + sum((effect.extra_states for effect in self.effects_in), ())
+        require_unique("state", self.states)
+        self.inputs, self.outputs = model.inputs, model.outputs
+
+    def only(self, names: Collection[str]) -> "Augmented":
+        """Return the model with the named effects only."""
+        return Augmented(
+            self.model, tuple(effect for effect in self.effects_in if effect.name in names)
+        )
+
+    def rhs(self, t, x, u):
+        state, extra, effect_inputs, plant_input = self._split_state(x, u)
+        rates, signals = self._declared(t).rhs_and_signals(t, state, plant_input)
+        signals = self._with_differences(signals | extra)
+        dx = (
+            self._added(rates, signals)
+            if self._has_state_equations
+            else dict(zip(self.model.states, rates, strict=True))
+        )
+        signal_rates = dx | self._rates_of_signals(t, state, plant_input, dx)
+        for effect, values in zip(self.effects_in, effect_inputs, strict=True):
+            if effect.extra_states:
+                effect_input = dict(zip(self.inputs, values, strict=True))
+                dx |= effect.extra_rates(extra, effect_input, signals, signal_rates)
+        return jnp.array([dx[name] for name in self.states], float)
+
+    @property
+    def _has_state_equations(self) -> bool:
+        """True if effects in equations add to state derivatives, and not to outputs."""
+        return equations_of(self.model) == self.model.states
+
+    def _added(self, values: Float[Array, " equation"], signals) -> dict[str, Float[Array, ""]]:
+        """Return the values of the model's equations plus the terms of all effects, by equation."""
+        total = dict(zip(equations_of(self.model), values + self._terms(signals), strict=True))
+        for effect in self.effects_in:
+            for name, addition in effect.equations(total, signals).items():
+                total[name] = total[name] + addition
+        return total
+
+    def _rates_of_signals(self, t, state, plant_input, dx):
+        """Return the rates of the signals in `rates_of` that are not states.
+
+        They follow from the rates of the states by the chain rule.
+        """
+        requested = sorted(
+            {name for effect in self.effects_in for name in effect.rates_of}
+            - set(self.model.states)
+        )
+        if not requested:
+            return {}
+
+        def signals(t, x):
+            values = self._declared(t).immediate_signals(t, x, plant_input)
+            known = [name for name in values if name not in self.inputs]
+            require_known("signal with a rate", requested, known)
+            return {name: values[name] for name in requested}
+
+        state_rates = jnp.stack([dx[name] for name in self.model.states])
+        return jax.jvp(signals, (t, state), (jnp.ones(()), state_rates))[1]
+
+    def _terms(self, signals) -> Float[Array, " equation"]:
+        """Return the sum of all monomial effects (`Effect.terms`), by equation of the model."""
+        names = equations_of(self.model)
+        terms = [(effect.gain, *term) for effect in self.effects_in for term in effect.terms]
+        if not terms:
+            return jnp.zeros(len(names))
+        gains, equations, products = zip(*terms, strict=True)
+        incidence = np.array(
+            [[equation == name for equation in equations] for name in names], float
+        )
+        return jnp.asarray(incidence) @ (jnp.stack(gains) * monomials(products, signals))
+
+    def output(self, t, x, u):
+        return self.output_given(t, x, u, self.rhs(t, x, u))
+
+    def output_given(self, t, x, u, dx):
+        state, extra, _, plant_input = self._split_state(x, u)
+        y = self._declared(t).output_given(t, state, plant_input, dx[: state.size])
+        if self._has_state_equations:
+            return y
+        signals = self._with_differences(self._declared(t).signals(t, state, plant_input) | extra)
+        return jnp.stack(list(self._added(y, signals).values()))
+
+    def _declared(self, t) -> AbstractModel:
+        """Return the declared model with the parameter offsets of the effects."""
+        return with_parameter_offsets(self.model, total_offsets(self.effects_in, t))
+
+    def _split_state(self, x, u) -> _SplitState:
+        """Return the parts of the augmented state, and the input after the effects."""
+        state = x[: len(self.model.states)]
+        extra = dict(zip(self.states[state.size :], x[state.size :], strict=True))
+        effect_inputs = []
+        for effect in self.effects_in:
+            effect_inputs.append(u)
+            u = effect.input(u, extra, self.inputs)
+        return _SplitState(state, extra, effect_inputs, u)
+
+    def observe(self, t, y):
+        y = self.model.observe(t, y)
+        for kind, members in itertools.groupby(self.effects_in, vectorisation_key):
+            group = tuple(members)
+            sensors = tuple(effect for effect in group if isinstance(effect, SensorEffect))
+            if kind is not None:  # the order by names makes effects of one kind neighbours
+                y = apply_together(sensors, t, y, self.outputs)
+            else:
+                for effect in group:
+                    y = effect.observe(t, y, self.outputs)
+        return y
+
+    def initial_state(self, record: Record) -> Float[Array, " state"]:
+        state = self.model.initial_state(record)
+        known = {
+            name: value
+            for effect in self.effects_in
+            for name, value in effect.initial_extra_states(record).items()
+        }
+        extra = [jnp.asarray(known.get(name, 0.0), float) for name in self.states[state.size :]]
+        return jnp.concatenate([state, jnp.stack(extra)]) if extra else state
+
+    def signals(self, t, x, u):
+        state, extra, _, plant_input = self._split_state(x, u)
+        return self._with_differences(self._declared(t).signals(t, state, plant_input) | extra)
+
+    def _with_differences(self, signals):
+        """Return the signals and the differences of signals that are arguments of effects."""
+        return with_differences(
+            signals, (name for effect in self.effects_in for name in effect.card.signals)
+        )
+
+    def input_signal(self, path):
+        path = self.model.input_signal(path)
+        for effect in self.effects_in:
+            path = effect.input_signal(path, self.inputs)
+        return path
+
+    def prepared(self, record: Record) -> Record:
+        return self.model.prepared(record)
+
+    def pseudo_measurements(self, record: Record):
+        return self.model.pseudo_measurements(record)
+
+    def with_disturbance_inputs(self):
+        return Augmented(self.model.with_disturbance_inputs(), self.effects_in)
+
+    def effects(self):
+        return self.model.effects()
+
+    def equations(self):
+        return self.states if split_effects(self)[0].states else self.outputs
+
+    def equations_with_terms(self):
+        return self.model.equations_with_terms()
+
+    def actuated(self):
+        return self.model.actuated()
+
+    def units(self):
+        cards = (effect.card for effect in self.effects_in)
+        gains = {f"{card.name}.gain": card.unit for card in cards if card.unit}
+        return self.model.units() | gains
+
+
+def split_effects(model: AbstractModel) -> tuple[AbstractModel, tuple[Effect, ...]]:
+    """Return the model without effects, and the effects of all nested `Augmented` models."""
+    effects: tuple[Effect, ...] = ()
+    while isinstance(model, Augmented):
+        model, effects = model.model, (*effects, *model.effects_in)
+    return model, effects
+
+
+def absent_effects(model: AbstractModel, effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Return the effects whose family is not yet in the model.
+
+    For repeatable effects only the same name is excluded.
+    """
+    cards = [effect.card for effect in split_effects(model)[1]]
+    names = {card.name for card in cards}
+    families = {card.family for card in cards if not card.repeatable}
+    return tuple(
+        effect
+        for effect in effects
+        if effect.name not in names and effect.card.family not in families
+    )

@@ -1,0 +1,182 @@
+"""General effects in the input: bias, scale, delay, intersample behaviour, actuator lag."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .._foundation.checks import require
+from .._foundation.grid import is_uniform
+from .._foundation.location import Location, LocationKind
+from .._foundation.types import Array, Float
+from .base import Effect, is_negative, zero
+from .card import EffectCard
+
+# bounds of a blend gain, 1 +- 2 (chosen): a larger gain models the input's curvature instead
+BLEND_BOUNDS = (-1.0, 3.0)
+# [s], chosen longer than any record: the state is constant until `initialise_shape` sets its time
+NO_LAG_YET = 1e6
+
+
+class InputEffect(Effect):
+    """An effect on one input.
+
+    Attributes:
+        channel: name of the input.
+    """
+
+    channel: eqx.AbstractVar[str]
+
+
+class InputBias(InputEffect):
+    """Constant offset of the recorded input: `u -> u + gain`, gain [unit of u].
+
+    Args:
+        channel: name of the input.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def card(self):
+        return EffectCard(
+            name=f"bias of input {self.channel}",
+            description=f"the input {self.channel} is recorded with an offset",
+            location=Location(LocationKind.INPUT, self.channel),
+            signals=(self.channel,),
+        )
+
+    def input(self, u, extra, inputs):
+        return u.at[inputs.index(self.channel)].add(self.gain)
+
+
+class InputScale(InputEffect):
+    """Scale error of the recorded input: `u -> (1 + gain) u`.
+
+    Args:
+        channel: name of the input.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def card(self):
+        return EffectCard(
+            name=f"scale of input {self.channel}",
+            description=f"the input {self.channel} is recorded with an error of scale",
+            location=Location(LocationKind.INPUT, self.channel),
+            signals=(self.channel,),
+        )
+
+    def input(self, u, extra, inputs):
+        return u.at[inputs.index(self.channel)].multiply(1.0 + self.gain)
+
+
+class InputDelay(InputEffect):
+    """Delay of the input relative to its record: `u(t) -> u(t - gain)`, gain [s].
+
+    A negative gain means that the input acts earlier than recorded.
+
+    Args:
+        channel: name of the input.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def card(self):
+        when = "earlier" if is_negative(self.gain) else "later"
+        return EffectCard(
+            name=f"delay of input {self.channel}",
+            description=f"the input {self.channel} acts {when} than it is recorded",
+            location=Location(LocationKind.INPUT, self.channel),
+            signals=(self.channel,),
+        )
+
+    def input_signal(self, path, inputs):
+        return path.delayed(inputs.index(self.channel), self.gain)
+
+
+class InputBetweenSamples(InputEffect):
+    """Band-limited intersample behaviour of the input, in place of the assumed hold.
+
+        u(t) -> (1 - gain) u_assumed(t) + gain u_band-limited(t)
+
+    The input is band-limited at a gain of one.
+
+    Args:
+        channel: name of the input.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def card(self):
+        return EffectCard(
+            name=f"{self.channel} between samples",
+            description=f"the input {self.channel} runs band-limited between its samples, not as "
+            "assumed",
+            location=Location(LocationKind.INPUT, self.channel),
+            signals=(self.channel,),
+            bounds={"gain": BLEND_BOUNDS},
+            unit_gain=True,
+        )
+
+    def check(self, t):
+        require(
+            is_uniform(t),
+            f"The effect {self.name!r} makes the input band-limited, which needs uniform sampling, "
+            "and the sample times of a record are uneven. Leave the effect out.",
+        )
+
+    def input_signal(self, path, inputs):
+        return path.blend_band_limited(inputs.index(self.channel), self.gain)
+
+
+class InputLag(InputEffect):
+    """First-order actuator between the recorded input and the plant.
+
+        d(lagged)/dt = (u - lagged) / time,    u -> u + gain (lagged - u)
+
+    The full lag has a gain of one. The actuator starts in equilibrium with the record's first
+    input.
+
+    Args:
+        channel: name of the input.
+    """
+
+    channel: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    time: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(NO_LAG_YET))
+
+    @property
+    def card(self):
+        return EffectCard(
+            name=f"lag of input {self.channel}",
+            description=f"an actuator lags behind the input {self.channel}",
+            location=Location(LocationKind.INPUT, self.channel),
+            signals=(self.channel,),
+            complexity=2,
+            bounds={"time": (1e-6, float("inf"))},
+            unit_gain=True,
+        )
+
+    def initialise_shape(self, signals, measured, step):
+        return eqx.tree_at(lambda effect: effect.time, self, 2.0 * jnp.asarray(step))
+
+    @property
+    def extra_states(self):
+        return (f"lagged {self.channel}",)
+
+    def input(self, u, extra, inputs):
+        index = inputs.index(self.channel)
+        return u.at[index].add(self.gain * (extra[self.extra_states[0]] - u[index]))
+
+    def initial_extra_states(self, record):
+        return {self.extra_states[0]: record.channel(self.channel)[0]}
+
+    def extra_rates(self, extra, u, signals, rates):
+        lagged = self.extra_states[0]
+        return {lagged: (u[self.channel] - extra[lagged]) / self.time}

@@ -1,0 +1,264 @@
+"""Effects on parameters of the declared model: another value, a drift, or a step in time."""
+# Pyright counts equinox's abstract fields as arguments of the constructor; at run time they are
+# none.
+# pyright: reportCallIssue=false, reportArgumentType=false
+
+from collections.abc import Mapping, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.checks import require_known
+from .._foundation.location import Location, LocationKind
+from .._foundation.types import Array, Float
+from ..models.base import AbstractModel, canonical
+from ..models.names import array_leaves, parameter_names, with_array_leaves
+from .base import Effect, Signals, zero
+from .card import EffectCard
+
+# initial times of a step, as fractions of the training samples (chosen: evenly spaced)
+STEP_FRACTIONS = (0.2, 0.4, 0.6, 0.8)
+
+
+class ParameterEffect(Effect):
+    """An offset of one parameter of the declared model, and of others in fixed proportion.
+
+    Attributes:
+        parameter: dotted name of one scalar, as returned by `jaxid.models.parameter_names`.
+        along: pairs of a further parameter and the factor on its offset.
+        called: the parameter in words; its dotted name by default.
+        unit: unit of the parameter and of the gain.
+    """
+
+    parameter: eqx.AbstractVar[str]
+    along: eqx.AbstractVar[tuple[tuple[str, float], ...]]
+    called: eqx.AbstractVar[str]
+    unit: eqx.AbstractVar[str]
+
+    def amount(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the offset of the parameter at a time [unit of the parameter]."""
+        raise NotImplementedError(
+            f"{type(self).__name__} adds nothing: give it a method `amount(t)`."
+        )
+
+    @property
+    def what(self) -> str:
+        """The parameter in words."""
+        return self.called or self.parameter
+
+    def parameter_offsets(self, t):
+        amount = self.amount(t)
+        return {self.parameter: amount} | {name: factor * amount for name, factor in self.along}
+
+
+class ParameterShift(ParameterEffect):
+    """Constant offset of a parameter of the declared model: `parameter + gain`.
+
+    A free parameter needs no such effect: `not_free` removes it.
+
+    Args:
+        parameter: dotted name of one scalar.
+        along: pairs of a further parameter and the factor on its offset.
+        called: the parameter in words.
+        unit: unit of the gain.
+        channel: output whose sensor has the parameter, if any; the effect then acts in that sensor.
+    """
+
+    parameter: str = eqx.field(static=True)
+    along: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
+    called: str = eqx.field(static=True, default="")
+    unit: str = eqx.field(static=True, default="")
+    channel: str = eqx.field(static=True, default="")
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+
+    @property
+    def card(self):
+        location = Location(LocationKind.PARAMETER, self.parameter)
+        if self.channel:
+            location = Location(LocationKind.SENSOR, self.channel)
+        return EffectCard(
+            name=f"shift of {self.what}",
+            description=f"{self.what} is not the declared one",
+            location=location,
+            unit=self.unit,
+            signals=(self.channel,) if self.channel else (),
+        )
+
+    def amount(self, t):
+        return self.gain
+
+
+class ParameterDrift(ParameterEffect):
+    """Linear drift of a parameter of the declared model: `parameter + gain (t - middle)/span`.
+
+    Middle and span are taken from the times of the training records, so that the gain is the total
+    change over them.
+
+    Args:
+        parameter: dotted name of one scalar.
+        along: pairs of a further parameter and the factor on its offset.
+        called: the parameter in words.
+        unit: unit of the gain.
+        middle, span: middle and length of the time range [s].
+    """
+
+    parameter: str = eqx.field(static=True)
+    along: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
+    called: str = eqx.field(static=True, default="")
+    unit: str = eqx.field(static=True, default="")
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    middle: Float[Array, ""] = eqx.field(default_factory=zero)
+    span: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.ones(()))
+
+    @property
+    def card(self):
+        return EffectCard(
+            name=f"drift of {self.what}",
+            description=f"{self.what} drifts with time",
+            location=Location(LocationKind.PARAMETER, self.parameter),
+            unit=self.unit,
+            complexity=2,
+            fixed=("middle", "span"),
+        )
+
+    def initialise_shape(self, signals, measured, step):
+        low, high = np.min(signals["t"]), np.max(signals["t"])
+        shape = jnp.asarray(0.5 * (low + high)), jnp.asarray(high - low if high > low else 1.0)
+        return eqx.tree_at(lambda effect: (effect.middle, effect.span), self, shape)
+
+    def amount(self, t):
+        return self.gain * (t - self.middle) / self.span
+
+
+class ParameterStep(ParameterEffect):
+    """Smooth step of a parameter of the declared model.
+
+        parameter + gain / (1 + exp(-(t - time)/width))
+
+    The width is one sample interval: short enough to represent a sudden change, and long enough for
+    fixed integration steps. The time is estimated once the effect is in the model.
+
+    Args:
+        parameter: dotted name of one scalar.
+        fraction: initial time, as a quantile of the times of the training samples, so that it does
+            not lie in a gap between two records.
+        along: pairs of a further parameter and the factor on its offset.
+        called: the parameter in words.
+        unit: unit of the gain.
+        time: time of the step [s].
+        width: time constant of the step [s].
+    """
+
+    parameter: str = eqx.field(static=True)
+    fraction: float = eqx.field(static=True, default=0.5)
+    along: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
+    called: str = eqx.field(static=True, default="")
+    unit: str = eqx.field(static=True, default="")
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    time: Float[Array, ""] = eqx.field(default_factory=zero)
+    width: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.ones(()))
+
+    @property
+    def card(self):
+        family = f"step of {self.what}"
+        return EffectCard(
+            name=f"{family} (from {self.fraction:.0%} of the time)",
+            description=f"{self.what} changes at a moment",
+            location=Location(LocationKind.PARAMETER, self.parameter),
+            family=family,
+            unit=self.unit,
+            complexity=2,
+            fixed=("width",),
+        )
+
+    def initialise_shape(self, signals, measured, step):
+        shape = jnp.asarray(np.quantile(signals["t"], self.fraction)), jnp.asarray(step)
+        return eqx.tree_at(lambda effect: (effect.time, effect.width), self, shape)
+
+    def amount(self, t):
+        return self.gain * jax.nn.sigmoid((t - self.time) / self.width)
+
+
+def parameter_effects(
+    model: AbstractModel, parameters: Sequence[str], moments: Sequence[float] = STEP_FRACTIONS
+) -> tuple[ParameterEffect, ...]:
+    """Return a shift, a drift, and steps for each parameter.
+
+    Args:
+        model: the declared model, which has the units.
+        parameters: dotted names of scalars.
+        moments: initial times of the steps, as fractions of the training samples.
+
+    Raises:
+        InputError: if the model has no such parameter.
+    """
+    require_known("parameter", parameters, parameter_names(canonical(model)))
+    units = model.units()
+    effects: list[ParameterEffect] = []
+    for name in parameters:
+        unit = units.get(name, "")
+        effects += [ParameterShift(name, unit=unit), ParameterDrift(name, unit=unit)]
+        effects += [ParameterStep(name, moment, unit=unit) for moment in moments]
+    return tuple(effects)
+
+
+def not_free(effects: Sequence[Effect], free: Sequence[str]) -> tuple[Effect, ...]:
+    """Return the effects without shifts of free parameters.
+
+    A drift or a step of a free parameter is kept, as it differs from a constant value. A shift that
+    moves further parameters is kept as well.
+
+    Args:
+        effects: candidates.
+        free: names of free parameters.
+    """
+    return tuple(
+        effect
+        for effect in effects
+        if not (
+            isinstance(effect, ParameterShift) and not effect.along and effect.parameter in free
+        )
+    )
+
+
+def with_parameter_offsets(
+    model: AbstractModel, additions: Mapping[str, Float[Array, ""]]
+) -> AbstractModel:
+    """Return the model with offsets added to some of its parameters.
+
+    Args:
+        model: any model.
+        additions: offsets by dotted name of a scalar [unit of the parameter].
+
+    Raises:
+        InputError: if the model has no such parameter.
+    """
+    if not additions:
+        return model
+    model = canonical(model)
+    names = parameter_names(model)
+    require_known("parameter", additions, names)
+    leaves = array_leaves(model)
+    ends = np.cumsum([leaf.size for leaf in leaves])
+    for name, addition in additions.items():
+        position = names.index(name)
+        number = int(np.searchsorted(ends, position, side="right"))
+        leaf = leaves[number]
+        # A constant unit vector compiles faster than a scatter; a scalar needs neither.
+        unit = np.zeros(leaf.size)
+        unit[position - ends[number]] = 1.0
+        leaves[number] = leaf + (
+            addition if leaf.ndim == 0 else addition * unit.reshape(leaf.shape)
+        )
+    return with_array_leaves(model, leaves)
+
+
+def total_offsets(effects: Sequence[Effect], t: Float[Array, ""]) -> Signals:
+    """Return the sum of all effects' offsets of the declared model's parameters at a time."""
+    total: Signals = {}
+    for effect in effects:
+        for name, addition in effect.parameter_offsets(t).items():
+            total[name] = total[name] + addition if name in total else addition
+    return total

@@ -1,0 +1,106 @@
+"""`SpectrumDescent`: the Gauss-Newton step within the bounds."""
+
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+
+from .._foundation.types import Array, Float
+from ..models.free import Parameters
+from ..sensitivity.information import Information
+from ..sensitivity.spectrum import spectrum
+from .spectrum_policy import AbstractPolicy
+
+
+class SpectrumDescent(optx.AbstractDescent):
+    """Gauss-Newton step within the bounds, under a policy for weak eigenvalues.
+
+    A step that is clipped at a bound can increase the cost, because the other parameters move as if
+    it were not clipped. So the first shared parameter that reaches its bound is fixed there, the
+    step of the others is recomputed, and so on (the primal active-set method: Nocedal & Wright,
+    Numerical Optimization, 2006, section 16.5). Each record's own parameters are clipped. Where the
+    cost has a corner, no part of this step may lower it; then the clipped step is tried (`turn`).
+
+    Args:
+        policy: the treatment of weak directions.
+        scale: typical sizes of the shared parameters, NaN for scaling by the sensitivity.
+        lower, upper: bounds of the shared parameters, infinite where there are none.
+    """
+
+    policy: AbstractPolicy
+    scale: Float[Array, " parameter"]
+    lower: Float[Array, " parameter"]
+    upper: Float[Array, " parameter"]
+
+    def init(self, y, f_info_struct):
+        return y, jnp.array(0), jnp.array(False), y.shared, jnp.array(False)
+
+    def query(self, y, f_info, state):
+        phase = state[1]
+        information: Information = f_info.information
+        if not self.scale.size:
+            nothing, no = jnp.zeros(0), jnp.array(False)
+            return Parameters(nothing, information.own.solve(nothing)), phase + 1, no, nothing, no
+        svd = spectrum(information.triangle, information.rhs, self.scale)
+        optional = self.policy.optional(svd, phase)
+        full_step = svd.step(self.policy.weights(svd, phase))
+        shared = self._within_bounds(y.shared, full_step, information, phase)
+        clipped = jnp.clip(full_step, self.lower - y.shared, self.upper - y.shared)
+        has_other = jnp.any(clipped != shared)
+        direction = Parameters(shared, information.own.solve(shared))
+        return direction, phase + 1, optional, clipped, has_other
+
+    def turn(self, f_info, state):
+        """Return the state with the clipped step as its direction."""
+        _, phase, optional, clipped, _ = state
+        direction = Parameters(clipped, f_info.information.own.solve(clipped))
+        return direction, phase, optional, clipped, jnp.array(False)
+
+    def _within_bounds(
+        self,
+        values: Float[Array, " parameter"],
+        full_step: Float[Array, " parameter"],
+        information: Information,
+        phase,
+    ) -> Float[Array, " parameter"]:
+        """Return the step that respects the bounds, from the unconstrained one."""
+        low, high = self.lower - values, self.upper - values
+
+        def crosses(state):
+            target, _, blocked = state
+            return jnp.any(~blocked & ((target < low) | (target > high)))
+
+        def block(state):
+            target, step, blocked = state
+            move = jnp.where(blocked, 0.0, target - step)
+            room = jnp.where(move < 0, low - step, high - step)
+            beyond = ~blocked & ((target < low) | (target > high))
+            share = jnp.where(beyond, room / jnp.where(beyond, move, 1.0), jnp.inf)
+            first = jnp.argmin(share)
+            step = step + jnp.clip(share[first], 0.0, 1.0) * move
+            step = step.at[first].set(jnp.where(move < 0, low, high)[first])
+            blocked = blocked.at[first].set(True)
+            fixed = jnp.where(blocked, step, 0.0)
+            columns = jnp.where(blocked[None], 0.0, information.triangle)
+            svd = spectrum(columns, information.rhs - information.triangle @ fixed, self.scale)
+            target = jnp.where(blocked, step, svd.step(self.policy.weights(svd, phase)))
+            return target, step, blocked
+
+        initial = (full_step, jnp.zeros_like(full_step), jnp.zeros(full_step.shape, bool))
+        return jax.lax.while_loop(crosses, block, initial)[0]
+
+    def decrement(self, information: Information) -> Float[Array, ""]:
+        """Return the length of the full Gauss-Newton step [standard errors].
+
+        Weak shared directions do not count.
+        """
+        own = jnp.sum(information.own.rhs**2)
+        if not self.scale.size:
+            return jnp.sqrt(own)
+        svd = spectrum(information.triangle, information.rhs, self.scale)
+        return jnp.sqrt(
+            own + jnp.sum(jnp.where(svd.weak(self.policy.threshold), 0.0, svd.turned) ** 2)
+        )
+
+    def step(self, step_size, state):
+        direction, *_ = state
+        return jax.tree.map(lambda leaf: step_size * leaf, direction), optx.RESULTS.successful

@@ -1,0 +1,30 @@
+"""Data of a regression from one record: the equations of a model, solved for the responses."""
+
+import equinox as eqx
+
+from .._foundation.types import Array, Bool, Float
+
+Terms = tuple[tuple[str, tuple[str, ...]], ...]
+
+
+class PseudoMeasurements(eqx.Module):
+    """Responses and signals of a record, and the candidate terms of each response (report section
+    3.2.2.3, Table 3.2).
+
+    The name of a response is the name of the polynomial that it determines, such as `Cm`.
+
+    Args:
+        t: time, shape (time,) [s].
+        responses: dependent variable of each regression by name, each of shape (time,).
+        signals: the factors of the terms by name, each of shape (time,).
+        valid: True where all required channels were measured, shape (time,).
+        candidates: candidate terms by response.
+        centred: signals that enter the terms as differences from their mean over the records.
+    """
+
+    t: Float[Array, " time"]
+    responses: dict[str, Float[Array, " time"]]
+    signals: dict[str, Float[Array, " time"]]
+    valid: Bool[Array, " time"]
+    candidates: Terms = eqx.field(static=True)
+    centred: tuple[str, ...] = eqx.field(static=True, default=())

@@ -1,0 +1,114 @@
+"""Dependence of the equations of a model on each signal: none, or by a difference of two signals.
+
+Interactions of two parts (a spring, heat, a flow) are functions of the difference of two states.
+"""
+
+import itertools
+from collections.abc import Iterable, Mapping
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.types import Array, Bool
+from .base import AbstractModel, equations_of, right_hand_sides
+from .names import flatten
+
+ARBITRARY = 3  # random points of evaluation (chosen): an accidental equality at all is improbable
+OPPOSITE_RTOL = (
+    1e-9  # relative sum of two slopes that counts as zero (chosen, above rounding errors)
+)
+Signal = TypeVar("Signal", Array, np.ndarray)  # at an instant, or a time history
+
+
+def with_differences(signals: Mapping[str, Signal], names: Iterable[str]) -> dict[str, Signal]:
+    """Return the signals, and the named differences `a-b` of two of them."""
+    extended = dict(signals)
+    for name in names:
+        first, _, second = name.partition("-")
+        if name not in signals and first in signals and second in signals:
+            extended[name] = signals[first] - signals[second]
+    return extended
+
+
+def differences(model: AbstractModel, equations: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Return the differences of states and inputs on which equations of a model depend, with the
+    equations that depend on both signals.
+
+    An equation depends on two signals only by their difference if its slopes in them are opposite
+    for all parameters, states and inputs. This is tested at three random points.
+
+    Args:
+        model: the declared model.
+        equations: states whose equations are tested.
+
+    Returns:
+        Equations by name of the difference, such as `{"T-outside": ("T",)}`.
+    """
+    if not equations:
+        return {}
+    channels = model.states + model.inputs
+    rows = [equations_of(model).index(name) for name in equations]
+    opposite, depends = (np.asarray(array)[rows] for array in _slopes(model))
+    in_any_equation = np.asarray(np.any(opposite, axis=0))
+    pairs = itertools.combinations(range(len(channels)), 2)
+    pairs = [(a, b) for a, b in pairs if in_any_equation[a, b]]
+    return {
+        f"{channels[a]}-{channels[b]}": tuple(
+            state for state, row in zip(equations, depends, strict=True) if row[a] and row[b]
+        )
+        for a, b in pairs
+    }
+
+
+def absent_signals(model: AbstractModel, equations: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Return the states and inputs on which each equation of a model does not depend.
+
+    Args:
+        model: the declared model.
+        equations: states whose equations are tested.
+
+    Returns:
+        Signals by equation, such as `{"v": ("T",)}`.
+    """
+    if not equations:
+        return {}
+    channels, depends = model.states + model.inputs, np.asarray(_slopes(model)[1])
+    return {
+        state: tuple(
+            name
+            for name, used in zip(channels, depends[equations_of(model).index(state)], strict=True)
+            if not used
+        )
+        for state in equations
+    }
+
+
+@eqx.filter_jit
+def _slopes(
+    model: AbstractModel,
+) -> tuple[Bool[Array, "state channel channel"], Bool[Array, "state channel"]]:
+    """Pairs of opposite slopes, and slopes that are not zero, at all of some random points.
+
+    A slope is the derivative of an equation by a state or input.
+    """
+    vector, unflatten = flatten(model)
+    count = len(model.states) + len(model.inputs)
+
+    def slopes_at(key):
+        value_key, point_key = jax.random.split(key)
+        other = unflatten(
+            vector * jax.random.uniform(value_key, vector.shape, minval=0.8, maxval=1.2)
+        )
+        point = jax.random.uniform(point_key, (count,), minval=0.5, maxval=1.5)
+        return jax.jacfwd(
+            lambda xu: right_hand_sides(other, jnp.zeros(()), *jnp.split(xu, [len(model.states)]))
+        )(point)
+
+    slopes = jax.vmap(slopes_at)(jax.random.split(jax.random.key(0), ARBITRARY))
+    depends = slopes != 0
+    sums = jnp.abs(slopes[..., None] + slopes[..., None, :])
+    opposite = depends[..., None] & (sums <= OPPOSITE_RTOL * jnp.abs(slopes[..., None]))
+    return jnp.all(opposite, axis=0), jnp.all(depends, axis=0)

@@ -1,0 +1,169 @@
+"""Study files: valid files are read, invalid ones are refused with file, section and key."""
+
+import numpy as np
+import pytest
+
+from jaxid._foundation.checks import InputError
+from jaxid.data.io.study import read_study
+
+GOOD = """
+title = "A spring"
+
+[model]
+use = "springs:Spring"
+parameters = { k = 1.0, c = 1 }
+
+[free]
+parameters = ["k"]
+bounds = { k = [0.0, inf] }
+
+[records]
+inputs = ["force"]
+outputs = ["x"]
+time = "s"
+units = { x = "mm" }
+constants = { mass = 2.0 }
+derivatives = { x = "speed" }
+train = ["a.csv", "more/b.csv"]
+test = { slow = ["c.csv"], fast = ["d.csv"] }
+
+[noise]
+x = "0.5 mm"
+
+[loop]
+window = 3
+
+[library]
+leave_out = ["x^2 in v"]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Four records of a second, x = 1000 sin(2 pi t) mm."""
+    (tmp_path / "more").mkdir()
+    t = 0.02 * np.arange(51)
+    rows = np.column_stack([t, t, 1000 * np.sin(2 * np.pi * t)])
+    for name in ("a", "more/b", "c", "d"):
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="s,force,x", comments="")
+    return tmp_path
+
+
+def read(folder, text):
+    (folder / "study.toml").write_text(text, encoding="utf-8")
+    return read_study(folder / "study.toml")
+
+
+def test_study_file_is_read_with_all_sections(folder):
+    file = read(folder, GOOD)
+    assert (file.title, file.path.name) == ("A spring", "study.toml")
+    assert file.model == {"use": "springs:Spring", "parameters": {"k": 1.0, "c": 1}}
+    assert file.free == {"parameters": ["k"], "bounds": {"k": [0.0, np.inf]}}
+    assert (file.noise, file.loop, file.library) == (
+        {"x": "0.5 mm"},
+        {"window": 3},
+        {"leave_out": ["x^2 in v"]},
+    )
+    assert [record.names[0] for record in file.train] == ["a", "b"]
+    assert file.check is None
+    assert {name: part[0].names for name, part in file.test.items()} == {
+        "slow": ("c",),
+        "fast": ("d",),
+    }
+    for record in (*file.train, *file.test["slow"]):
+        assert (record.outputs, record.output_units) == (("x", "speed"), ("m", "m/s"))
+        assert float(record.constants["mass"]) == 2.0
+    t, speed = np.asarray(file.train[0].t), np.asarray(file.train[0].channel("speed"))
+    # The derivative of a full period of a sine is exact except at the ends.
+    np.testing.assert_allclose(
+        speed[10:-10], 2 * np.pi * np.cos(2 * np.pi * t)[10:-10], rtol=0.05, atol=0.1
+    )
+
+
+def test_records_are_cut_after_their_derivatives_are_taken(folder):
+    uncut, file = read(folder, GOOD), read(folder, GOOD.replace("[noise]", "cut = 0.3\n[noise]"))
+    assert [record.names[0] for record in file.train] == [
+        f"{name} ({k} of 4)" for name in "ab" for k in (1, 2, 3, 4)
+    ]
+    assert [record.names[0] for record in file.test["fast"]] == [
+        f"d ({k} of 4)" for k in (1, 2, 3, 4)
+    ]
+    pieces = np.concatenate([np.asarray(record.z) for record in file.train[:4]])
+    np.testing.assert_array_equal(pieces, np.asarray(uncut.train[0].z))
+    with pytest.raises(InputError, match=r"\[records\] cut: Record 'a': in 50 pieces"):
+        read(folder, GOOD.replace("[noise]", "cut = 0.02\n[noise]"))
+
+
+def test_study_file_needs_only_model_and_records(folder):
+    file = read(
+        folder,
+        "[model]\nuse = "
+        '"m:C"\n[records]\ninputs=["force"]\noutputs=["x"]\ntime="s"\ntrain=["a.csv"]\n',
+    )
+    assert (file.title, file.free, file.noise, file.loop, file.library) == ("study", {}, {}, {}, {})
+    assert (file.check, file.test) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[free]", "[fre]", r"study.toml: There is no section 'fre'. Did you mean 'free'"),
+        ('title = "A spring"', "title = 5", r"study.toml, title: found 5, and a text is wanted"),
+        ('title = "A spring"', "title = ", r"study.toml is not a TOML file: .*line 2"),
+        ("[noise]", "noise = 5\n[other]", r"There is no section 'other'"),
+        (
+            'use = "springs:Spring"',
+            "",
+            r"study.toml, \[model\]: the key 'use' is missing. Give a "
+            r"text",
+        ),
+        ('use = "springs:Spring"', "use = 3", r"\[model\] use: found 3, and a text is wanted"),
+        (
+            "parameters = { k",
+            "parameter = { k",
+            r"\[model\]: There is no key 'parameter'. Did you "
+            r"mean 'parameters'",
+        ),
+        (
+            'parameters = ["k"]',
+            'parameters = "k"',
+            r"\[free\] parameters: found 'k', and a list of "
+            r"texts",
+        ),
+        (
+            "[0.0, inf]",
+            "[0.0]",
+            r"\[free\] bounds: .* a table of pairs is wanted, such as "
+            r"bounds = { k = \[0.0, inf\] }",
+        ),
+        ("window = 3", 'window = "3"', r"\[loop\] window: found '3', and a number is wanted"),
+        ("window = 3", "window = true", r"\[loop\] window: found True"),
+        ('"0.5 mm"', '"little"', r"\[noise\] x: found 'little'"),
+        ("[library]", "[[library]]", r"`library` is .* and a section is wanted"),
+        (
+            '["a.csv", "more/b.csv"]',
+            "[]",
+            r"\[records\] train: found \[\], and a list of files is "
+            r"wanted",
+        ),
+        ('"more/b.csv"', '"b.csv"', r"\[records\] train: There is no file .*b.csv"),
+        (
+            '["d.csv"]',
+            '["more/../a.csv"]',
+            r"\[records\] test: 'more/../a.csv' is already in "
+            r"'train'",
+        ),
+        ('x = "mm"', 'x = "mn"', r"\[records\] train: .*'mn'"),
+        ('x = "speed"', 'y = "speed"', r"\[records\] derivatives: There is no channel 'y'"),
+        ('["force"]', '["forces"]', r"\[records\] train: There is no column in a.csv 'forces'"),
+    ],
+)
+def test_invalid_study_file_is_refused_with_section_and_key(old, new, words, folder):
+    assert old in GOOD
+    with pytest.raises(InputError, match=words):
+        read(folder, GOOD.replace(old, new, 1))
+
+
+def test_missing_study_file_is_refused(tmp_path):
+    with pytest.raises(InputError, match="There is no file"):
+        read_study(tmp_path / "none.toml")

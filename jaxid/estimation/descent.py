@@ -7,8 +7,60 @@ import optimistix as optx
 from .._foundation.types import Array, Float
 from ..models.free import Parameters
 from ..sensitivity.information import Information
-from ..sensitivity.spectrum import spectrum
+from ..sensitivity.spectrum import Spectrum, spectrum
 from .spectrum_policy import AbstractPolicy
+
+
+# Largest share of the curvature along any direction that the estimated noise covariance may take
+# away (chosen): far from the minimum the second derivative of the cost is not positive.
+LARGEST_PROFILE = 0.9
+
+
+def profiled_step(
+    information: Information, svd: Spectrum, weights: Float[Array, " parameter"]
+) -> Parameters:
+    """Return the step of shared and own parameters, with the curvature of an estimated R.
+
+        d = (M - C'C)^-1 b = d_0 + P C' (I - C P C')^-1 C d_0,    d_0 = P b,    P = M^-1
+
+    With R re-estimated beside the parameters, `d_0` alone converges linearly, the more slowly the
+    more the gradients of single channels differ at the minimum, where only their sum is zero. Along
+    weak directions P follows the policy.
+
+    Args:
+        information: information with its `profile` C.
+        svd: spectrum of the shared triangle.
+        weights: weights of the policy.
+    """
+    own, profile = information.own, information.profile
+    inverse = jnp.where(svd.singular_values > 0, 1.0 / svd.singular_values, 0.0)
+
+    def solve(shared, rows):
+        """Apply P to a vector of the shared and own parameters."""
+        local = jnp.einsum("coi,co->ci", own.inverse, rows)
+        reduced = shared - jnp.einsum("cip,ci->p", own.coupling, local)
+        turned = inverse * (svd.directions @ (reduced / svd.scale))
+        d_shared = (svd.directions.T @ (weights * turned)) / svd.scale
+        return d_shared, jnp.einsum("coi,ci->co", own.inverse, local - own.coupling @ d_shared)
+
+    step = svd.step(weights)
+    step = Parameters(step, own.solve(step))
+    if not profile.shared.shape[0]:
+        return step
+    images = jax.vmap(solve, in_axes=(0, 1))(profile.shared, profile.own)
+
+    def products(shared, rows):
+        return profile.shared @ shared + jnp.einsum("cko,co->k", profile.own, rows)
+
+    share = jax.vmap(products, out_axes=1)(*images)
+    values, vectors = jnp.linalg.eigh((share + share.T) / 2)
+    remaining = 1.0 - jnp.clip(values, 0.0, LARGEST_PROFILE)
+    projected = vectors.T @ products(step.shared, step.rows)
+    amounts = vectors @ (projected / remaining)
+    return Parameters(
+        step.shared + amounts @ images[0],
+        step.rows + jnp.einsum("k,kco->co", amounts, images[1]),
+    )
 
 
 class SpectrumDescent(optx.AbstractDescent):
@@ -42,11 +94,14 @@ class SpectrumDescent(optx.AbstractDescent):
             return Parameters(nothing, information.own.solve(nothing)), phase + 1, no, nothing, no
         svd = spectrum(information.triangle, information.rhs, self.scale)
         optional = self.policy.optional(svd, phase)
-        full_step = svd.step(self.policy.weights(svd, phase))
-        shared = self._within_bounds(y.shared, full_step, information, phase)
-        clipped = jnp.clip(full_step, self.lower - y.shared, self.upper - y.shared)
+        full_step = profiled_step(information, svd, self.policy.weights(svd, phase))
+        shared = self._within_bounds(y.shared, full_step.shared, information, phase)
+        clipped = jnp.clip(full_step.shared, self.lower - y.shared, self.upper - y.shared)
         has_other = jnp.any(clipped != shared)
-        direction = Parameters(shared, information.own.solve(shared))
+        inside = jnp.all(shared == full_step.shared)
+        direction = Parameters(
+            shared, jnp.where(inside, full_step.rows, information.own.solve(shared))
+        )
         return direction, phase + 1, optional, clipped, has_other
 
     def turn(self, f_info, state):

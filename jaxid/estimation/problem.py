@@ -172,11 +172,13 @@ class Problem(eqx.Module):
         white_v, white_S = self.whiten(v, v), self.whiten(v, S)
         count = self.positions.rows.size
         triangles = record_triangles(white_S[..., :count], white_S[..., count:], white_v)
-        triangles = jnp.where(jnp.all(jnp.isfinite(triangles)), triangles, 0.0)
+        finite = jnp.all(jnp.isfinite(triangles))
+        triangles = jnp.where(finite, triangles, 0.0)
+        profile = self.likelihood.noise.profile_rows(white_S, white_v, self.records.mask)
+        profile = jnp.where(finite, profile, 0.0)
         held = self._held(parameters, triangles)
-        return Linearised(
-            v, S, gather(triangles, self.prior_rows(parameters), held.rows, held.shared)
-        )
+        prior = self.prior_rows(parameters)
+        return Linearised(v, S, gather(triangles, prior, held.rows, held.shared, profile))
 
     def whiten(
         self, v: Float[Array, "case time output"], rows: Float[Array, "case time output *column"]

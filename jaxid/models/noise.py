@@ -37,6 +37,24 @@ class AbstractNoise(eqx.Module):
     ) -> Float[Array, ""]:
         """Negative log-likelihood, without the constant `N/2 log 2 pi`."""
 
+    def profile_rows(
+        self,
+        white_S: Float[Array, "case time output column"],
+        white_v: Float[Array, "case time output"],
+        mask: Bool[Array, "case time output"],
+    ) -> Float[Array, "case row column"]:
+        """Return rows `C` of each record by which an estimated R changes the curvature of the cost.
+
+        The second derivative of the cost of a linear model, with R at its estimate for each value
+        of the parameters, is `M - C'C`, with C summed over the records. A given R has no such rows.
+
+        Args:
+            white_S: whitened sensitivities, zero at missing samples.
+            white_v: whitened residuals, zero at missing samples.
+            mask: valid samples.
+        """
+        return jnp.zeros((white_S.shape[0], 0, white_S.shape[-1]))
+
     def check(self, mask: Bool[Array, "case time output"], outputs: tuple[str, ...]) -> None:
         """Refuse data that this noise model does not support."""
 
@@ -95,6 +113,12 @@ class DiagonalNoise(AbstractNoise):
         count = jnp.sum(mask, axis=(0, 1))
         return 0.5 * jnp.sum(count * (jnp.log(self._variances(v, mask)) + 1.0))
 
+    def profile_rows(self, white_S, white_v, mask):
+        # cost of a channel: N/2 log v'v, whose second derivative is N S'(I - 2 v v'/v'v) S / v'v
+        count = jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)
+        gradients = jnp.einsum("ctjp,ctj->cjp", white_S, white_v)
+        return jnp.sqrt(2.0 / count)[None, :, None] * gradients
+
     def _variances(self, v, mask):
         count = jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)
         return jnp.maximum(
@@ -122,6 +146,18 @@ class FullNoise(AbstractNoise):
         count = jnp.sum(jnp.all(mask, axis=-1))
         log_det = 2.0 * jnp.sum(jnp.log(jnp.diagonal(self.cholesky(v, mask))))
         return 0.5 * count * (log_det + v.shape[-1])
+
+    def profile_rows(self, white_S, white_v, mask):
+        # N/2 d^2 log det(V'V) along a direction d: the term of second order in W'Sd + (W'Sd)', with
+        # one row for each channel and for each pair of channels
+        complete = jnp.all(mask, axis=-1)
+        count = jnp.maximum(jnp.sum(complete), 1)
+        weighted = jnp.where(complete[..., None], white_v, 0.0)
+        products = jnp.einsum("ctip,ctj->cijp", white_S, weighted)
+        first, second = jnp.triu_indices(products.shape[1])
+        pairs = products[:, first, second] + products[:, second, first]
+        weight = jnp.where(first == second, 0.5, 1.0) / count
+        return jnp.sqrt(weight)[None, :, None] * pairs
 
     def check(self, mask, outputs):
         require(not _gaps(mask), _GAPS.format(where=_gap_names(mask, outputs)))

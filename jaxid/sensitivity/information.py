@@ -55,6 +55,18 @@ class OwnBlock(eqx.Module):
         return covariance + jnp.where(self.undetermined, jnp.inf, 0.0)[..., None] * eye
 
 
+class Profile(eqx.Module):
+    """Rows `C` by which an estimated noise covariance lowers the curvature: `M - C'C` for M.
+
+    Attributes:
+        shared: columns of the shared parameters.
+        own: columns of each record's own unknowns.
+    """
+
+    shared: Float[Array, "row parameter"]
+    own: Float[Array, "*case row own"]
+
+
 class Information(eqx.Module):
     """Square-root information of all records: `1/2 |r - T d|^2` for the shared parameters, and a
     block per record.
@@ -63,10 +75,12 @@ class Information(eqx.Module):
         factor: triangle of `[T r]` for the shared parameters, whose last diagonal element is the
             norm of the whitened residual that no parameter explains.
         own: the blocks of the records, stacked.
+        profile: correction of the curvature for an estimated noise covariance.
     """
 
     factor: Float[Array, "column column"]
     own: OwnBlock
+    profile: Profile
 
     @property
     def triangle(self) -> Float[Array, "row parameter"]:
@@ -124,6 +138,7 @@ def gather(
     extra: Float[Array, "row shared_column"],
     fixed_own: Bool[Array, "case own"],
     fixed_shared: Bool[Array, " parameter"],
+    profile_rows: Float[Array, "case row column"] | None = None,
 ) -> Information:
     """Eliminate the own unknowns of each record and sum the remaining information.
 
@@ -132,14 +147,21 @@ def gather(
         extra: further rows `[T r]` on the shared parameters: a prior, an earlier flight.
         fixed_own, fixed_shared: unknowns that may not move now (they stand on a bound), whose
             columns are left out.
+        profile_rows: from `AbstractNoise.profile_rows`; none by default.
     """
     count = fixed_own.shape[1]
+    if profile_rows is None:
+        profile_rows = jnp.zeros((triangles.shape[0], 0, triangles.shape[-1] - 1))
+    profile = Profile(
+        jnp.sum(profile_rows[..., count:], axis=0) * ~fixed_shared[None],
+        profile_rows[..., :count] * ~fixed_own[:, None],
+    )
     keep = jnp.concatenate([~fixed_shared, jnp.array([True])])
     own, remainders = jax.vmap(lambda factor, fixed: _eliminate(factor, fixed, keep, count))(
         triangles, fixed_own
     )
     factor = stack_factors(remainders)
-    return Information(triangle(jnp.concatenate([factor, extra * keep[None]])), own)
+    return Information(triangle(jnp.concatenate([factor, extra * keep[None]])), own, profile)
 
 
 def _eliminate(factor, fixed, keep, count):

@@ -8,14 +8,16 @@ from .noise import DiagonalNoise, FixedNoise, FullNoise
 from .polynomial import Polynomial
 from .replace import polynomials_of, with_polynomials
 from .table_set import TableSet
-from .tables import Table, outside, require_inside
+from .tables import Extrapolation, Interpolation, Table, outside, require_inside
 
 __all__ = [
     "AbstractModel",
     "DiagonalNoise",
+    "Extrapolation",
     "FixedNoise",
     "Free",
     "FullNoise",
+    "Interpolation",
     "LinearModel",
     "Parameters",
     "Polynomial",

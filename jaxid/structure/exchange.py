@@ -9,7 +9,7 @@ from .._foundation.checks import require
 from .._foundation.types import Float, Numbers
 from .fit import fit
 from .problem import Problem, prepare
-from .selection import Selection, step
+from .selection import Action, Selection, step
 
 EXHAUSTIVE_LIMIT = 15  # candidates (chosen): 32768 subsets, about one second
 
@@ -59,16 +59,16 @@ def best_subsets(
     else:
         subsets, why = _by_exchange(problem, largest), "best subset of its size by exchange"
     fitted = fit(problem, ())
-    steps = [step(problem, fitted, "start", why="no term", PSE_bound=PSE_bound)]
+    steps = [step(problem, fitted, Action.START, why="no term", PSE_bound=PSE_bound)]
     for active in subsets:
         fitted = fit(problem, active)
-        steps.append(step(problem, fitted, "subset", why=why, PSE_bound=PSE_bound))
+        steps.append(step(problem, fitted, Action.SUBSET, why=why, PSE_bound=PSE_bound))
     if problem.rounding >= fitted.SSE:
         why = "the residual is rounding error"
-        steps.append(step(problem, fitted, "stop", why=why, PSE_bound=PSE_bound))
+        steps.append(step(problem, fitted, Action.STOP, why=why, PSE_bound=PSE_bound))
     elif len(subsets) < largest:
         why = f"any {len(subsets) + 1} columns are combinations of each other"
-        steps.append(step(problem, fitted, "stop", why=why, PSE_bound=PSE_bound))
+        steps.append(step(problem, fitted, Action.STOP, why=why, PSE_bound=PSE_bound))
     return Selection(problem, tuple(steps))
 
 

@@ -1,5 +1,6 @@
 """The path of a selection: each step with its model, its criteria and its reason."""
 
+import enum
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,8 +9,31 @@ from . import criteria
 from .fit import Fit, leverages
 from .problem import Problem
 
-# actions that change the model
-CHANGES = ("start", "force", "enter", "remove", "subset")
+
+class Action(enum.Enum):
+    """Action of a step of a selection; the value is the word of the printed log.
+
+    Attributes:
+        START: the path starts with a model.
+        FORCE: a term is forced in.
+        ENTER, REMOVE: a term is added to the model, or removed from it.
+        SUBSET: the model is the best one of its size.
+        BAR: a candidate is not admitted, because its tolerance is too low.
+        STOP: the path ends.
+    """
+
+    START = "start"
+    FORCE = "force"
+    ENTER = "enter"
+    REMOVE = "remove"
+    SUBSET = "subset"
+    BAR = "bar"
+    STOP = "stop"
+
+    @property
+    def changes_model(self) -> bool:
+        """True if the step has a new model, the first one included."""
+        return self not in (Action.BAR, Action.STOP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,8 +41,7 @@ class Step:
     """One step, and the model after it.
 
     Attributes:
-        action: `"start"`, `"force"`, `"enter"`, `"remove"`, `"subset"` (best of its size), `"bar"`
-            (the tolerance is too low) or `"stop"`.
+        action: kind of the step.
         name: the term that enters, leaves or is barred; empty for the start, the stop and a subset.
         partial_F, partial_correlation: values of that term when it enters, or before it is removed;
             NaN without a term.
@@ -29,7 +52,7 @@ class Step:
         PSE, PRESS, AIC, BIC: see `criteria`.
     """
 
-    action: str
+    action: Action
     name: str
     partial_F: float  # noqa: N815
     partial_correlation: float
@@ -61,7 +84,7 @@ class Selection:
     @property
     def models(self) -> tuple[Step, ...]:
         """The steps that changed the model, the start included."""
-        return tuple(step for step in self.steps if step.action in CHANGES)
+        return tuple(step for step in self.steps if step.action.changes_model)
 
     def __str__(self) -> str:
         shown = ("partial_F", "tolerance", "R2", "overall_F", "s", "PSE", "PRESS", "AIC", "BIC")
@@ -76,7 +99,8 @@ class Selection:
         for number, step in enumerate(self.steps):
             values = "".join(_cell(name, getattr(step, name)) for name in shown)
             label = (
-                f"{number:>4} {step.action:<6} {step.name:<{max(width, 4)}} {len(step.terms):>5}"
+                f"{number:>4} {step.action.value:<6} {step.name:<{max(width, 4)}} "
+                f"{len(step.terms):>5}"
             )
             lines.append(f"{label}{values}  {step.why}")
         return "\n".join(lines)
@@ -85,7 +109,7 @@ class Selection:
 def step(
     problem: Problem,
     fitted: Fit,
-    action: str,
+    action: Action,
     name: str = "",
     why: str = "",
     *,
@@ -104,7 +128,7 @@ def step(
     """
     terms, samples, SST = len(fitted.active), problem.samples, problem.SST
     parameters = terms + problem.constant
-    dof_with_it = fitted.dof - 1 if action == "remove" else fitted.dof
+    dof_with_it = fitted.dof - 1 if action is Action.REMOVE else fitted.dof
     residuals = problem.Q @ fitted.residual
     bound = SST / samples if PSE_bound is None else PSE_bound
     return Step(

@@ -10,6 +10,7 @@ import textbook
 from jaxid._foundation.checks import InputError
 from jaxid.structure import (
     CrossValidation,
+    Direction,
     FirstMaximumF,
     LastStep,
     MaximumF,
@@ -204,7 +205,7 @@ def test_exchange_selects_pair_that_stepwise_regression_misses(seed):
     assert "by exchange" in pair.why
     assert (
         "x2"
-        in stepwise(X, y, names, options=SubsetOptions(max_terms=2, direction="forward"))
+        in stepwise(X, y, names, options=SubsetOptions(max_terms=2, direction=Direction.FORWARD))
         .models[-1]
         .terms
     )
@@ -233,7 +234,10 @@ def test_orthogonal_functions_equal_forward_path_at_least_PSE(seed):
     X, y = planted(seed)
     result = orthogonal_functions(X, y, NAMES)
     path = stepwise(
-        X, y, NAMES, options=SubsetOptions(F_in=0.0, F_out=0.0, tolerance=1e-8, direction="forward")
+        X,
+        y,
+        NAMES,
+        options=SubsetOptions(F_in=0.0, F_out=0.0, tolerance=1e-8, direction=Direction.FORWARD),
     )
     assert result.names == path.models[-1].terms
     np.testing.assert_allclose(

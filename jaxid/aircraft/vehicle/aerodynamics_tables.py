@@ -50,8 +50,8 @@ class TableAerodynamics(AbstractAerodynamics):
         self,
         grids: Mapping[str, GridData],
         *,
-        interpolation: Interpolation = "monotone",
-        extrapolation: Extrapolation = "hold",
+        interpolation: Interpolation | str = Interpolation.MONOTONE,
+        extrapolation: Extrapolation | str = Extrapolation.HOLD,
     ):
         require_known(
             "aerodynamic table",

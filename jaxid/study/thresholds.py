@@ -6,7 +6,7 @@ Levels and limits that a user may change stand in `LoopOptions` and `IdentifyOpt
 # Closed loop ------------------------------------------------------------------------------------
 
 # Chosen: chi-square by which two fits differ at least to be distinguished; a likelihood ratio of
-# 20. Less names an arbitrary one of two, more reports rivals that the records do distinguish.
+# 20. Less names an arbitrary one of two, more reports alternatives that the records do distinguish.
 INSEPARABLE = 6.0
 
 # Derived: chi-square of five standard errors, the convention for a discovery. By so much the

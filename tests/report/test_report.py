@@ -108,7 +108,7 @@ def test_the_page_needs_nothing_beside_it_and_escapes_what_it_is_given(page):
 @pytest.mark.parametrize("outcome", Outcome)
 def test_every_outcome_is_said_in_words(study, drawn, outcome, quick):
     found = outcome in (Outcome.EXPLAINED, Outcome.PROXIES)
-    changed = {} if found else {"effects": (), "sentences": (), "after": study.before}
+    changed = {} if found else {"effects": (), "descriptions": (), "after": study.before}
     parsed = Page(html(dataclasses.replace(study, outcome=outcome, **changed), drawn=drawn))
     assert words.OUTCOMES[outcome] in parsed.text
     assert ("No effect was added" in parsed.text) == (not found)
@@ -138,7 +138,7 @@ def test_another_way_that_was_given_up_is_told(study, page, drawn, quick):
     assert "A second search path" not in page
     other = study.rounds[:1]
     told = Page(html(dataclasses.replace(study, other_rounds=other), drawn=drawn)).text
-    assert f"The second path added: {words.raised(other[0].winner.sentence)}" in " ".join(
+    assert f"The second path added: {words.raised(other[0].winner.description)}" in " ".join(
         told.split()
     )
 

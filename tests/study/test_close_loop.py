@@ -47,7 +47,7 @@ from jaxid.study.judge import Judge
 from jaxid.study.outcome import Outcome
 from jaxid.study.pairs import pairs_of
 from jaxid.study.rivals import discrimination
-from jaxid.study.rounds import Candidate, Decision, Rival, Round
+from jaxid.study.rounds import Alternative, Candidate, Decision, Round
 from jaxid.study.search import Search
 from jaxid.study.thresholds import SETTLED
 from jaxid.study.unpredictable import act_on_the_motion
@@ -111,8 +111,8 @@ def test_loop_adds_only_the_planted_effect(name):
 
 
 def test_early_input_is_named_as_negative_delay():
-    rivals = (InputLag("force"), InputRateLimit("force"))  # less than none of either leads as well
-    result = study(InputDelay("force", jnp.array(-0.15)), seed=4, effects=(*LIBRARY, *rivals))
+    others = (InputLag("force"), InputRateLimit("force"))  # less than none of either leads as well
+    result = study(InputDelay("force", jnp.array(-0.15)), seed=4, effects=(*LIBRARY, *others))
     assert result.effects == ("delay of input force",)
     assert "acts earlier than it is recorded" in result.verdict
     refitted = {
@@ -227,17 +227,17 @@ def test_evident_stop_is_added_before_effect_with_larger_cost_fall():
     )
 
 
-def test_bias_and_constant_force_are_rivals_for_spring():
+def test_bias_and_constant_force_are_alternatives_for_spring():
     # With free initial states a bias b of x and a force of -k b give the same records.
     result = study(SensorBias("x", jnp.array(0.1)), seed=1)
     (kept,) = result.effects
-    rivals = {rival.name: rival for rival in result.rivals}
-    assert {kept, *rivals} >= {"bias of x", "1 in v"}
+    alternatives = {effect.name: effect for effect in result.alternatives}
+    assert {kept, *alternatives} >= {"bias of x", "1 in v"}
     assert result.outcome is Outcome.EXPLAINED
     other = ({"bias of x", "1 in v"} - {kept}).pop()
-    assert rivals[other].instead_of == (kept,)
+    assert alternatives[other].instead_of == (kept,)
     # of a hundred and more: the solver stops where a decision needs no more
-    assert abs(rivals[other].chi_square) < 0.1
+    assert abs(alternatives[other].chi_square) < 0.1
     # No record of the same kind would distinguish them either.
     assert discrimination(result, fly(77, None)[0])[other] < 1e-6
 
@@ -663,7 +663,9 @@ def test_shape_with_near_equivalent_is_not_settled():
         )
 
     def contender(name, worse):
-        return Rival(name, name, ("best",), worse, Spring(1.0, 0.1), free(Spring(1.0, 0.1), "k"))
+        return Alternative(
+            name, name, ("best",), worse, Spring(1.0, 0.1), free(Spring(1.0, 0.1), "k")
+        )
 
     candidates = (refitted("best", 1000.0), refitted("near", 980.0), refitted("far", 970.0))
     one = Round((), candidates, "best", (), (), {}, {}, 12.0)

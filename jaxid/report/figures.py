@@ -13,6 +13,7 @@ from ..study.rounds import Candidate, Round
 from ..study.study import Study
 from .style import (
     AFTER,
+    ALTERNATIVE,
     BEFORE,
     FONT,
     INK,

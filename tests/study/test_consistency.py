@@ -216,8 +216,8 @@ def test_per_record_error_has_one_value_per_record(two):
     np.testing.assert_allclose(
         [error.value for error in result.errors], [0.1, 0.3, -0.2], atol=0.01
     )
-    for one, bias in zip(two, (0.3, -0.2), strict=True):
-        taken = float((one.u - result.corrected(one).u)[0, 0])
+    for flight, bias in zip(two, (0.3, -0.2), strict=True):
+        taken = float((flight.u - result.corrected(flight).u)[0, 0])
         np.testing.assert_allclose(taken, bias, atol=0.01)
     with pytest.raises(InputError, match=r"one per record\. Correct one record"):
         result.corrected(stack(two))
@@ -246,16 +246,16 @@ def test_skip_omits_first_seconds(record):
     """With 1 s of nonsense at the beginning masked, the estimate is that of the rest, initial state
     and all.
     """
-    spoiled = jaxid.record(
+    corrupted = jaxid.record(
         T,
         record.u,
         np.where(T[:, None] < 1.0, 7.0, record.z),
         inputs=record.inputs,
         outputs=record.outputs,
     )
-    skipped = jaxid.consistency(PERFECT, spoiled, skip=1.0)
-    rest = jaxid.consistency(PERFECT, record, skip=1.0)
-    np.testing.assert_allclose(skipped.estimate.values, rest.estimate.values, rtol=1e-8)
+    skipped = jaxid.consistency(PERFECT, corrupted, skip=1.0)
+    expected = jaxid.consistency(PERFECT, record, skip=1.0)
+    np.testing.assert_allclose(skipped.estimate.values, expected.estimate.values, rtol=1e-8)
     assert int(jnp.sum(skipped.estimate.mask)) == 2 * 180
 
 
@@ -307,8 +307,12 @@ def test_intervals_of_simulated_flights_cover_planted_errors(benchmark, noisy, k
     `python -m benchmarks.consistency` does the same with 1,000 flights of 10 s. With noise in the
     inputs the Cramer-Rao bound alone covers too little, which it must, or the noise was none.
     """
-    told = benchmark.coverage(benchmark.flights(200, noisy_inputs=noisy, chunk=200, seconds=6.0))
-    assert told["converged"] == 200
-    assert 0.87 < told["band"][0] < 0.89
-    assert benchmark.within(told, kind), benchmark.table("flights", told | {"seconds": 0.0}, kind)
-    assert benchmark.within(told, "bound") != noisy
+    coverage = benchmark.coverage(
+        benchmark.flights(200, noisy_inputs=noisy, chunk=200, seconds=6.0)
+    )
+    assert coverage["converged"] == 200
+    assert 0.87 < coverage["band"][0] < 0.89
+    assert benchmark.within(coverage, kind), benchmark.table(
+        "flights", coverage | {"seconds": 0.0}, kind
+    )
+    assert benchmark.within(coverage, "bound") != noisy

@@ -209,12 +209,12 @@ def test_model_without_pseudo_measurements_raises_error(record):
 
 def test_least_r2_omits_equation_with_small_explained_share(record):
     """None of the two responses is explained to four nines."""
-    asked = IdentifyOptions(least_F=0.0, least_R2=0.9999)
+    strict = IdentifyOptions(least_F=0.0, least_R2=0.9999)
     with pytest.raises(
         InputError,
         match=r"No equation is left: stiffness left out: overall F .*, and R2 below "
         r"0.9999; drift",
     ):
-        identify(EMPTY, record, options=asked)
+        identify(EMPTY, record, options=strict)
     with pytest.raises(InputError, match="least_R2 is 1"):
         IdentifyOptions(least_R2=1.0)

@@ -63,9 +63,9 @@ def test_discrimination_equals_residual_of_refitted_alternative(study):
         expected,
         OutputError(FixedNoise([SIGMA**2]), ZeroOrder()),
     )
-    left = float(np.sum((np.asarray(fit.residuals) / SIGMA) ** 2))
-    assert left > 1e-3
-    np.testing.assert_allclose(chi_square, left, rtol=0.05)
+    expected_chi_square = float(np.sum((np.asarray(fit.residuals) / SIGMA) ** 2))
+    assert expected_chi_square > 1e-3
+    np.testing.assert_allclose(chi_square, expected_chi_square, rtol=0.05)
 
 
 def test_larger_input_increases_discrimination(study):

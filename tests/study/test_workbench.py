@@ -26,7 +26,7 @@ CUBIC = Term("v", "x^3", jnp.array(-0.3))
 def _workbench(monkeypatch, reduced: bool, solver=SOLVER) -> Workbench:
     monkeypatch.setattr(loop_problem, "use_reduced_model", lambda model, samples: reduced)
     model = Spring(jnp.array(1.5), jnp.array(0.2))
-    own = free(
+    chosen = free(
         model,
         "k",
         "c",
@@ -35,7 +35,7 @@ def _workbench(monkeypatch, reduced: bool, solver=SOLVER) -> Workbench:
         prior={"k": (1.2, 0.5)},
     )
     records = as_stack([fly(70 + seed, CUBIC)[0] for seed in range(2)])
-    return Workbench(model, own, LIBRARY, OutputError(), records, solver)
+    return Workbench(model, chosen, LIBRARY, OutputError(), records, solver)
 
 
 def _both(monkeypatch, named):

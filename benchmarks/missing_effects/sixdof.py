@@ -40,10 +40,10 @@ from jaxid.aircraft.flight.coupled_flight import (
 )
 from jaxid.aircraft.flight.trims import level
 from jaxid.aircraft.instruments.noise_levels import BASE, report_instruments
+from jaxid.aircraft.vehicle.aerodynamics_increments import AerodynamicsWithIncrements
 from jaxid.aircraft.vehicle.aerodynamics_polynomial import PolynomialAerodynamics
 from jaxid.aircraft.vehicle.airframe import Airframe
 from jaxid.aircraft.vehicle.controls import SURFACES, ControlSystem, MeasuredSurfaces
-from jaxid.aircraft.vehicle.tables_with_polynomials import TablesWithPolynomials
 from jaxid.effects import (
     InputDelay,
     InputLag,
@@ -218,7 +218,7 @@ def _aircraft(of: Type, corrections, bias, heavier: float) -> Aircraft:
 
 
 def _corrected(frame: Airframe, corrections) -> Airframe:
-    corrected = TablesWithPolynomials(frame.aerodynamics, PolynomialAerodynamics(corrections))
+    corrected = AerodynamicsWithIncrements(frame.aerodynamics, PolynomialAerodynamics(corrections))
     return eqx.tree_at(lambda one: one.aerodynamics, frame, corrected)
 
 

@@ -31,7 +31,7 @@ from ..models.free import Parameters
 from .autoregression import white_noise_variance
 from .free_form import FORCES, Places, answers, gusts_of, linear_model, spline_basis
 from .scores import sensitivities
-from .thresholds import FEW, LARGEST_WEIGHT, MANY, WEAK_DIRECTION
+from .thresholds import FEW_KNOTS, LARGEST_WEIGHT, MANY_KNOTS, WEAK_DIRECTION
 
 KINDS = (LocationKind.EQUATION, LocationKind.INPUT, LocationKind.SENSOR, LocationKind.AIR)
 
@@ -232,8 +232,10 @@ def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[in
     fast = np.fft.rfftfreq(rows, step)[np.searchsorted(cumulative, 0.95 * cumulative[-1])]
     spacing = 1.0 / (2.5 * max(float(fast), 1.0 / (rows * step)))
     wanted = int(np.ceil((rows - 1) * step / spacing)) + 1
-    halvings = max(int(np.ceil(np.log2(wanted / MANY))), 0)
-    return (FEW if wanted <= FEW else MANY), max(rows >> halvings, min(rows, 2 * MANY))
+    halvings = max(int(np.ceil(np.log2(wanted / MANY_KNOTS))), 0)
+    return (FEW_KNOTS if wanted <= FEW_KNOTS else MANY_KNOTS), max(
+        rows >> halvings, min(rows, 2 * MANY_KNOTS)
+    )
 
 
 class LocalisationArrays(NamedTuple):

@@ -8,7 +8,7 @@ from .noise import DiagonalNoise, FixedNoise, FullNoise
 from .polynomial import Polynomial
 from .replace import polynomials_of, with_polynomials
 from .table_set import TableSet
-from .tables import Extrapolation, Interpolation, Table, outside, require_inside
+from .tables import Extrapolation, Interpolation, Table, range_violations, require_inside
 
 __all__ = [
     "AbstractModel",
@@ -24,9 +24,9 @@ __all__ = [
     "Table",
     "TableSet",
     "free",
-    "outside",
     "parameter_names",
     "polynomials_of",
+    "range_violations",
     "require_inside",
     "with_polynomials",
     "with_values",

@@ -64,7 +64,7 @@ class TableSet(eqx.Module):
         return _common([table.limits for table in self.tables])
 
     @property
-    def refuses(self) -> dict[str, tuple[float, float]]:
+    def hard_limits(self) -> dict[str, tuple[float, float]]:
         """Ranges outside which a table gives NaN, by axis [SI]."""
         return _common(
             [table.limits for table in self.tables if table.extrapolation is Extrapolation.REFUSE]

@@ -169,7 +169,9 @@ def require_inside(table: Table, signals: Mapping[str, Numbers]) -> None:
         InputError: when a signal is outside; the message has the axis, the value and the range.
     """
     if table.extrapolation is Extrapolation.REFUSE:
-        excesses = outside(table.limits, signals, dict(zip(table.axes, table.units, strict=True)))
+        excesses = range_violations(
+            table.limits, signals, dict(zip(table.axes, table.units, strict=True))
+        )
         if excesses:
             subject = (
                 f"The table of {', '.join(table.quantities)}" if table.quantities else "The table"
@@ -180,7 +182,7 @@ def require_inside(table: Table, signals: Mapping[str, Numbers]) -> None:
             )
 
 
-def outside(
+def range_violations(
     limits: Mapping[str, tuple[float, float]],
     signals: Mapping[str, Numbers],
     units: Mapping[str, str] | None = None,

@@ -6,7 +6,7 @@ from .least_squares import least_squares, regress, with_coloured_errors
 from .options import REPORT, Direction, SubsetOptions
 from .orthogonal import OrthogonalFunctions, orthogonal_functions
 from .problem import Problem, prepare
-from .regression import Regression, strong
+from .regression import Regression, strong_terms
 from .regressors import columns
 from .resampling import Stability, stability
 from .rules import AbstractRule, CrossValidation, FirstMaximumF, LastStep, MaximumF, Minimum, choose
@@ -41,7 +41,7 @@ __all__ = [
     "stability",
     "stepwise",
     "stepwise_each",
-    "strong",
+    "strong_terms",
     "total_least_squares",
     "with_coloured_errors",
 ]

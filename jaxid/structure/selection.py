@@ -46,7 +46,7 @@ class Step:
         partial_F, partial_correlation: values of that term when it enters, or before it is removed;
             NaN without a term.
         tolerance: tolerance of that term before it enters or when it is barred; NaN otherwise.
-        why: reason of the step, for the printed log.
+        reason: reason of the step, for the printed log.
         terms, F: the model after the step, in order of entry, and each term's F (B.28).
         R2, overall_F, s: see `Regression`.
         PSE, PRESS, AIC, BIC: see `criteria`.
@@ -57,7 +57,7 @@ class Step:
     partial_F: float  # noqa: N815
     partial_correlation: float
     tolerance: float
-    why: str
+    reason: str
     terms: tuple[str, ...]
     F: np.ndarray
     R2: float
@@ -95,14 +95,14 @@ class Selection:
             f"{self.problem.response}: {len(self.problem.names)} candidates, "
             f"{self.problem.samples} samples"
         ]
-        lines.append(first + "".join(f" {head:>10}" for head in heads) + "  why")
+        lines.append(first + "".join(f" {head:>10}" for head in heads) + "  reason")
         for number, step in enumerate(self.steps):
             values = "".join(_cell(name, getattr(step, name)) for name in shown)
             label = (
                 f"{number:>4} {step.action.value:<6} {step.name:<{max(width, 4)}} "
                 f"{len(step.terms):>5}"
             )
-            lines.append(f"{label}{values}  {step.why}")
+            lines.append(f"{label}{values}  {step.reason}")
         return "\n".join(lines)
 
 
@@ -111,7 +111,7 @@ def step(
     fitted: Fit,
     action: Action,
     name: str = "",
-    why: str = "",
+    reason: str = "",
     *,
     F: float = float("nan"),
     tolerance: float = float("nan"),
@@ -121,7 +121,7 @@ def step(
 
     Args:
         problem, fitted: the problem, and its fit after the step.
-        action, name, why: see `Step`.
+        action, name, reason: see `Step`.
         F, tolerance: values of the step's term.
         PSE_bound: upper bound of the noise variance [response^2]; mean square of the response by
             default.
@@ -137,7 +137,7 @@ def step(
         partial_F=F,
         partial_correlation=criteria.partial_correlation(F, dof_with_it),
         tolerance=tolerance,
-        why=why,
+        reason=reason,
         terms=tuple(problem.names[i] for i in fitted.active),
         F=fitted.partial_F,
         R2=criteria.r_squared(fitted.SSE, SST),

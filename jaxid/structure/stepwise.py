@@ -120,7 +120,7 @@ def path(problem: Problem, options: SubsetOptions = DEFAULTS) -> Selection:
         name = "" if move.action is Action.STOP else problem.names[move.index]
         fitted = fit(problem, active)
         values = {"F": move.F, "tolerance": move.tolerance}
-        steps.append(_step(problem, options, fitted, move.action, name, move.why, **values))
+        steps.append(_step(problem, options, fitted, move.action, name, move.reason, **values))
         if move.action is Action.STOP:
             return Selection(problem, tuple(steps))
 
@@ -141,7 +141,7 @@ class _Move(NamedTuple):
     """The next action on a model: `ENTER`, `REMOVE` or `STOP`; fields as in `Step`."""
 
     action: Action
-    why: str
+    reason: str
     index: int = -1
     F: float = float("nan")
     tolerance: float = float("nan")
@@ -178,8 +178,8 @@ def _start(problem: Problem, options: SubsetOptions) -> tuple[list[Step], list[i
                 _step(problem, options, fitted, Action.FORCE, names[i], "forced in", **values)
             )
     if backward:
-        why = "all terms of sufficient tolerance"
-        steps.append(_step(problem, options, fit(problem, active), Action.START, "", why))
+        reason = "all terms of sufficient tolerance"
+        steps.append(_step(problem, options, fit(problem, active), Action.START, "", reason))
     return steps, active
 
 
@@ -210,8 +210,8 @@ def _removal(problem: Problem, options: SubsetOptions, fitted: Fit) -> _Move | N
     level = options.F_to_stay(fitted.dof)
     if not F[weakest] < level:
         return None
-    why = f"least F, below {level:.4g}" if np.isfinite(level) else "least F"
-    return _Move(Action.REMOVE, why, fitted.active[weakest], float(F[weakest]))
+    reason = f"least F, below {level:.4g}" if np.isfinite(level) else "least F"
+    return _Move(Action.REMOVE, reason, fitted.active[weakest], float(F[weakest]))
 
 
 def _removable(problem: Problem, options: SubsetOptions, fitted: Fit) -> list[int]:
@@ -252,8 +252,8 @@ def _entry(problem: Problem, options: SubsetOptions, fitted: Fit, outside: list[
         return _Move(
             Action.STOP, f"the largest F to enter is {F[best]:.4g}, of {name}, below {level:.4g}"
         )
-    why = f"largest F to enter, at least {level:.4g}"
-    return _Move(Action.ENTER, why, outside[best], float(F[best]), float(tolerance[best]))
+    reason = f"largest F to enter, at least {level:.4g}"
+    return _Move(Action.ENTER, reason, outside[best], float(F[best]), float(tolerance[best]))
 
 
 def _F_to_enter(fitted: Fit, orthogonal: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
@@ -279,17 +279,19 @@ def _step(
     fitted: Fit,
     action: Action,
     name: str,
-    why: str,
+    reason: str,
     **of_term,
 ) -> Step:
-    return step(problem, fitted, action, name, why, PSE_bound=options.PSE_bound, **of_term)
+    return step(problem, fitted, action, name, reason, PSE_bound=options.PSE_bound, **of_term)
 
 
 def _barred(
     problem: Problem, options: SubsetOptions, fitted: Fit, index: int, tolerance: float
 ) -> Step:
-    why = f"nearly a combination of the model's terms: its tolerance is below {options.tolerance:g}"
-    why = why if problem.varies[index] else "does not vary in these samples"
+    reason = "does not vary in these samples"
+    if problem.varies[index]:
+        limit = f"its tolerance is below {options.tolerance:g}"
+        reason = f"nearly a combination of the model's terms: {limit}"
     return _step(
-        problem, options, fitted, Action.BAR, problem.names[index], why, tolerance=tolerance
+        problem, options, fitted, Action.BAR, problem.names[index], reason, tolerance=tolerance
     )

@@ -31,7 +31,7 @@ class Equation(NamedTuple):
         selection: the log of its stepwise regression; None if the terms were given.
         regression: the regression model that was chosen.
         kept: True if its equation is used in maximum likelihood.
-        why: reason for `kept`, in words.
+        reason: reason for `kept`, in words.
         estimated: the terms that maximum likelihood estimates; the others keep the regression's
             values.
     """
@@ -39,7 +39,7 @@ class Equation(NamedTuple):
     selection: Selection | None
     regression: Regression
     kept: bool
-    why: str
+    reason: str
     estimated: tuple[str, ...]
 
 
@@ -181,7 +181,7 @@ class Identification:
         for name, equation in self.equations.items():
             regression = equation.regression
             lines.append(
-                f"{name}: {equation.why}; R2 {regression.R2:.4f}, {len(regression.names)} terms "
+                f"{name}: {equation.reason}; R2 {regression.R2:.4f}, {len(regression.names)} terms "
                 f"({', '.join(regression.names) or 'none'})"
             )
         centre = ", ".join(f"{name} - {value:.5g}" for name, value in self.centre.items())

@@ -174,7 +174,7 @@ def test_path_there_and_back_adds_and_removes_all_terms():
     sizes = [len(step.terms) for step in path.models]
     assert sizes == [*range(11), *range(10, 0, -1)]
     assert all("q" in step.terms for step in path.models[1:])
-    assert "no term is left that may be removed" in path.steps[-1].why
+    assert "no term is left that may be removed" in path.steps[-1].reason
 
 
 def test_path_there_and_back_contains_model_that_forward_path_misses(seed):
@@ -228,10 +228,10 @@ def test_forced_terms_and_limits_are_respected():
     assert all("|beta| beta" in step.terms for step in path.steps[1:])
     assert not any("alpha" in step.terms for step in path.steps)
     assert len(path.models[-1].terms) == 3
-    assert "max_terms = 3" in path.steps[-1].why
+    assert "max_terms = 3" in path.steps[-1].reason
     path = stepwise(X, y, TERMS, options=SubsetOptions(R2_stop=0.8))
     assert path.models[-1].R2 >= 0.8 > path.models[-2].R2
-    assert "R2 has reached 0.8" in path.steps[-1].why
+    assert "R2 has reached 0.8" in path.steps[-1].reason
 
 
 def test_collinear_column_is_barred():
@@ -242,7 +242,7 @@ def test_collinear_column_is_barred():
     )
     (barred,) = (step for step in path.steps if step.name == "double")
     assert barred.action is Action.BAR
-    assert "tolerance is below 0.0001" in barred.why
+    assert "tolerance is below 0.0001" in barred.reason
     assert barred.tolerance == pytest.approx(0, abs=1e-8)
     with pytest.raises(InputError, match="'double' shall be forced in"):
         stepwise(X, y, (*TERMS, "double"), options=SubsetOptions(force_in=("alpha", "double")))
@@ -251,7 +251,7 @@ def test_collinear_column_is_barred():
 def test_constant_column_is_barred():
     X, y = planted(4, 0.8, samples=14)  # alpha is below the knot
     (barred,) = (step for step in stepwise(X, y, TERMS).steps if step.name == "(alpha-0.1)+^2")
-    assert (barred.action, barred.why) == (Action.BAR, "does not vary in these samples")
+    assert (barred.action, barred.reason) == (Action.BAR, "does not vary in these samples")
     backward = stepwise(X, y, TERMS, options=SubsetOptions(direction=Direction.BACKWARD))
     assert "(alpha-0.1)+^2" not in backward.models[0].terms
 
@@ -280,7 +280,7 @@ def test_printed_log_contains_every_step():
     path = stepwise(*planted(1, 0.5), TERMS, options=REPORT)
     lines = str(path).splitlines()
     assert len(lines) == 2 + len(path.steps)
-    assert all(step.why in line for step, line in zip(path.steps, lines[2:], strict=True))
+    assert all(step.reason in line for step, line in zip(path.steps, lines[2:], strict=True))
 
 
 @pytest.mark.parametrize(

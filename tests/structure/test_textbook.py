@@ -41,7 +41,7 @@ def test_hald_path_equals_textbook(hald):
     np.testing.assert_allclose(models[3].F, [1.86, 154.01, 5.03], atol=0.005)
     np.testing.assert_allclose(models[4].F, [146.52, 208.58], atol=0.005)
     assert hald.steps[-1].action is Action.STOP
-    assert "1.863, of x4, below 4" in hald.steps[-1].why
+    assert "1.863, of x4, below 4" in hald.steps[-1].reason
 
 
 def test_hald_final_model_equals_textbook(hald):

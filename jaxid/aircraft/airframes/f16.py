@@ -115,8 +115,8 @@ class F16Aerodynamics(AbstractAerodynamics):
         return self.basic.limits
 
     @property
-    def refuses(self) -> dict[str, tuple[float, float]]:
-        return self.basic.refuses
+    def hard_limits(self) -> dict[str, tuple[float, float]]:
+        return self.basic.hard_limits
 
 
 def f16(

@@ -99,8 +99,8 @@ class F16LowAerodynamics(AbstractAerodynamics):
         return self.tables.limits
 
     @property
-    def refuses(self) -> dict[str, tuple[float, float]]:
-        return self.tables.refuses
+    def hard_limits(self) -> dict[str, tuple[float, float]]:
+        return self.tables.hard_limits
 
 
 def f16_low(

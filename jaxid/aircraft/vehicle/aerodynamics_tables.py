@@ -80,8 +80,8 @@ class TableAerodynamics(AbstractAerodynamics):
         return self.tables.limits
 
     @property
-    def refuses(self) -> dict[str, tuple[float, float]]:
-        return self.tables.refuses
+    def hard_limits(self) -> dict[str, tuple[float, float]]:
+        return self.tables.hard_limits
 
 
 def read_coefficients(folder: str | Path) -> Mapping[str, GridData]:

@@ -171,7 +171,7 @@ def test_parameter_effects_refer_to_existing_parameters_with_units():
     """Only the gain of a ratio has no unit."""
     names = set(parameter_names(AIRCRAFT))
     for effect in of_type(ParameterShift, EVERY):
-        assert {effect.parameter, *(name for name, _ in effect.along)} <= names
+        assert {effect.parameter, *(name for name, _ in effect.linked)} <= names
         assert (effect.card.unit == "") == (
             "thrust" in effect.name and effect.parameter.endswith("share")
         )
@@ -182,7 +182,10 @@ def test_instrument_errors_are_located_at_their_sensor():
         effect.name: (str(effect.card.location), effect.card.signals)
         for effect in of_type(ParameterShift, EVERY)
     }
-    assert places["shift of place of the sensor of alpha along x"] == ("sensor alpha", ("alpha",))
+    assert places["shift of position of the sensor of alpha along x"] == (
+        "sensor alpha",
+        ("alpha",),
+    )
     assert places["shift of axis of the sensor of p in theta"] == ("sensor p", ("p",))
     assert places["shift of mass"] == ("parameter mass", ())
 
@@ -223,14 +226,16 @@ def test_centre_of_gravity_further_aft_pitches_up():
 
 
 def test_thrust_asymmetry_is_an_offset_of_one_engine_or_shares_of_two():
-    words = [effect.what for effect in of_type(ParameterShift) if "thrust" in effect.what]
+    words = [
+        effect.display_name for effect in of_type(ParameterShift) if "thrust" in effect.display_name
+    ]
     assert "symmetry of thrust" in words
-    assert "sideways place of the thrust line" not in words
+    assert "sideways position of the thrust line" not in words
     single = Aircraft(
         small_airframe(), engines=(Engine(ConstantThrust(6e4)),), controls=MeasuredSurfaces()
     )
-    words = [effect.what for effect in of_type(ParameterShift, single.effects())]
-    assert "sideways place of the thrust line" in words
+    words = [effect.display_name for effect in of_type(ParameterShift, single.effects())]
+    assert "sideways position of the thrust line" in words
     assert "symmetry of thrust" not in words
 
 

@@ -65,9 +65,9 @@ def consistency(
             white residuals cover 57 to 84 %. If it is given, they cover 95 %. It can be taken from
             the scatter of a channel about its smoothed curve. Smoothing the inputs themselves does
             not help, because the slow part of the noise is the part that is integrated.
-        skip: time at the start of each record whose outputs are not compared [s]. There a delayed
-            channel still shows the time before the record; 0 is right for a record that begins in
-            steady motion.
+        skip: time at the start of each record whose outputs are not compared [s]. A delayed
+            channel starts with values from before the record. Zero is right for a record that
+            begins in steady motion.
 
     Returns:
         The errors with their significance, the residuals before and after, a verdict in words, and

@@ -89,7 +89,7 @@ class Identification:
     Attributes:
         equations: the first stage by response, including the equations left out.
         centre: the means about which terms are written, by signal.
-        started: the model with the values of the regression.
+        start_model: the model with the values of the regression.
         start: the second stage before its first step.
         estimate: the second stage.
         records: the prepared records that were fitted, a stack.
@@ -98,7 +98,7 @@ class Identification:
 
     equations: dict[str, Equation]
     centre: dict[str, float]
-    started: AbstractModel
+    start_model: AbstractModel
     start: Start
     estimate: Estimate
     records: Record

@@ -83,14 +83,14 @@ def identify(
         + ". Give records with more motion, name equations to `keep`, or lower `least_F` or "
         "`least_R2`.",
     )
-    started = with_polynomials(model.without(left_out), _polynomials(equations, centre))
-    check_equations(started)
-    chosen = _free(started, equations, options, per_record)
-    prepared = as_stack([started.prepared(record) for record in single])
-    check_sampling(started, prepared, likelihood)
-    first = a_priori(started, chosen, prepared, likelihood)
-    fit = estimate(started, chosen, prepared, likelihood, solver=solver)
-    return Identification(equations, centre, started, first, fit, prepared, likelihood)
+    start_model = with_polynomials(model.without(left_out), _polynomials(equations, centre))
+    check_equations(start_model)
+    chosen = _free(start_model, equations, options, per_record)
+    prepared = as_stack([start_model.prepared(record) for record in single])
+    check_sampling(start_model, prepared, likelihood)
+    first = a_priori(start_model, chosen, prepared, likelihood)
+    fit = estimate(start_model, chosen, prepared, likelihood, solver=solver)
+    return Identification(equations, centre, start_model, first, fit, prepared, likelihood)
 
 
 def _regressions(

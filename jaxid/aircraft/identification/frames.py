@@ -38,7 +38,7 @@ class Translation(NamedTuple):
     rates: Callable[[Three, Three], Three]
     accelerations: Callable[[Three, Three], Three]
 
-    def moved(self, coefficient: str, states: Collection[str]) -> tuple[str, ...]:
+    def affected_states(self, coefficient: str, states: Collection[str]) -> tuple[str, ...]:
         """Return the states whose rates a coefficient changes.
 
         Every coefficient changes the angular rates.

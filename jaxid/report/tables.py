@@ -224,7 +224,7 @@ def remains_rows(study: Study) -> tuple[RemainsRow, ...]:
     first = study.rounds[0].predictable
     # With effects in the model, the share belongs to the same model as the related signals.
     last = study.rounds[-1].predictable if study.effects else first
-    before, after = study.reading["before"], study.reading["after"]
+    before, after = study.residual_reports["before"], study.residual_reports["after"]
     return tuple(
         RemainsRow(
             name,
@@ -237,19 +237,19 @@ def remains_rows(study: Study) -> tuple[RemainsRow, ...]:
     )
 
 
-def _follows(reading: ResidualReport, name: str) -> str:
+def _follows(report: ResidualReport, name: str) -> str:
     """Return the signals related to a channel's residual, in words.
 
     They are the most correlated signal and the variable over which its mean is not zero, if any.
     """
-    j = reading.tests.outputs.index(name)
-    signal, correlation, lag = reading.strongest_correlation(name)
+    j = report.tests.outputs.index(name)
+    signal, correlation, lag = report.strongest_correlation(name)
     late = f" {lag} samples later" if lag else ""
     related = (
-        [f"{signal} ({correlation:+.2f}{late})"] if bool(np.any(reading.tests.follows[j])) else []
+        [f"{signal} ({correlation:+.2f}{late})"] if bool(np.any(report.tests.follows[j])) else []
     )
-    variable, p = reading.nonlinear_dependence(name)
-    if p < reading.tests.level / reading.maps.p_value.size:
+    variable, p = report.nonlinear_dependence(name)
+    if p < report.tests.level / report.maps.p_value.size:
         related.append(f"its mean changes over {'time' if variable == 't' else variable}")
     return "; ".join(related) or "nothing"
 

@@ -53,7 +53,7 @@ class Findings(NamedTuple):
         predicting: the same two fits, as the test records are predicted by them.
         rounds: history of the search.
         alternatives: effects that fit nearly as well as one that was added.
-        where, reading: localisation and tests of the residual, before and after.
+        where, residual_reports: localisation and tests of the residual, before and after.
         conclusion: the outcome and its evidence.
     """
 
@@ -63,7 +63,7 @@ class Findings(NamedTuple):
     rounds: tuple[Round, ...]
     alternatives: tuple[Alternative, ...]
     where: dict[str, LocalisationResult]
-    reading: dict[str, ResidualReport]
+    residual_reports: dict[str, ResidualReport]
     conclusion: Conclusion
 
 
@@ -96,7 +96,7 @@ def assemble_study(
         other_rounds=other.rounds if other else (),
         alternatives=findings.alternatives,
         localisation=where,
-        reading=findings.reading,
+        residual_reports=findings.residual_reports,
         before=before,
         after=after,
         noise=dict(zip(used.outputs, map(float, np.sqrt(noise)), strict=True)),

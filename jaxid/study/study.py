@@ -127,7 +127,7 @@ class Study:
             rates another record by its power to distinguish them.
         localisation: location of the training residual of the declared model (`before`) and of the
             model with the effects (`after`).
-        reading: tests of the training residual of the same two models.
+        residual_reports: tests of the training residual of the same two models.
         before, after: the declared model and the model with the effects, on the test records.
         noise: standard deviation of the noise by channel, known or estimated: from the complete
             residual of the last fit if that is noise, from its white part if effects are missing.
@@ -149,7 +149,7 @@ class Study:
     other_rounds: tuple[Round, ...]
     alternatives: tuple[Alternative, ...]
     localisation: dict[str, LocalisationResult]
-    reading: dict[str, ResidualReport]
+    residual_reports: dict[str, ResidualReport]
     before: Side
     after: Side
     noise: dict[str, float]
@@ -205,7 +205,9 @@ class Study:
             },
             "parameters": _parameters(self.after.estimate),
             "declared": _parameters(self.before.estimate),
-            "residual": {side: _reading(report) for side, report in self.reading.items()},
+            "residual": {
+                side: _residual_tests(report) for side, report in self.residual_reports.items()
+            },
             "where": {side: _places(result) for side, result in self.localisation.items()},
             "alternatives": [_alternative(effect) for effect in self.alternatives],
             "rounds": [_round(entry) for entry in self.rounds],
@@ -274,14 +276,14 @@ class Study:
         ]
 
 
-def _reading(reading: ResidualReport) -> dict[str, dict[str, Any]]:
-    tests, rows = reading.tests, {}
+def _residual_tests(report: ResidualReport) -> dict[str, dict[str, Any]]:
+    tests, rows = report.tests, {}
     for j, name in enumerate(tests.outputs):
-        signal, correlation, lag = reading.strongest_correlation(name)
-        variable, chance = reading.nonlinear_dependence(name)
+        signal, correlation, lag = report.strongest_correlation(name)
+        variable, chance = report.nonlinear_dependence(name)
         rows[name] = {
             "whiteness_p": float(tests.whiteness.p_value[j]),
-            "whiteness_p_by_record": [float(p) for p in reading.by_record[:, j]],
+            "whiteness_p_by_record": [float(p) for p in report.by_record[:, j]],
             "follows": {
                 "signal": signal,
                 "correlation": correlation,

@@ -114,7 +114,7 @@ CASES: dict[str, Case] = {
         source="Fig. 6.2a, section 6.3.2",
         gust=REPORT_GUST,
         choices=f"{LATERAL_CHOICES}; disturbances in v and w (the text's horizontal and vertical), "
-        "straight between samples",
+        "linear between samples",
     ),
     "lateral 4": Case(
         "Fig. 6.2a, section 6.4.2",

@@ -63,7 +63,7 @@ class InputScale(InputEffect):
     def card(self):
         return EffectCard(
             name=f"scale of input {self.channel}",
-            description=f"the input {self.channel} is recorded with an error of scale",
+            description=f"the input {self.channel} is recorded with a scale error",
             location=Location(LocationKind.INPUT, self.channel),
             signals=(self.channel,),
         )
@@ -116,8 +116,7 @@ class InputBetweenSamples(InputEffect):
     def card(self):
         return EffectCard(
             name=f"{self.channel} between samples",
-            description=f"the input {self.channel} runs band-limited between its samples, not as "
-            "assumed",
+            description=f"the input {self.channel} is band-limited between its samples",
             location=Location(LocationKind.INPUT, self.channel),
             signals=(self.channel,),
             bounds={"gain": BLEND_BOUNDS},

@@ -97,7 +97,7 @@ def result(record):
 
 def test_verdict_states_instruments_and_sizes_of_errors(result):
     assert result.verdict.startswith("force is off by +0.3 m/s^2; speed shows 1")
-    assert result.verdict.endswith("% too much.")
+    assert result.verdict.endswith("% too high.")
     assert [error.name for error in result.significant_errors] == ["bias.force", "scale.speed"]
     for error, true in zip(result.errors, (0.3, 0.1), strict=True):
         assert abs(error.value - true) < 4.0 * float(result.estimate.standard_error(error.name))
@@ -166,8 +166,8 @@ def _normal(x):
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("instruments.scale.alpha", 0.049, "alpha shows 4.9 % too much"),
-        ("instruments.scale.V", -0.02, "V shows 2 % too little"),
+        ("instruments.scale.alpha", 0.049, "alpha reads 4.9 % too high"),
+        ("instruments.scale.V", -0.02, "V reads 2 % too low"),
         ("input_bias.q", -0.01, "q is off by -0.01 rad/s"),
         ("instruments.delay.beta", 0.06, "beta is 0.06 s late"),
         ("delay of beta.gain", -0.06, "beta is 0.06 s early"),
@@ -176,9 +176,9 @@ def _normal(x):
         ("wind.north", 3.0, "wind.north is 3 rad/s"),
     ],
 )
-def test_sentence_describes_error_of_instrument(name, value, words):
-    assert SensorError(name, None, value, 1.0, "rad/s").sentence == words
-    assert SensorError(name, "A", value, 1.0, "rad/s").sentence == f"{words} in A"
+def test_description_names_error_of_instrument(name, value, words):
+    assert SensorError(name, None, value, 1.0, "rad/s").description == words
+    assert SensorError(name, "A", value, 1.0, "rad/s").description == f"{words} in A"
 
 
 def test_sensor_effects_are_accepted_as_errors(record):

@@ -18,7 +18,7 @@ LONGITUDINAL_AFFECTED_STATES = {
     "CX": ("u",),
     "CZ": ("w",),
     "Cm": ("q",),
-}  # the states whose rates a coefficient moves
+}  # the states whose rates a coefficient changes
 CANDIDATE_TERMS = (
     *("1", "alpha", "qhat", "elevator"),
     *("alpha^2", "alpha qhat", "alpha elevator", "qhat^2", "qhat elevator", "elevator^2"),

@@ -22,7 +22,7 @@ from ..models.free import INITIAL_STATE, free
 from ..models.names import read_parameters
 from ..simulation.hold import Cubic
 from .consistency_result import Channel, Consistency, SensorError
-from .thresholds import IMITATED
+from .thresholds import COLLINEAR_SHARE
 
 
 def consistency(
@@ -167,7 +167,7 @@ def _imitated(fitted: Estimate) -> tuple[str, ...]:
     """
     remaining = jnp.sum(fitted.information.triangle**2, axis=0)
     eliminated = jnp.sum(fitted.information.own.coupling**2, axis=(0, 1))
-    vanished = np.asarray(remaining <= IMITATED**2 * eliminated)
+    vanished = np.asarray(remaining <= COLLINEAR_SHARE**2 * eliminated)
     return tuple(name for name, gone in zip(fitted.names, vanished, strict=True) if gone)
 
 

@@ -12,7 +12,7 @@ from ..data.record import Record
 from ..estimation import Estimate
 from ..models.base import AbstractModel
 from ..models.free import with_values
-from .thresholds import COLOUR_INFLATION, CORRELATED
+from .thresholds import COLLINEAR_CORRELATION, COLOUR_INFLATION
 
 # `input_bias.ax`, `instruments.delay.alpha`, `scale of V.gain`: the kind of an error, then the
 # channel.
@@ -219,7 +219,7 @@ def _pairs(fitted: Estimate) -> tuple[str, ...]:
     """Descriptions of the pairs of errors that are nearly collinear."""
     correlation = np.asarray(fitted.correlation)
     rows, columns = np.nonzero(
-        np.triu(np.abs(correlation) > CORRELATED, 1) & np.isfinite(correlation)
+        np.triu(np.abs(correlation) > COLLINEAR_CORRELATION, 1) & np.isfinite(correlation)
     )
     return tuple(
         f"{fitted.names[i]} and {fitted.names[j]} can hardly be distinguished (correlation "

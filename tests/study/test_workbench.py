@@ -74,11 +74,11 @@ def test_fit_in_reduced_model_equals_fit_in_complete_library(monkeypatch, named)
 
 def test_reduced_and_padded_fits_of_effect_with_corner_reach_same_cost(monkeypatch):
     """Rounding decides which steps are rejected at a corner: from its two starts, one program
-    reaches costs that differ by 0.01. The limit is a tenth of `LEAST_CONTINUED_FALL`, the smallest
+    reaches costs that differ by 0.01. The limit is a tenth of `MIN_COST_FALL`, the smallest
     fall for which a search continues a fit.
     """
     for (_, padded), (_, fitted) in _both(monkeypatch, (LIBRARY[3].name,)):
-        assert abs(fitted.cost - padded.cost) < 0.1 * fit.LEAST_CONTINUED_FALL
+        assert abs(fitted.cost - padded.cost) < 0.1 * fit.MIN_COST_FALL
 
 
 def test_fit_stopped_by_its_iteration_limit_is_continued(monkeypatch):
@@ -90,7 +90,7 @@ def test_fit_stopped_by_its_iteration_limit_is_continued(monkeypatch):
     start = patient.base().values
     converged = patient.fit(["x^3 in v"], start).cost
     assert abs(brief.fit(["x^3 in v"], start).cost - converged) < SOLVER.least_fall
-    monkeypatch.setattr(fit, "GO_ON", 0)
+    monkeypatch.setattr(fit, "MAX_CONTINUATIONS", 0)
     assert brief.fit(["x^3 in v"], start).cost > converged + 10.0
 
 

@@ -15,7 +15,7 @@ DAMPING_DECREASE, DAMPING_INCREASE = 0.1, 5.0
 # Initial damping relative to the squares of the columns (chosen).
 INITIAL_DAMPING = 1e-2
 # Damping without effect on a step, and damping that makes a step vanish (chosen).
-MIN_DAMPING, MAX_DAMPING = 1e-14, 1e12
+MIN_STEP_DAMPING, MAX_STEP_DAMPING = 1e-14, 1e12
 # Scaled residual that is only rounding (chosen, some 5000 times the spacing of float64).
 ROUNDING_RESIDUAL = 1e-12
 # Relative fall of the cost that counts as zero, if damping has not shortened the step (chosen).
@@ -104,7 +104,7 @@ class BoundedSearch(optx.AbstractRootFinder):
         )
         damping = jnp.where(
             accept,
-            jnp.maximum(DAMPING_DECREASE * state.damping, MIN_DAMPING),
+            jnp.maximum(DAMPING_DECREASE * state.damping, MIN_STEP_DAMPING),
             DAMPING_INCREASE * state.damping,
         )
         trial_point = (state.trial, rows, jacobian, cost)
@@ -117,7 +117,7 @@ class BoundedSearch(optx.AbstractRootFinder):
         balanced = (error < ROUNDING_RESIDUAL) | ((error < self.atol) & (small_fall | ~accept))
         exhausted = (
             small_fall
-            | (damping > MAX_DAMPING)
+            | (damping > MAX_STEP_DAMPING)
             | (state.steps + 1 >= self.patience)
             | ~jnp.isfinite(cost)
         )

@@ -96,7 +96,7 @@ def result(record):
 
 
 def test_verdict_states_instruments_and_sizes_of_errors(result):
-    assert result.verdict.startswith("force is off by +0.3 m/s^2; speed shows 1")
+    assert result.verdict.startswith("force is off by +0.3 m/s^2; speed reads 1")
     assert result.verdict.endswith("% too high.")
     assert [error.name for error in result.significant_errors] == ["bias.force", "scale.speed"]
     for error, true in zip(result.errors, (0.3, 0.1), strict=True):
@@ -186,7 +186,7 @@ def test_sensor_effects_are_accepted_as_errors(record):
         PERFECT, (jaxid.effects.SensorScale("speed"), jaxid.effects.SensorBias("place"))
     )
     result = jaxid.consistency(cart, record, ("scale of speed.gain", "bias.force"))
-    assert result.verdict.startswith("speed shows 1")
+    assert result.verdict.startswith("speed reads 1")
     with pytest.raises(InputError, match="Augmented has no correction of a record"):
         result.corrected(record)
     with pytest.raises(InputError, match="proposes no errors"):

@@ -150,7 +150,7 @@ def test_evident_effect_is_not_removed(monkeypatch):
     }
     monkeypatch.setattr(Term, "evident_in_data", lambda effect, _: effect.name == square.name)
     assert path_search.prune(fitted, keep=0)[1] == ()
-    assert {out for *_, out in asked.exchanges(fitted, candidates)} == {(cube.name,)}
+    assert {out for *_, out in path_search.exchanges(fitted, candidates)} == {(cube.name,)}
 
 
 def test_check_gain_without_significance_on_training_records_is_refused():

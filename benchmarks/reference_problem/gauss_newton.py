@@ -63,7 +63,7 @@ def fit(evaluate: Callable[[np.ndarray], Pass], start: np.ndarray) -> Fitted:
     theta, now, passes = np.array(start, float), evaluate(start), 1
     converged = False
     while passes < MAX_STEPS:
-        step, errors = _step(now)
+        step = _full_step(now)
         if np.sqrt(step @ now.gradient) < TOLERANCE:
             converged = True
             break
@@ -76,11 +76,16 @@ def fit(evaluate: Callable[[np.ndarray], Pass], start: np.ndarray) -> Fitted:
         else:
             break
         theta, now = theta + size * step, trial
-    return Fitted(theta, _step(now)[1], now.cost, passes, converged)
+    return Fitted(theta, errors_of(now.matrix), now.cost, passes, converged)
 
 
-def _step(now: Pass) -> tuple[np.ndarray, np.ndarray]:
-    """Return the full step and the standard errors, from columns scaled to unit length."""
+def errors_of(matrix: np.ndarray) -> np.ndarray:
+    """Return the standard errors by the Cramer-Rao bound, from a normal matrix."""
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    return scale * np.sqrt(np.diag(np.linalg.inv(matrix * scale[:, None] * scale)))
+
+
+def _full_step(now: Pass) -> np.ndarray:
+    """Return the full step, from columns scaled to unit length."""
     scale = 1.0 / np.sqrt(np.diag(now.matrix))
-    inverse = np.linalg.inv(now.matrix * scale[:, None] * scale)
-    return scale * (inverse @ (scale * now.gradient)), scale * np.sqrt(np.diag(inverse))
+    return scale * np.linalg.solve(now.matrix * scale[:, None] * scale, scale * now.gradient)

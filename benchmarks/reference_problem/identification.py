@@ -21,11 +21,16 @@ from jaxid.models.polynomial import Polynomial
 LIMITS = {name: (-1.0, 1.0) for name in problem.INPUTS}
 
 
-def package_model(given: ReferenceProblem, theta) -> IdentificationModel:
-    """Return the package's aircraft with coefficients `theta`, shape (30,)."""
+def package_model(
+    given: ReferenceProblem, theta, further: tuple[str, ...] = ()
+) -> IdentificationModel:
+    """Return the package's aircraft with coefficients `theta`, shape (30,).
+
+    Each polynomial has the terms `further` as well, with coefficients of zero.
+    """
     values = iter(float(value) for value in theta)
     polynomials = {
-        name: Polynomial({term: next(values) for term in terms})
+        name: Polynomial({term: next(values) for term in terms} | dict.fromkeys(further, 0.0))
         for name, terms in problem.TRUE.items()
     }
     airframe = Airframe(

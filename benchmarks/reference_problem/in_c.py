@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.reference_problem import gauss_newton
 from benchmarks.reference_problem.equations import COUNT, GRAVITY
-from benchmarks.reference_problem.gauss_newton import Pass
+from benchmarks.reference_problem.gauss_newton import Fitted, Pass
 from benchmarks.reference_problem.problem import ReferenceProblem
 
 SOURCE = Path(__file__).with_name("variational.c")
@@ -50,7 +51,7 @@ class VariationalC:
     def __init__(self, given: ReferenceProblem, folder: Path):
         self._function = ctypes.CDLL(str(build(folder))).evaluate
         self._function.restype = ctypes.c_double
-        count = given.t.size
+        self.given, count = given, given.t.size
         self.theta = aligned(WIDTH)
         self.y, self.S = aligned(count, OUTPUTS), aligned(count, OUTPUTS, WIDTH)
         self.noise, self.matrix, self.gradient = (
@@ -73,14 +74,16 @@ class VariationalC:
         """Return cost, normal matrix and gradient; `y` and `S` stay in the attributes."""
         self.theta[:COUNT] = theta
         cost = self._function(*self._arguments)
-        lower = np.tril(self.matrix[:COUNT, :COUNT])
-        matrix = lower + np.tril(lower, -1).T
-        return Pass(cost, matrix, self.gradient[:COUNT].copy())
+        return Pass(cost, self.matrix[:COUNT, :COUNT].copy(), self.gradient[:COUNT].copy())
 
     def sensitivities(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return outputs (time, 10) and sensitivities (time, 10, 30)."""
         self.evaluate(theta)
         return self.y.copy(), self.S[..., :COUNT].copy()
+
+    def fit(self) -> Fitted:
+        """Return the fit from the problem's start."""
+        return gauss_newton.fit(self.evaluate, self.given.start)
 
 
 def aligned(*shape: int) -> np.ndarray:

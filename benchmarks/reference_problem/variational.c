@@ -238,7 +238,7 @@ static void add_product(const lanes (*restrict J)[GROUPS], int rows, lanes (*mat
     }
 }
 
-/* Cost N/2 (log det R + 10), normal matrix S'R^-1 S (32 x 32, lower blocks) and gradient S'R^-1 v. */
+/* Cost N/2 (log det R + 10), normal matrix S'R^-1 S (32 x 32) and gradient S'R^-1 v. */
 static double normal_equations(const double *z, const double *y, const lanes (*S)[GROUPS], int count,
                                double *noise, lanes (*matrix)[GROUPS], lanes *gradient) {
   double weight[OUTPUTS], cost = 0.0;
@@ -267,6 +267,9 @@ static double normal_equations(const double *z, const double *y, const lanes (*S
     }
     add_product((const lanes(*)[GROUPS])white, rows, matrix);
   }
+  double *entries = (double *)matrix;
+  for (int i = 0; i < WIDTH; i++)
+    for (int j = 0; j < i; j++) entries[WIDTH * j + i] = entries[WIDTH * i + j];
   return cost;
 }
 

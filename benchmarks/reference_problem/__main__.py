@@ -19,7 +19,10 @@ import jax
 
 from benchmarks.reference_problem.clocks import CLOCKS
 from benchmarks.reference_problem.contenders import CONTENDERS
+from benchmarks.reference_problem.growth import FULL, QUICK, growth
+from benchmarks.reference_problem.measure import Options, measure
 from benchmarks.reference_problem.problem import SAMPLES
+from benchmarks.reference_problem.table import NOTE, contender_table, growth_table
 
 PARTS = ("pass", "first", "growth")
 QUICK_SAMPLES = 151
@@ -31,13 +34,11 @@ def main(arguments: list[str] | None = None) -> int:
     jax.config.update("jax_enable_x64", True)
     # compile times are measured, not read from a file
     jax.config.update("jax_enable_compilation_cache", False)
-    from benchmarks.reference_problem.growth import FULL, QUICK, growth
-    from benchmarks.reference_problem.measure import Options, measure
-    from benchmarks.reference_problem.table import NOTE, contender_table, growth_table
-
     samples = options.samples or (QUICK_SAMPLES if options.quick else SAMPLES)
     repeats = options.repeats or (3 if options.quick else 20)
     parts = options.parts or (("pass",) if options.quick else PARTS)
+    setting = {"samples": samples, "statistic": "minimum", "repeats": repeats}
+    setting |= {"clock": options.clock} | machine()
     rows, grown = [], []
     if "pass" in parts or "first" in parts:
         first = "first" in parts
@@ -48,12 +49,10 @@ def main(arguments: list[str] | None = None) -> int:
         clock = CLOCKS[options.clock]
         grown = growth(QUICK if options.quick else FULL, samples, repeats, clock)
     status = "differs" if any(row["status"] == "differs" for row in rows) else "agrees"
-    setting = {"samples": samples, "statistic": "minimum", "repeats": repeats} | machine()
-    setting["clock"] = options.clock
     if options.json:
         print(json.dumps({"status": status, **setting, "rows": rows, "growth": grown}))
     else:
-        print(*_texts(rows, grown, contender_table, growth_table), sep="\n\n")
+        print(*_texts(rows, grown), sep="\n\n")
         print(NOTE)
         print(f"minimum of up to {repeats} repeats in turns; {setting}")
     return 0 if status == "agrees" else 1
@@ -77,7 +76,7 @@ def machine() -> dict:
     }
 
 
-def _texts(rows, grown, contender_table, growth_table) -> list[str]:
+def _texts(rows, grown) -> list[str]:
     texts = [contender_table(rows)] if rows else []
     return texts + ([growth_table(grown)] if grown else [])
 

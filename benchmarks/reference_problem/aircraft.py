@@ -2,11 +2,16 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 import jaxid
 from benchmarks.reference_problem import problem
 from benchmarks.reference_problem.equations import GRAVITY
 from benchmarks.reference_problem.problem import ReferenceProblem
+
+Ix, Iy, Iz, Ixz = problem.INERTIA.values()
+INERTIA = np.array([[Ix, 0.0, -Ixz], [0.0, Iy, 0.0], [-Ixz, 0.0, Iz]])
+INVERSE = np.linalg.inv(INERTIA)
 
 
 class PolynomialAircraft(jaxid.AbstractModel):
@@ -58,10 +63,8 @@ class PolynomialAircraft(jaxid.AbstractModel):
         down = jnp.stack(
             [-jnp.sin(pitch), jnp.cos(pitch) * jnp.sin(phi), jnp.cos(pitch) * jnp.cos(phi)]
         )
-        Ix, Iy, Iz, Ixz = problem.INERTIA.values()
-        inertia = jnp.array([[Ix, 0.0, -Ixz], [0.0, Iy, 0.0], [-Ixz, 0.0, Iz]])
         vdot = specific + GRAVITY * down - jnp.cross(omega, velocity)
-        omegadot = jnp.linalg.inv(inertia) @ (moment - jnp.cross(omega, inertia @ omega))
+        omegadot = INVERSE @ (moment - jnp.cross(omega, INERTIA @ omega))
         p, q, r = omega
         psidot = (q * jnp.sin(phi) + r * jnp.cos(phi)) / jnp.cos(pitch)
         angles = jnp.stack(

@@ -25,7 +25,7 @@ import numpy as np
 from scipy.stats import binom
 
 from jaxid.aircraft.air.atmosphere import StandardAtmosphere
-from jaxid.aircraft.flight.report_cases import CASES, start
+from jaxid.aircraft.flight.report_cases import CASES, initial_condition
 from jaxid.aircraft.flight.simulate_flight import flight_solution
 from jaxid.aircraft.instruments.channels import FORCE, RATES
 from jaxid.aircraft.instruments.instruments import Instruments
@@ -171,7 +171,7 @@ def flights(
         chunk: number of flights in one batch.
         seconds: length of each flight [s].
     """
-    aircraft, state = start(CASE)
+    aircraft, state = initial_condition(CASE)
     instruments = Instruments((*KINEMATIC_OUTPUTS, *INPUTS), delay=dict.fromkeys(DELAYED, 0.0))
     aircraft = canonical(eqx.tree_at(lambda one: one.instruments, aircraft, instruments))
     t = SAMPLE_TIME / FINE * jnp.arange(FINE * round(seconds / SAMPLE_TIME), dtype=float)

@@ -158,7 +158,7 @@ def _round(one: dict[str, Any]) -> dict[str, Any]:
     refitted = [
         {key: c[key] for key in kept} for c in one["candidates"] if c["cost_fall"] is not None
     ]
-    return {key: one[key] for key in ("added", "rivals", "dropped", "errors")} | {
+    return {key: one[key] for key in ("added", "alternatives", "dropped", "errors")} | {
         "refitted": refitted
     }
 

@@ -23,7 +23,14 @@ import numpy as np
 
 from jaxid.aircraft.air.turbulence import REPORT_GUST, white_gusts
 from jaxid.aircraft.flight.aircraft import Aircraft
-from jaxid.aircraft.flight.report_cases import CASE_ALTITUDE, CASES, FOOT, Case, pilot_inputs, start
+from jaxid.aircraft.flight.report_cases import (
+    CASE_ALTITUDE,
+    CASES,
+    FOOT,
+    Case,
+    initial_condition,
+    pilot_inputs,
+)
 from jaxid.aircraft.instruments.noise_levels import draw
 from jaxid.aircraft.vehicle.augmentation import ALWAYS
 from jaxid.aircraft.vehicle.engine import AbstractThrust, ConstantThrust
@@ -144,7 +151,7 @@ class HeldSpeed(AbstractThrust):
 
 def setup(case: Case, altitude: float = CASE_ALTITUDE) -> Setup:
     """Return a case of `jaxid.aircraft.flight.report_cases`, without instrument errors."""
-    aircraft, state = start(case, altitude)
+    aircraft, state = initial_condition(case, altitude)
     gust = {"gust_v": case.gust, "gust_w": case.gust} if case.gust else {}
     force = aircraft.engines[0].thrust(jnp.zeros(0), {})
     held = HeldSpeed(force, jnp.zeros(()), jnp.zeros(()))  # no gain: a constant thrust

@@ -27,7 +27,7 @@ from benchmarks.report_tables.coefficients import angles, true_part
 from benchmarks.report_tables.settings import SETTINGS, Setting
 from jaxid import FixedNoise, OutputError, close_loop, free
 from jaxid.aircraft.effects.coefficient_term import CoefficientTerm
-from jaxid.aircraft.flight.report_cases import CASES, Case, pilot_inputs, start
+from jaxid.aircraft.flight.report_cases import CASES, Case, initial_condition, pilot_inputs
 from jaxid.aircraft.flight.simulate_flight import Flight, simulate_flight
 from jaxid.aircraft.identification.flights import from_aircraft
 from jaxid.aircraft.identification.model import IdentificationModel
@@ -136,7 +136,7 @@ def fly_all(motion: Motion, seed: int, level: NoiseLevel) -> dict[str, Flight]:
         level: level of instrument errors and noise.
     """
     key = jax.random.fold_in(jax.random.key(seed), list(MOTIONS).index(motion.case))
-    aircraft, state = start(CASES[motion.case])
+    aircraft, state = initial_condition(CASES[motion.case])
     aircraft = eqx.tree_at(
         lambda one: one.instruments, aircraft, draw(key, report_instruments(), level)
     )
@@ -198,13 +198,15 @@ def declared(
 
 def terms_to_try(motion: Motion, model: IdentificationModel) -> tuple[CoefficientTerm, ...]:
     """Return the candidate terms of the regression that the declared model lacks."""
-    moved = {
-        one.coefficient: one.moved for one in model.effects() if isinstance(one, CoefficientTerm)
+    affected = {
+        one.coefficient: one.affected_states
+        for one in model.effects()
+        if isinstance(one, CoefficientTerm)
     }
     return tuple(
-        CoefficientTerm(coefficient=name, product=term, moved=moved[name])
+        CoefficientTerm(coefficient=name, product=term, affected_states=affected[name])
         for name, terms in model.candidates
-        if name in moved
+        if name in affected
         for term in terms
         if term not in motion.linear
     )
@@ -331,7 +333,7 @@ def measure(
         initial = tuple(f"initial_state.{state}" for state in setting.initial)
         identification = identify(empty, train, options=options, per_record=initial, solver=SOLVER)
         seconds[words] = time.perf_counter() - clock
-        models[f"regression, {words}"] = identification.started, noise
+        models[f"regression, {words}"] = identification.start_model, noise
         models[f"the same, then likelihood, {words}"] = (
             identification.model,
             identification.estimate.noise,

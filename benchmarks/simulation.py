@@ -27,7 +27,12 @@ from benchmarks.flight_in_numpy import FlightInNumpy
 from jaxid.aircraft.air.turbulence import GUSTS, dryden
 from jaxid.aircraft.airframes.shared import DATA
 from jaxid.aircraft.flight.aircraft import Aircraft
-from jaxid.aircraft.flight.report_cases import CASE_ALTITUDE, CASES, REPORT_SAMPLE_TIME, start
+from jaxid.aircraft.flight.report_cases import (
+    CASE_ALTITUDE,
+    CASES,
+    REPORT_SAMPLE_TIME,
+    initial_condition,
+)
 from jaxid.aircraft.flight.simulate_flight import SUBSTEPS, FlightSolution, flight_solution
 from jaxid.aircraft.instruments.noise_levels import BASE, draw
 from jaxid.aircraft.vehicle.aerodynamics_tables import read_coefficients
@@ -75,7 +80,7 @@ class Outcome(NamedTuple):
 
 def make_problem() -> Problem:
     """Return the aircraft of the case and its initial state."""
-    aircraft, state = start(CASE)
+    aircraft, state = initial_condition(CASE)
     return Problem(aircraft.disturbed(*GUSTS), state)
 
 

@@ -90,7 +90,7 @@ def after_each(stalls: Stalls, study: Study) -> list[dict]:
     rows = [{"model": "declared", **lift_errors(stalls, study.before.estimate.model)}]
     names: tuple[str, ...] = ()
     for one in study.rounds:
-        names = tuple(name for name in (*names, *one.came_in) if name not in one.dropped)
+        names = tuple(name for name in (*names, *one.added_effects) if name not in one.dropped)
         if one.added is None:
             continue
         last = set(names) == set(study.effects)
@@ -165,7 +165,7 @@ def summary(study: Study) -> dict:
         rounds.append(
             {
                 "added": one.added,
-                "rivals": list(one.rivals),
+                "alternatives": list(one.alternatives),
                 "dropped": list(one.dropped),
                 "refitted": best,
             }

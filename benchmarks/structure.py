@@ -21,7 +21,9 @@ import numpy as np
 from jaxid.structure import (
     REPORT,
     AbstractRule,
+    Action,
     CrossValidation,
+    Direction,
     FirstMaximumF,
     LastStep,
     MaximumF,
@@ -43,7 +45,7 @@ MANOEUVRES, SAMPLES = 5, 50
 # standard deviation of the noise over that of the response without it
 NOISE = (0.01, 0.05, 0.2, 0.5)
 SEED = 1974
-FORWARD_AND_BACKWARD = SubsetOptions(direction="there and back")
+FORWARD_AND_BACKWARD = SubsetOptions(direction=Direction.FORWARD_THEN_BACKWARD)
 CEILINGS = {
     "limit: right model on the path that only adds": "forward",
     "limit: right model on the whole path": "whole",
@@ -90,7 +92,7 @@ def paths(problem: Problem, noise_variance: float) -> dict[str, Selection]:
     }
     selections["whole"] = path(problem, FORWARD_AND_BACKWARD)
     selections["forward"] = Selection(
-        problem, tuple(step for step in selections["whole"].steps if step.action == "enter")
+        problem, tuple(step for step in selections["whole"].steps if step.action is Action.ENTER)
     )
     bound = min(25.0 * noise_variance, problem.SST / problem.samples)
     selections["noise known"] = path(

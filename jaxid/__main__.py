@@ -82,7 +82,7 @@ class Set(StrEnum):
 
 Json = Annotated[
     Path | None,
-    typer.Option("--json", help="Also write the figures to this JSON file, which must not exist."),
+    typer.Option("--json", help="Also write the results to this JSON file, which must not exist."),
 ]
 Out = Annotated[
     Path | None,
@@ -93,7 +93,7 @@ Out = Annotated[
 ]
 
 
-Seed = Annotated[int, typer.Option(help="Of the measurement noise.")]
+Seed = Annotated[int, typer.Option(help="Seed of the measurement noise.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -123,7 +123,10 @@ def flight(
 
 @app.command()
 def longitudinal(json: Json = None, out: Out = None, seed: Seed = 0) -> None:
-    """The same on a small aircraft in its plane of symmetry, in a third of the time."""
+    """Find the missing effect of a smaller model, an aircraft in its plane of symmetry.
+
+    It takes a third of the time of the default flight.
+    """
     _fly(longitudinal_flight, seed, json, out)
 
 
@@ -161,7 +164,7 @@ def dataset(
     json: Json = None,
     out: Out = None,
 ) -> None:
-    """The same on measured data: a simple physical model is declared, and the rest is found."""
+    """Find the effects that a simple physical model of a measured data set lacks."""
     _require_new(json, out)
     with _show_progress() as progress:
         progress("reading")
@@ -181,7 +184,7 @@ def study_file(
     json: Json = None,
     out: Out = None,
 ) -> None:
-    """The same on your own records and model, which a study file names."""
+    """Find the effects that your own model lacks; a study file names the model and the records."""
     _require_new(json, out)
     sys.path.insert(0, str(path.resolve().parent))  # modules in the folder of the file
     with _show_progress() as progress:

@@ -18,7 +18,7 @@ from jaxid.effects import (
     InputHysteresis,
     InputScale,
     Placement,
-    Saturating,
+    Saturation,
     parameter_effects,
 )
 from jaxid.study.columns import own_parameters
@@ -63,7 +63,7 @@ def known() -> tuple[Effect, ...]:
     of_inputs = (InputBias("u"), InputScale("u"), InputHysteresis("u"))
     by_hand = (
         *of_inputs,
-        Saturating(Placement.equation("h"), "h"),
+        Saturation(Placement.equation("h"), "h"),
         *parameter_effects(tank, ("a",)),
     )
     everything = aircraft_effects(Aircraft(f4()), ground=0.0)

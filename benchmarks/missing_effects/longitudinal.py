@@ -23,7 +23,7 @@ from benchmarks.missing_effects.truth import noise_of
 from benchmarks.missing_effects.truth_effects import recorded
 from jaxid import AbstractModel, free, record
 from jaxid.aircraft.effects.coefficient_term import CoefficientTerm
-from jaxid.aircraft.flight.longitudinal import MOVED_STATES
+from jaxid.aircraft.flight.longitudinal import LONGITUDINAL_AFFECTED_STATES
 from jaxid.aircraft.flight.longitudinal_flight import (
     FLIGHT_SAMPLE_TIME,
     LONGITUDINAL_SPEED,
@@ -173,7 +173,12 @@ def _term(coefficient: str, product: str, gain: float):
         "Cm": (Location(LocationKind.EQUATION, "q"),),
     }[coefficient]
     return planted(
-        CoefficientTerm, coefficient, product, MOVED_STATES[coefficient], gain=gain, places=places
+        CoefficientTerm,
+        coefficient,
+        product,
+        LONGITUDINAL_AFFECTED_STATES[coefficient],
+        gain=gain,
+        places=places,
     )
 
 

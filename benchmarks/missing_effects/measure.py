@@ -133,7 +133,7 @@ def study_summary(study: Study, planted: tuple[Planted, ...]) -> dict[str, Any]:
     return {
         "outcome": study.outcome.value,
         "effects": list(study.effects),
-        "rivals": sorted({rival.name for rival in study.rivals}),
+        "alternatives": sorted({effect.name for effect in study.alternatives}),
         **_planted_results(study, planted),
         "where": [place.location.label for place in near_best],
         "place_right": bool({place.location for place in near_best} & expected),
@@ -153,7 +153,9 @@ def _planted_results(study: Study, planted: tuple[Planted, ...]) -> dict[str, An
     all_candidates = [one for a_round in study.rounds for one in a_round.candidates]
     families = {one.name: one.family for one in all_candidates}
     parts = {one.name: one.parts for one in all_candidates}
-    leading_names = [part for name in (first.added, *first.rivals) if name for part in parts[name]]
+    leading_names = [
+        part for name in (first.added, *first.alternatives) if name for part in parts[name]
+    ]
     singles = [one for one in first.candidates if len(one.parts) == 1]
     leading = {
         *list(dict.fromkeys(one.family for one in singles))[:3],
@@ -206,7 +208,7 @@ def _round(one) -> dict[str, Any]:
     shown = list({c.name: c for c in (*one.candidates[:SHOWN], *refitted)}.values())
     return {
         "added": one.added,
-        "rivals": list(one.rivals),
+        "alternatives": list(one.alternatives),
         "dropped": list(one.dropped),
         "predictable": one.predictable,
         "threshold": one.threshold,

@@ -12,7 +12,7 @@ from benchmarks.missing_effects.reference import Reference
 from jaxid.effects.base import Effect
 from jaxid.estimation.problem import Problem
 from jaxid.models.free import Parameters, with_values
-from jaxid.structure import SubsetOptions, columns, stepwise
+from jaxid.structure import Action, SubsetOptions, columns, stepwise
 
 LEVEL = 0.01  # probability of one false term among all candidates, as in the loop
 
@@ -55,7 +55,7 @@ def naive(reference: Reference, library: Iterable[Effect]) -> Naive:
         valid = mask[..., channel].reshape(-1)
         path = stepwise(X[valid], residuals[..., channel].reshape(-1)[valid], keys, options=options)
         terms += len(path.models[-1].terms)
-        entered = next((step for step in path.steps if step.action == "enter"), None)
+        entered = next((step for step in path.steps if step.action is Action.ENTER), None)
         if entered is not None and entered.partial_F > best:
             best, first = entered.partial_F, entered.name
     return Naive(first, tuple(named[first]) if first else (), terms)

@@ -29,7 +29,7 @@ from benchmarks.missing_effects.truth import noise_of
 from benchmarks.missing_effects.truth_effects import kind, read
 from jaxid import free, record
 from jaxid.aircraft.effects.coefficient_term import CoefficientTerm
-from jaxid.aircraft.flight.aircraft import MOVED, Aircraft
+from jaxid.aircraft.flight.aircraft import AFFECTED_STATES, Aircraft
 from jaxid.aircraft.flight.coupled_flight import (
     FLIGHT_SAMPLE_TIME,
     RECORDED_CHANNELS,
@@ -40,10 +40,10 @@ from jaxid.aircraft.flight.coupled_flight import (
 )
 from jaxid.aircraft.flight.trims import level
 from jaxid.aircraft.instruments.noise_levels import BASE, report_instruments
+from jaxid.aircraft.vehicle.aerodynamics_increments import AerodynamicsWithIncrements
 from jaxid.aircraft.vehicle.aerodynamics_polynomial import PolynomialAerodynamics
 from jaxid.aircraft.vehicle.airframe import Airframe
 from jaxid.aircraft.vehicle.controls import SURFACES, ControlSystem, MeasuredSurfaces
-from jaxid.aircraft.vehicle.tables_with_polynomials import TablesWithPolynomials
 from jaxid.effects import (
     InputDelay,
     InputLag,
@@ -123,12 +123,12 @@ def system(of: Type, terms: Mapping[str, tuple[str, str, float]]) -> System:
 
 
 def _term(coefficient: str, product: str, gain: float):
-    moved = MOVED[coefficient]
+    affected = AFFECTED_STATES[coefficient]
     places = tuple(
         Location(LocationKind.EQUATION, state)
-        for state in dict.fromkeys((EQUATIONS[coefficient], *moved))
+        for state in dict.fromkeys((EQUATIONS[coefficient], *affected))
     )
-    return planted(CoefficientTerm, coefficient, product, moved, gain=gain, places=places)
+    return planted(CoefficientTerm, coefficient, product, affected, gain=gain, places=places)
 
 
 def _fly(of: Type, products: set[tuple[str, str]], wanted: Scenario, seed: int) -> Flown:
@@ -218,7 +218,7 @@ def _aircraft(of: Type, corrections, bias, heavier: float) -> Aircraft:
 
 
 def _corrected(frame: Airframe, corrections) -> Airframe:
-    corrected = TablesWithPolynomials(frame.aerodynamics, PolynomialAerodynamics(corrections))
+    corrected = AerodynamicsWithIncrements(frame.aerodynamics, PolynomialAerodynamics(corrections))
     return eqx.tree_at(lambda one: one.aerodynamics, frame, corrected)
 
 

@@ -30,7 +30,7 @@ from benchmarks.report_tables.settings import Setting
 from benchmarks.report_tables.text import as_numbers, error_table, plain
 from jaxid.aircraft.airframes import f16
 from jaxid.aircraft.flight.aircraft import Aircraft
-from jaxid.aircraft.flight.report_cases import REPORT_SAMPLE_TIME, hold_alpha
+from jaxid.aircraft.flight.report_cases import REPORT_SAMPLE_TIME, trim_at_alpha
 from jaxid.aircraft.flight.simulate_flight import Flight, simulate_flight
 from jaxid.aircraft.instruments.noise_levels import BASE, NoiseLevel, draw, report_instruments
 from jaxid.aircraft.physics.frames import quaternion, velocity
@@ -90,7 +90,7 @@ def fly_f16(name: str, seed: int = 0) -> Flight:
     known = TRAIN | TEST
     chosen, number = known[name], list(known).index(name)
     aircraft = _aircraft(seed)
-    equilibrium = hold_alpha(aircraft, chosen.alpha, ALTITUDE)
+    equilibrium = trim_at_alpha(aircraft, chosen.alpha, ALTITUDE)
     trim = {"stabilator": equilibrium.value("stabilator"), "aileron": 0.0, "rudder": 0.0}
     aircraft = aircraft.trimmed(trim, equilibrium.value("thrust"))
     place = jnp.array([0.0, 0.0, ALTITUDE])

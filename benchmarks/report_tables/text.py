@@ -31,7 +31,7 @@ def case_table(result: CaseResult, table: str | None = None) -> str:
     for name, one in result.identified.equations.items():
         theirs = f", the report's {printed[name]:g}" if name in printed else ""
         lines.append(
-            f"{name}: {one.why}{theirs}; R2 {one.regression.R2:.4f}, "
+            f"{name}: {one.reason}{theirs}; R2 {one.regression.R2:.4f}, "
             f"{len(one.regression.names)} terms"
         )
     lines += ["", f"{'':<20} {'ours':^52} | {'the report':^52}"]

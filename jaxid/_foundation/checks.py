@@ -4,9 +4,13 @@ Each message names the finding, its place and the remedy.
 """
 
 import difflib
+import enum
 from collections.abc import Iterable
+from typing import TypeVar
 
 import jax
+
+E = TypeVar("E", bound=enum.Enum)
 
 
 class InputError(ValueError):
@@ -49,6 +53,17 @@ def require_known(kind: str, names: Iterable[str], available: Iterable[str]) -> 
                 f"There is no {kind} {name!r}.{hint} The names are: "
                 f"{', '.join(available) or '(none)'}."
             )
+
+
+def member(kind: str, option: enum.Enum | str, options: type[E]) -> E:
+    """Return the member of an enumeration for an option that is a member or the value of one.
+
+    Raises:
+        InputError: when the option is neither; the message lists the values.
+    """
+    if not isinstance(option, options):
+        require_known(kind, [str(option)], [choice.value for choice in options])
+    return options(option)
 
 
 def require_unique(kind: str, names: Iterable[str]) -> None:

@@ -67,6 +67,9 @@ from .records.to_centre_of_gravity import corrected_accelerations as corrected_a
 from .records.to_centre_of_gravity import corrected_angles as corrected_angles
 from .vehicle.aerodynamics import COEFFICIENTS as COEFFICIENTS
 from .vehicle.aerodynamics import AbstractAerodynamics as AbstractAerodynamics
+from .vehicle.aerodynamics_increments import (
+    AerodynamicsWithIncrements as AerodynamicsWithIncrements,
+)
 from .vehicle.aerodynamics_polynomial import PolynomialAerodynamics as PolynomialAerodynamics
 from .vehicle.aerodynamics_tables import TableAerodynamics as TableAerodynamics
 from .vehicle.aerodynamics_tables import read_coefficients as read_coefficients
@@ -78,5 +81,4 @@ from .vehicle.controls import MeasuredSurfaces as MeasuredSurfaces
 from .vehicle.controls import standard_actuators as standard_actuators
 from .vehicle.engine import ConstantThrust as ConstantThrust
 from .vehicle.engine import Engine as Engine
-from .vehicle.tables_with_polynomials import TablesWithPolynomials as TablesWithPolynomials
 from .vehicle.turbofan import Turbofan as Turbofan

@@ -31,7 +31,7 @@ from ..models.free import Parameters
 from .autoregression import white_noise_variance
 from .free_form import FORCES, Places, answers, gusts_of, linear_model, spline_basis
 from .scores import sensitivities
-from .thresholds import FEW, LARGEST_WEIGHT, MANY, WEAK_DIRECTION
+from .thresholds import FEW_KNOTS, LARGEST_WEIGHT, MANY_KNOTS, WEAK_DIRECTION
 
 KINDS = (LocationKind.EQUATION, LocationKind.INPUT, LocationKind.SENSOR, LocationKind.AIR)
 
@@ -232,8 +232,10 @@ def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[in
     fast = np.fft.rfftfreq(rows, step)[np.searchsorted(cumulative, 0.95 * cumulative[-1])]
     spacing = 1.0 / (2.5 * max(float(fast), 1.0 / (rows * step)))
     wanted = int(np.ceil((rows - 1) * step / spacing)) + 1
-    halvings = max(int(np.ceil(np.log2(wanted / MANY))), 0)
-    return (FEW if wanted <= FEW else MANY), max(rows >> halvings, min(rows, 2 * MANY))
+    halvings = max(int(np.ceil(np.log2(wanted / MANY_KNOTS))), 0)
+    return (FEW_KNOTS if wanted <= FEW_KNOTS else MANY_KNOTS), max(
+        rows >> halvings, min(rows, 2 * MANY_KNOTS)
+    )
 
 
 class LocalisationArrays(NamedTuple):
@@ -371,27 +373,27 @@ def _explained(
     own = jnp.einsum("crk,crl->ckl", G, G)
     gram = jnp.eye(cases)[:, None, :, None] * own[:, :, None, :]
     gram = gram.reshape(cases * knots, cases * knots)
-    # The tolerance is relative to the splines themselves: of a response that the free parameters
-    # reproduce, only rounding remains.
+    # The tolerance is relative to the splines themselves, because only rounding errors remain of a
+    # response that the free parameters reproduce.
     size = jnp.sqrt(jnp.maximum(jnp.diagonal(gram), jnp.finfo(float).tiny))
-    left = (gram - inside.T @ inside) / (size[:, None] * size[None])
-    toward = jnp.einsum(
+    projected_gram = (gram - inside.T @ inside) / (size[:, None] * size[None])
+    rhs = jnp.einsum(
         "crk,cr->ck", G, v - jnp.einsum("crd,d->cr", basis, jnp.einsum("crd,cr->d", basis, v))
     ).reshape(-1)
-    values, vectors = jnp.linalg.eigh(left)
+    values, vectors = jnp.linalg.eigh(projected_gram)
     strong = values > WEAK_DIRECTION * jnp.maximum(values[-1], 1.0)
     inverse = jnp.where(strong, 1.0 / jnp.where(strong, values, 1.0), 0.0)
-    projected = vectors.T @ (toward / size)
+    projected = vectors.T @ (rhs / size)
     score, dof = jnp.sum(inverse * projected**2), jnp.sum(strong)
     # The remaining residual is the noise. Each direction is weighted by its excess over the noise
     # (empirical Bayes); otherwise directions that hardly move an output would dominate.
     noise = jnp.maximum(squares - score, 0.0) / jnp.maximum(samples - dof, 1.0)
     power = jnp.where(strong, inverse * projected**2, 1.0)
-    stands_out = jnp.where(
+    shrinkage = jnp.where(
         strong, jnp.maximum(1.0 - noise / jnp.maximum(power, jnp.finfo(float).tiny), 0.0), 0.0
     )
-    best = vectors @ (stands_out * inverse * projected) / size
-    spread = jnp.sqrt(noise * jnp.sum(vectors**2 * (stands_out * inverse)[None], axis=1)) / size
+    best = vectors @ (shrinkage * inverse * projected) / size
+    spread = jnp.sqrt(noise * jnp.sum(vectors**2 * (shrinkage * inverse)[None], axis=1)) / size
     # Knots that lie mainly in directions without influence on the outputs.
     unobservable = jnp.sum(jnp.where(strong, 0.0, vectors**2), axis=1) > 0.5
     deviation = jnp.where(unobservable, jnp.inf, spread)

@@ -74,7 +74,7 @@ class Whiteness(eqx.Module):
     """
 
     statistic: Float[Array, " output"]
-    freedom: Int[Array, " output"]
+    dof: Int[Array, " output"]
     p_value: Float[Array, " output"]
 
 
@@ -106,8 +106,8 @@ def ljung_box(
     r, pairs = _autocorrelation(v, mask, lags)
     count = jnp.sum(mask, axis=(0, 1))
     statistic = (count + 2) / jnp.maximum(count, 1) * jnp.sum(pairs[1:] * r[1:] ** 2, axis=0)
-    freedom = jnp.maximum(jnp.sum(pairs[1:] > 0, axis=0) - fitted, 1)
-    return Whiteness(statistic, freedom, gammaincc(freedom / 2, statistic / 2))
+    dof = jnp.maximum(jnp.sum(pairs[1:] > 0, axis=0) - fitted, 1)
+    return Whiteness(statistic, dof, gammaincc(dof / 2, statistic / 2))
 
 
 class ResidualTests(eqx.Module):

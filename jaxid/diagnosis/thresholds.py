@@ -29,4 +29,4 @@ LARGEST_WEIGHT = 3.0
 
 # Chosen: numbers of spline knots in time. More follow faster disturbances and cost more columns;
 # only two numbers, so that studies share their compiled programs.
-FEW, MANY = 20, 60
+FEW_KNOTS, MANY_KNOTS = 20, 60

@@ -54,8 +54,7 @@ def predict(
     window: int | None = None,
     states: Sequence[str] | None = None,
 ) -> Prediction:
-    """Predict records with a fixed model, each from an initial state fitted on a window at its
-    start.
+    """Predict records with a fixed model, each from an initial state fitted at its start.
 
         x_0 = argmin sum_(i < window) v_i' R^-1 v_i,    then simulate the whole record from x_0
 

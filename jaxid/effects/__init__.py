@@ -21,7 +21,7 @@ from .sensor import (
     SensorScale,
 )
 from .sensor_quantisation import SensorQuantisation
-from .static_nonlinearity import DeadBand, Hinge, Saturating
+from .static_nonlinearity import DeadBand, Hinge, Saturation
 
 __all__ = [
     "Augmented",
@@ -49,7 +49,7 @@ __all__ = [
     "Placement",
     "QuadraticDrag",
     "Resonance",
-    "Saturating",
+    "Saturation",
     "SensorBias",
     "SensorCrossTalk",
     "SensorDelay",

@@ -14,7 +14,7 @@ from .._foundation.location import Location, LocationKind
 from .._foundation.types import Array, Float
 from .base import zero
 from .card import EffectCard
-from .dynamics import NO_WIDTH_YET
+from .dynamics import UNSET_WIDTH
 from .input import InputEffect
 from .rate_hysteresis import BoucWen, RateLimited
 from .shape_initialisation import centre_of, level_in, max_deviation, rates_in
@@ -103,7 +103,7 @@ class InputHysteresis(InputEffect):
     channel: str = eqx.field(static=True)
     fraction: float = eqx.field(static=True, default=0.2)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
-    width: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(NO_WIDTH_YET))
+    width: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(UNSET_WIDTH))
 
     @property
     def card(self):

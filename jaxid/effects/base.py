@@ -90,9 +90,9 @@ class Effect(eqx.Module):
 
         Args:
             signals: simulated signals at every valid sample: time `t` [s], states, inputs and the
-                model's signals; `number of the record`; for each output `shown NAME`, the output of
-                the declared model, and `residual NAME`, its residual, zero where that output is not
-                measured.
+                model's signals; `number of the record`; for each output `simulated NAME`, the
+                output of the declared model, and `residual NAME`, its residual, zero where that
+                output is not measured.
             measured: measured outputs, every valid sample.
             step: typical sample interval [s].
         """

@@ -10,14 +10,14 @@ import jax.numpy as jnp
 from .._foundation.types import Array, Float
 from .base import zero
 from .card import EffectCard
-from .input import NO_LAG_YET
+from .input import UNSET_TIME
 from .placement import AS_CUBIC, Placement, ScalarEffect
 from .rate_hysteresis import bouc_wen
 from .shape_initialisation import longest_record, max_deviation, misfit_peak, time_scale_of
 
 # width before `initialise_shape` sets it (chosen): wider than any signal in SI units, so that z is
 # constant
-NO_WIDTH_YET = 1e6
+UNSET_WIDTH = 1e6
 # least initial lag in sample intervals (chosen): with a shorter lag, integration is inaccurate
 MIN_LAG_STEPS = 2.0
 # phase change per sample interval [rad], derived: at this frequency a Runge-Kutta step of one
@@ -51,14 +51,14 @@ class LaggedSignal(ScalarEffect):
     signal: str = eqx.field(static=True)
     multiple: float = eqx.field(static=True, default=1.0)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
-    time: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(NO_LAG_YET))
+    time: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(UNSET_TIME))
     longest: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(jnp.inf))
 
     @property
     def card(self):
         family = f"lagged {self.signal} in {self.placement.name}"
         return EffectCard(
-            name=f"{family} (from {self.multiple:g} times its own time)",
+            name=f"{family} (from {self.multiple:g} times its time scale)",
             description=f"{self.signal} acts {self.placement.words} with a lag",
             location=self.placement.location,
             family=family,
@@ -121,7 +121,7 @@ class Resonance(ScalarEffect):
     signal: str = eqx.field(static=True)
     peak: int = eqx.field(static=True, default=1)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
-    frequency: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(1.0 / NO_LAG_YET))
+    frequency: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(1.0 / UNSET_TIME))
     damping: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.1))
     highest: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(jnp.inf))
 
@@ -201,7 +201,7 @@ class Hysteresis(ScalarEffect):
     signal: str = eqx.field(static=True)
     fraction: float = eqx.field(static=True, default=0.2)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
-    width: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(NO_WIDTH_YET))
+    width: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(UNSET_WIDTH))
 
     @property
     def card(self):

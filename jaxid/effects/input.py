@@ -13,7 +13,7 @@ from .card import EffectCard
 # bounds of a blend gain, 1 +- 2 (chosen): a larger gain models the input's curvature instead
 BLEND_BOUNDS = (-1.0, 3.0)
 # [s], chosen longer than any record: the state is constant until `initialise_shape` sets its time
-NO_LAG_YET = 1e6
+UNSET_TIME = 1e6
 
 
 class InputEffect(Effect):
@@ -63,7 +63,7 @@ class InputScale(InputEffect):
     def card(self):
         return EffectCard(
             name=f"scale of input {self.channel}",
-            description=f"the input {self.channel} is recorded with an error of scale",
+            description=f"the input {self.channel} is recorded with a scale error",
             location=Location(LocationKind.INPUT, self.channel),
             signals=(self.channel,),
         )
@@ -116,8 +116,7 @@ class InputBetweenSamples(InputEffect):
     def card(self):
         return EffectCard(
             name=f"{self.channel} between samples",
-            description=f"the input {self.channel} runs band-limited between its samples, not as "
-            "assumed",
+            description=f"the input {self.channel} is band-limited between its samples",
             location=Location(LocationKind.INPUT, self.channel),
             signals=(self.channel,),
             bounds={"gain": BLEND_BOUNDS},
@@ -149,7 +148,7 @@ class InputLag(InputEffect):
 
     channel: str = eqx.field(static=True)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
-    time: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(NO_LAG_YET))
+    time: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(UNSET_TIME))
 
     @property
     def card(self):

@@ -15,7 +15,7 @@ from ..models.base import AbstractModel, canonical, equations_of, right_hand_sid
 from ..models.free import Positions, insert, leaves_at
 from ..models.names import flatten
 from ..models.polynomial import require_readable
-from ..models.signal_dependence import ARBITRARY, absent_signals, differences, with_differences
+from ..models.signal_dependence import RANDOM_POINTS, absent_signals, differences, with_differences
 from .actuator import InputDeadZone, InputHysteresis, InputPositionLimit, InputRateLimit
 from .augmented import absent_effects, split_effects
 from .base import Effect
@@ -42,7 +42,7 @@ MOST_PAIRS_FOR_MEMORY = 6  # pairs of an equation and a state with additional st
 # pairs of an equation and an input; each has three initial frequencies, of two states each
 MOST_PAIRS_FOR_RESONANCE = 2
 MOST_DIFFERENCES_FOR_SHAPES = 8  # pairs of an equation and a difference
-MOST_OF_ONE_KIND = 3  # outputs of one unit with cross-talk
+MOST_OUTPUTS_OF_ONE_UNIT = 3  # outputs of one unit with cross-talk
 # Initial shapes, all chosen.
 LEVELS = (0.6, 0.75, 0.9)  # levels of overflow, as fractions of the state's range
 KNOTS = (0.3, 0.7)  # levels of hinges, as fractions of the signal's range
@@ -182,25 +182,25 @@ def _in_outputs(model: AbstractModel) -> list[Effect]:
         ]
         effects += [SensorSaturation(channel, end) for end in ("upper", "lower")]
         effects += [SensorDrift(channel), SensorQuantisation(channel)]
-    return effects + [SensorCrossTalk(into, source) for into, source in _of_one_kind(model)]
+    return effects + [SensorCrossTalk(into, source) for into, source in _outputs_of_one_unit(model)]
 
 
-def _of_one_kind(model: AbstractModel) -> tuple[tuple[str, str], ...]:
+def _outputs_of_one_unit(model: AbstractModel) -> tuple[tuple[str, str], ...]:
     """Return the ordered pairs of outputs with likely cross-talk.
 
     These are pairs among two or three outputs with one unit, such as three gyros.
     """
     units = {name: model.units().get(name, "") for name in model.outputs}
-    kinds = [
+    groups = [
         tuple(name for name in model.outputs if units[name] == unit)
         for unit in dict.fromkeys(units.values())
         if unit
     ]
     return tuple(
         pair
-        for kind in kinds
-        if len(kind) <= MOST_OF_ONE_KIND
-        for pair in itertools.permutations(kind, 2)
+        for group in groups
+        if len(group) <= MOST_OUTPUTS_OF_ONE_UNIT
+        for pair in itertools.permutations(group, 2)
     )
 
 
@@ -261,7 +261,7 @@ def _depends(model: AbstractModel, flat: Array, positions: Positions) -> Bool[Ar
 
         return jax.jacfwd(rate)(flat[positions.shared])
 
-    sizes = jnp.repeat(jnp.array(STATE_MAGNITUDES), ARBITRARY)
+    sizes = jnp.repeat(jnp.array(STATE_MAGNITUDES), RANDOM_POINTS)
     values = jax.vmap(slopes)(jax.random.split(jax.random.key(0), sizes.size), sizes)
     # A single NaN is no evidence: outside of its domain a root without a parameter has the
     # derivative zero times infinity.

@@ -27,14 +27,14 @@ class ParameterEffect(Effect):
 
     Attributes:
         parameter: dotted name of one scalar, as returned by `jaxid.models.parameter_names`.
-        along: pairs of a further parameter and the factor on its offset.
-        called: the parameter in words; its dotted name by default.
+        linked: pairs of a further parameter and the factor on its offset.
+        label: the parameter in words; its dotted name by default.
         unit: unit of the parameter and of the gain.
     """
 
     parameter: eqx.AbstractVar[str]
-    along: eqx.AbstractVar[tuple[tuple[str, float], ...]]
-    called: eqx.AbstractVar[str]
+    linked: eqx.AbstractVar[tuple[tuple[str, float], ...]]
+    label: eqx.AbstractVar[str]
     unit: eqx.AbstractVar[str]
 
     def amount(self, t: Float[Array, ""]) -> Float[Array, ""]:
@@ -44,13 +44,13 @@ class ParameterEffect(Effect):
         )
 
     @property
-    def what(self) -> str:
+    def display_name(self) -> str:
         """The parameter in words."""
-        return self.called or self.parameter
+        return self.label or self.parameter
 
     def parameter_offsets(self, t):
         amount = self.amount(t)
-        return {self.parameter: amount} | {name: factor * amount for name, factor in self.along}
+        return {self.parameter: amount} | {name: factor * amount for name, factor in self.linked}
 
 
 class ParameterShift(ParameterEffect):
@@ -60,15 +60,15 @@ class ParameterShift(ParameterEffect):
 
     Args:
         parameter: dotted name of one scalar.
-        along: pairs of a further parameter and the factor on its offset.
-        called: the parameter in words.
+        linked: pairs of a further parameter and the factor on its offset.
+        label: the parameter in words.
         unit: unit of the gain.
         channel: output whose sensor has the parameter, if any; the effect then acts in that sensor.
     """
 
     parameter: str = eqx.field(static=True)
-    along: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
-    called: str = eqx.field(static=True, default="")
+    linked: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
+    label: str = eqx.field(static=True, default="")
     unit: str = eqx.field(static=True, default="")
     channel: str = eqx.field(static=True, default="")
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
@@ -79,8 +79,8 @@ class ParameterShift(ParameterEffect):
         if self.channel:
             location = Location(LocationKind.SENSOR, self.channel)
         return EffectCard(
-            name=f"shift of {self.what}",
-            description=f"{self.what} is not the declared one",
+            name=f"shift of {self.display_name}",
+            description=f"{self.display_name} differs from its declared value",
             location=location,
             unit=self.unit,
             signals=(self.channel,) if self.channel else (),
@@ -98,15 +98,15 @@ class ParameterDrift(ParameterEffect):
 
     Args:
         parameter: dotted name of one scalar.
-        along: pairs of a further parameter and the factor on its offset.
-        called: the parameter in words.
+        linked: pairs of a further parameter and the factor on its offset.
+        label: the parameter in words.
         unit: unit of the gain.
         middle, span: middle and length of the time range [s].
     """
 
     parameter: str = eqx.field(static=True)
-    along: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
-    called: str = eqx.field(static=True, default="")
+    linked: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
+    label: str = eqx.field(static=True, default="")
     unit: str = eqx.field(static=True, default="")
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
     middle: Float[Array, ""] = eqx.field(default_factory=zero)
@@ -115,8 +115,8 @@ class ParameterDrift(ParameterEffect):
     @property
     def card(self):
         return EffectCard(
-            name=f"drift of {self.what}",
-            description=f"{self.what} drifts with time",
+            name=f"drift of {self.display_name}",
+            description=f"{self.display_name} drifts with time",
             location=Location(LocationKind.PARAMETER, self.parameter),
             unit=self.unit,
             complexity=2,
@@ -144,8 +144,8 @@ class ParameterStep(ParameterEffect):
         parameter: dotted name of one scalar.
         fraction: initial time, as a quantile of the times of the training samples, so that it does
             not lie in a gap between two records.
-        along: pairs of a further parameter and the factor on its offset.
-        called: the parameter in words.
+        linked: pairs of a further parameter and the factor on its offset.
+        label: the parameter in words.
         unit: unit of the gain.
         time: time of the step [s].
         width: time constant of the step [s].
@@ -153,8 +153,8 @@ class ParameterStep(ParameterEffect):
 
     parameter: str = eqx.field(static=True)
     fraction: float = eqx.field(static=True, default=0.5)
-    along: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
-    called: str = eqx.field(static=True, default="")
+    linked: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
+    label: str = eqx.field(static=True, default="")
     unit: str = eqx.field(static=True, default="")
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
     time: Float[Array, ""] = eqx.field(default_factory=zero)
@@ -162,10 +162,10 @@ class ParameterStep(ParameterEffect):
 
     @property
     def card(self):
-        family = f"step of {self.what}"
+        family = f"step of {self.display_name}"
         return EffectCard(
             name=f"{family} (from {self.fraction:.0%} of the time)",
-            description=f"{self.what} changes at a moment",
+            description=f"{self.display_name} changes suddenly",
             location=Location(LocationKind.PARAMETER, self.parameter),
             family=family,
             unit=self.unit,
@@ -218,7 +218,7 @@ def not_free(effects: Sequence[Effect], free: Sequence[str]) -> tuple[Effect, ..
         effect
         for effect in effects
         if not (
-            isinstance(effect, ParameterShift) and not effect.along and effect.parameter in free
+            isinstance(effect, ParameterShift) and not effect.linked and effect.parameter in free
         )
     )
 

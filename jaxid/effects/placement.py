@@ -21,12 +21,12 @@ class Placement:
 
     Args:
         name: name of the equation or the coefficient.
-        moved: pairs of a state and the multiplier of the scalar in its equation: a product of
+        affected: pairs of a state and the multiplier of the scalar in its equation: a product of
             signals, such as `"q_per_Cm"`, or `"1"`.
     """
 
     name: str
-    moved: tuple[tuple[str, str], ...]
+    affected: tuple[tuple[str, str], ...]
 
     @classmethod
     def equation(cls, state: str) -> "Placement":
@@ -50,12 +50,12 @@ class Placement:
         """Return the terms that the scalar adds to the state derivatives, by state."""
         if self._is_equation:
             return {self.name: scalar}
-        states, multipliers = zip(*self.moved, strict=True)
+        states, multipliers = zip(*self.affected, strict=True)
         return dict(zip(states, scalar * monomials(multipliers, signals), strict=True))
 
     @property
     def _is_equation(self) -> bool:
-        return self.moved == ((self.name, "1"),)
+        return self.affected == ((self.name, "1"),)
 
 
 class ScalarEffect(Effect):

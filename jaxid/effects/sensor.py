@@ -120,7 +120,7 @@ class SensorScale(SensorEffect):
     def card(self):
         return EffectCard(
             name=f"scale of {self.channel}",
-            description=f"the sensor of {self.channel} has an error of scale",
+            description=f"the sensor of {self.channel} has a scale error",
             location=Location(LocationKind.SENSOR, self.channel),
         )
 
@@ -281,7 +281,7 @@ class SensorCrossTalk(Effect):
     def card(self):
         return EffectCard(
             name=f"cross-talk of {self.source} into {self.channel}",
-            description=f"the sensor of {self.channel} also feels {self.source}",
+            description=f"the sensor of {self.channel} also measures {self.source}",
             location=Location(LocationKind.SENSOR, self.channel),
         )
 

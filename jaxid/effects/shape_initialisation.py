@@ -8,7 +8,7 @@ import numpy as np
 from .._foundation.types import Array, Float
 
 Samples = Float[np.ndarray, " sample"]
-SIMULATED = "shown "  # prefix of an output's name: output of the declared model
+SIMULATED = "simulated "  # prefix of an output's name: output of the declared model
 RESIDUAL = "residual "  # prefix of an output's name: measured minus simulated output
 RECORD = "number of the record"  # name of the signal with the record number of each sample
 # quantiles of a signal that bound the level of a hinge (chosen): a tenth of the samples beyond each
@@ -103,8 +103,8 @@ def misfit_peak(
     resonance, whatever the model lacks. A residual within the noise floor is not counted.
 
     Args:
-        signals: `t` [s], and `residual NAME` and `shown NAME` of each output, every valid sample,
-            one record after the other.
+        signals: `t` [s], and `residual NAME` and `simulated NAME` of each output, every valid
+            sample, one record after the other.
         step: typical sample interval [s].
         rank: rank of the peak, 1 being the highest; the surroundings of higher peaks are excluded.
         highest: upper limit of the frequency [rad/s].

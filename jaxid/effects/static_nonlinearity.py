@@ -46,7 +46,7 @@ class DeadBand(ScalarEffect):
             name=f"dead band of {self.signal} in {self.placement.name}",
             description=(
                 f"{self.signal} has a dead band or a saturation {self.placement.words}: "
-                "its slope there is another about the centre"
+                "its slope about the centre differs"
             ),
             location=self.placement.location,
             signals=(self.signal,),
@@ -75,7 +75,7 @@ class DeadBand(ScalarEffect):
         return (cube, QuadraticDrag(state=state, speed=state)) if self.signal == state else (cube,)
 
 
-class Saturating(ScalarEffect):
+class Saturation(ScalarEffect):
     """Saturation at a level on either side of the centre.
 
         scalar += gain clip(d, -level, level),    d = signal - centre

@@ -8,23 +8,25 @@ from .noise import DiagonalNoise, FixedNoise, FullNoise
 from .polynomial import Polynomial
 from .replace import polynomials_of, with_polynomials
 from .table_set import TableSet
-from .tables import Table, outside, require_inside
+from .tables import Extrapolation, Interpolation, Table, range_violations, require_inside
 
 __all__ = [
     "AbstractModel",
     "DiagonalNoise",
+    "Extrapolation",
     "FixedNoise",
     "Free",
     "FullNoise",
+    "Interpolation",
     "LinearModel",
     "Parameters",
     "Polynomial",
     "Table",
     "TableSet",
     "free",
-    "outside",
     "parameter_names",
     "polynomials_of",
+    "range_violations",
     "require_inside",
     "with_polynomials",
     "with_values",

@@ -16,7 +16,9 @@ from .._foundation.types import Array, Bool
 from .base import AbstractModel, equations_of, right_hand_sides
 from .names import flatten
 
-ARBITRARY = 3  # random points of evaluation (chosen): an accidental equality at all is improbable
+RANDOM_POINTS = (
+    3  # random points of evaluation (chosen): an accidental equality at all is improbable
+)
 OPPOSITE_RTOL = (
     1e-9  # relative sum of two slopes that counts as zero (chosen, above rounding errors)
 )
@@ -107,7 +109,7 @@ def _slopes(
             lambda xu: right_hand_sides(other, jnp.zeros(()), *jnp.split(xu, [len(model.states)]))
         )(point)
 
-    slopes = jax.vmap(slopes_at)(jax.random.split(jax.random.key(0), ARBITRARY))
+    slopes = jax.vmap(slopes_at)(jax.random.split(jax.random.key(0), RANDOM_POINTS))
     depends = slopes != 0
     sums = jnp.abs(slopes[..., None] + slopes[..., None, :])
     opposite = depends[..., None] & (sums <= OPPOSITE_RTOL * jnp.abs(slopes[..., None]))

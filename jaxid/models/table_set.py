@@ -33,8 +33,8 @@ class TableSet(eqx.Module):
         self,
         grids: Mapping[str, GridData],
         *,
-        interpolation: Interpolation = "linear",
-        extrapolation: Extrapolation = "hold",
+        interpolation: Interpolation | str = Interpolation.LINEAR,
+        extrapolation: Extrapolation | str = Extrapolation.HOLD,
     ):
         shared: dict[tuple, list[str]] = {}
         for name, grid in grids.items():
@@ -64,9 +64,11 @@ class TableSet(eqx.Module):
         return _common([table.limits for table in self.tables])
 
     @property
-    def refuses(self) -> dict[str, tuple[float, float]]:
+    def hard_limits(self) -> dict[str, tuple[float, float]]:
         """Ranges outside which a table gives NaN, by axis [SI]."""
-        return _common([table.limits for table in self.tables if table.extrapolation == "refuse"])
+        return _common(
+            [table.limits for table in self.tables if table.extrapolation is Extrapolation.REFUSE]
+        )
 
     def __call__(self, signals: Mapping[str, Float[Array, ""]]) -> dict[str, Float[Array, ""]]:
         """All quantities by name.

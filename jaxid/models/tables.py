@@ -2,10 +2,11 @@
 value.
 """
 
+import enum
 import functools
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Literal, get_args
+from typing import ClassVar
 
 import equinox as eqx
 import interpax
@@ -14,29 +15,53 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from .._foundation.checks import InputError, require, require_known, require_unique
+from .._foundation.checks import InputError, member, require, require_known, require_unique
 from .._foundation.types import Array, Float, Numbers
 
-Interpolation = Literal["linear", "cubic", "monotone"]
-Extrapolation = Literal["hold", "linear", "refuse"]
-# number of knots per axis on which an interpolated value depends
-STENCIL = {"linear": 2, "cubic": 4, "monotone": 4}
-SLOPES = {"cubic": "cubic", "monotone": "monotonic"}  # interpax's names
+
+class Interpolation(enum.Enum):
+    """Interpolation between the knots of a table; a table also accepts the value as text.
+
+    Attributes:
+        LINEAR: straight lines.
+        CUBIC: the Hermite cubic with the mean of the slopes of the two adjacent lines as slope at a
+            knot; value and derivative are continuous.
+        MONOTONE: the same with the slopes of Fritsch and Butland, for which no interpolated value
+            exceeds the data.
+    """
+
+    LINEAR = "linear"
+    CUBIC = "cubic"
+    MONOTONE = "monotone"
+
+    @property
+    def stencil(self) -> int:
+        """Number of knots per axis on which an interpolated value depends."""
+        return 2 if self is Interpolation.LINEAR else 4
+
+
+class Extrapolation(enum.Enum):
+    """Extrapolation beyond the knots of a table; a table also accepts the value as text.
+
+    Attributes:
+        HOLD: the value is constant.
+        LINEAR: the value continues with the slope at the edge.
+        REFUSE: the value is NaN; `require_inside` raises an error with the reason.
+    """
+
+    HOLD = "hold"
+    LINEAR = "linear"
+    REFUSE = "refuse"
+
+
+# interpax's names of the slopes
+SLOPES = {Interpolation.CUBIC: "cubic", Interpolation.MONOTONE: "monotonic"}
 
 
 class Table(eqx.Module):
     r"""One quantity, or several quantities on the same grid, interpolated in one to three signals.
 
-    The interpolation is done axis by axis, in the order of the axes. Interpolation between knots:
-
-    - `linear`: straight lines;
-    - `cubic`: the Hermite cubic with the mean of the slopes of the two adjacent lines as slope at a
-      knot; value and derivative are continuous;
-    - `monotone`: the same with the slopes of Fritsch and Butland, for which no interpolated value
-      exceeds the data.
-
-    Extrapolation beyond the knots: the value is constant (`hold`), continues with the slope at the
-    edge (`linear`), or is NaN (`refuse`; `require_inside` raises an error with the reason).
+    The interpolation is done axis by axis, in the order of the axes.
 
     Only the knots around the point are evaluated, two or four on each axis. Four knots give the
     same slopes as all knots of the axis, also at its ends, where the four are shifted inwards to
@@ -53,8 +78,8 @@ class Table(eqx.Module):
         units: unit for each axis, used in names only: the names of an axis in `"rad"` have degrees,
             as in `alpha=10`. No units when left out.
         quantities: names of the quantities; empty for a single quantity without a name.
-        interpolation: interpolation between knots.
-        extrapolation: extrapolation beyond the knots.
+        interpolation: an `Interpolation`, or its value, such as `"cubic"`.
+        extrapolation: an `Extrapolation`, or its value, such as `"hold"`.
 
     Raises:
         InputError: when knots are too few, unordered or not finite, a value is not finite, or
@@ -79,14 +104,15 @@ class Table(eqx.Module):
         *,
         units: Sequence[str] | None = None,
         quantities: Sequence[str] = (),
-        interpolation: Interpolation = "linear",
-        extrapolation: Extrapolation = "hold",
+        interpolation: Interpolation | str = Interpolation.LINEAR,
+        extrapolation: Extrapolation | str = Extrapolation.HOLD,
     ):
         self.values = jnp.asarray(values, float)
         self.knots = tuple(tuple(float(knot) for knot in line) for line in knots)
         self.axes, self.quantities = tuple(axes), tuple(quantities)
         self.units = ("",) * len(self.axes) if units is None else tuple(units)
-        self.interpolation, self.extrapolation = interpolation, extrapolation
+        self.interpolation = member("interpolation", interpolation, Interpolation)
+        self.extrapolation = member("extrapolation", extrapolation, Extrapolation)
         _check(self)
 
     @property
@@ -110,7 +136,7 @@ class Table(eqx.Module):
         require_known("signal", self.axes, signals)
         points = [signals[axis] for axis in self.axes]
         inside = [_hold(point, line) for point, line in zip(points, self.knots, strict=True)]
-        widths = [min(STENCIL[self.interpolation], len(line)) for line in self.knots]
+        widths = [min(self.interpolation.stencil, len(line)) for line in self.knots]
         starts = [
             _start(point, line, width)
             for point, line, width in zip(inside, self.knots, widths, strict=True)
@@ -123,9 +149,9 @@ class Table(eqx.Module):
             points, inside, self.knots, starts, widths, strict=True
         ):
             near = jax.lax.dynamic_slice(jnp.asarray(line), (start,), (width,))
-            beyond = point - held if self.extrapolation == "linear" else None
+            beyond = point - held if self.extrapolation is Extrapolation.LINEAR else None
             value = _between(held, beyond, near, value, self.interpolation)
-        if self.extrapolation == "refuse":
+        if self.extrapolation is Extrapolation.REFUSE:
             value = jnp.where(
                 functools.reduce(jnp.logical_or, map(jnp.not_equal, points, inside)), jnp.nan, value
             )
@@ -142,8 +168,10 @@ def require_inside(table: Table, signals: Mapping[str, Numbers]) -> None:
     Raises:
         InputError: when a signal is outside; the message has the axis, the value and the range.
     """
-    if table.extrapolation == "refuse":
-        excesses = outside(table.limits, signals, dict(zip(table.axes, table.units, strict=True)))
+    if table.extrapolation is Extrapolation.REFUSE:
+        excesses = range_violations(
+            table.limits, signals, dict(zip(table.axes, table.units, strict=True))
+        )
         if excesses:
             subject = (
                 f"The table of {', '.join(table.quantities)}" if table.quantities else "The table"
@@ -154,7 +182,7 @@ def require_inside(table: Table, signals: Mapping[str, Numbers]) -> None:
             )
 
 
-def outside(
+def range_violations(
     limits: Mapping[str, tuple[float, float]],
     signals: Mapping[str, Numbers],
     units: Mapping[str, str] | None = None,
@@ -205,7 +233,7 @@ def _start(point, line: tuple[float, ...], width: int):
 def _between(point, beyond, knots, values, interpolation: Interpolation):
     """Interpolate along the first axis of a stencil; `beyond` is the distance outside of it."""
     with jax.numpy_rank_promotion("allow"):  # interpax promotes ranks inside
-        if interpolation == "linear":
+        if interpolation is Interpolation.LINEAR:
             return interpax.interp1d(
                 point if beyond is None else point + beyond, knots, values, "linear", extrap=True
             )
@@ -241,8 +269,6 @@ def _check(table: Table) -> None:
     )
     require_unique("axis", table.axes)
     require_unique("quantity", table.quantities)
-    require_known("interpolation", [table.interpolation], get_args(Interpolation))
-    require_known("extrapolation", [table.extrapolation], get_args(Extrapolation))
     for label, items in (("lines of knots", table.knots), ("units", table.units)):
         require(
             len(items) == len(table.axes),

@@ -13,13 +13,13 @@ from ..study.rounds import Candidate, Round
 from ..study.study import Study
 from .style import (
     AFTER,
+    ALTERNATIVE,
     BEFORE,
     FONT,
     INK,
     MEASURED,
     NOISE,
     OTHER,
-    RIVAL,
     canvas,
     channel_label,
     key,
@@ -150,7 +150,7 @@ def errors(study: Study) -> Figure:
 
 
 def ranking(search_round: Round) -> Figure:
-    """Return a figure of the candidates of a round by score, with the winner and rivals marked.
+    """Return a figure of the candidates of a round by score, the winner and alternatives marked.
 
     Args:
         search_round: the round.
@@ -193,7 +193,7 @@ def ranking(search_round: Round) -> Figure:
     ax.axvline(search_round.threshold, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
     _note(ax, search_round.threshold, "significant beyond this line", above=True)
     roles = {_colour(search_round, candidate) for candidate in best}
-    entries = [("added", AFTER), ("rival", RIVAL), ("other", OTHER)]
+    entries = [("added", AFTER), ("alternative", ALTERNATIVE), ("other", OTHER)]
     key(
         figure,
         [entry for entry in entries if entry[1] in roles],
@@ -353,8 +353,8 @@ def _colour(search_round: Round, candidate: Candidate) -> str:
     return (
         AFTER
         if candidate.name == search_round.added
-        else RIVAL
-        if candidate.name in search_round.rivals
+        else ALTERNATIVE
+        if candidate.name in search_round.alternatives
         else OTHER
     )
 

@@ -34,9 +34,9 @@ def where(located: LocalisationResult) -> Figure:
     return figure
 
 
-def _bars(ax: Axes, places: tuple[Place, ...], rivals: set[Location]) -> None:
+def _bars(ax: Axes, places: tuple[Place, ...], best: set[Location]) -> None:
     shares = np.nan_to_num(np.clip([place.share for place in places], 0.0, None))
-    colours = [AFTER if place.location in rivals else OTHER for place in places]
+    colours = [AFTER if place.location in best else OTHER for place in places]
     rows = np.arange(len(places))
     ax.barh(rows, shares, color=colours, height=0.68)
     for row, place, share in zip(rows, places, shares, strict=True):

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 # Okabe & Ito, Color Universal Design, 2008.
-MEASURED, BEFORE, AFTER, NOISE, RIVAL, OTHER = (
+MEASURED, BEFORE, AFTER, NOISE, ALTERNATIVE, OTHER = (
     "#8c8c8c",
     "#d55e00",
     "#0072b2",

@@ -37,19 +37,19 @@ class ParameterRow(NamedTuple):
 
 
 class EffectRow(NamedTuple):
-    """One added effect: in words, its name in the code, its place, its parameters, its rivals."""
+    """One added effect: description, name in the code, place, parameters and alternatives."""
 
-    sentence: str
+    description: str
     name: str
     place: str
     parameters: tuple[ParameterRow, ...]
-    rivals: tuple[str, ...]
+    alternatives: tuple[str, ...]
 
 
 class CandidateRow(NamedTuple):
     """One refitted candidate: description, scores, result of the refit, and verdict."""
 
-    sentence: str
+    description: str
     score: str
     significance: str
     cost_fall: str
@@ -64,7 +64,7 @@ class RoundRow(NamedTuple):
     number: int
     effects: tuple[str, ...]
     added: str
-    rivals: tuple[str, ...]
+    alternatives: tuple[str, ...]
     dropped: tuple[str, ...]
     candidates: tuple[CandidateRow, ...]
     others: int
@@ -127,16 +127,18 @@ def effect_rows(study: Study) -> tuple[EffectRow, ...]:
         One row for each effect, in the order of addition.
     """
     estimate, rows = study.after.estimate, []
-    for name, sentence in zip(study.effects, study.sentences, strict=True):
-        own = tuple(
+    for name, description in zip(study.effects, study.descriptions, strict=True):
+        parameters = tuple(
             ParameterRow(parameter.removeprefix(f"{name}."), "", value, unit)
             for parameter, (value, unit) in _values(estimate).items()
             if parameter.startswith(f"{name}.")
         )
         candidates = [each for search_round in study.rounds for each in search_round.candidates]
         place = next((candidate.place for candidate in candidates if candidate.name == name), "")
-        rivals = tuple(raised(rival.sentence) for rival in study.rivals if name in rival.instead_of)
-        rows.append(EffectRow(raised(sentence), name, place, own, rivals))
+        alternatives = tuple(
+            raised(effect.description) for effect in study.alternatives if name in effect.instead_of
+        )
+        rows.append(EffectRow(raised(description), name, place, parameters, alternatives))
     return tuple(rows)
 
 
@@ -179,8 +181,10 @@ def round_rows(study: Study) -> tuple[RoundRow, ...]:
             RoundRow(
                 number=index,
                 effects=tuple(raised(name) for name in search_round.effects),
-                added=_sentence(search_round, search_round.added) if search_round.added else "",
-                rivals=tuple(_sentence(search_round, name) for name in search_round.rivals),
+                added=_description(search_round, search_round.added) if search_round.added else "",
+                alternatives=tuple(
+                    _description(search_round, name) for name in search_round.alternatives
+                ),
                 dropped=tuple(raised(name) for name in search_round.dropped),
                 candidates=tuple(_candidate(search_round, candidate) for candidate in refitted),
                 others=len(search_round.candidates) - len(refitted),
@@ -200,7 +204,7 @@ def abandoned_path(study: Study) -> tuple[str, ...]:
         A description of each effect; empty if the search had a single path.
     """
     return tuple(
-        _sentence(search_round, search_round.added)
+        _description(search_round, search_round.added)
         for search_round in study.other_rounds
         if search_round.added
     )
@@ -220,7 +224,7 @@ def remains_rows(study: Study) -> tuple[RemainsRow, ...]:
     first = study.rounds[0].predictable
     # With effects in the model, the share belongs to the same model as the related signals.
     last = study.rounds[-1].predictable if study.effects else first
-    before, after = study.reading["before"], study.reading["after"]
+    before, after = study.residual_reports["before"], study.residual_reports["after"]
     return tuple(
         RemainsRow(
             name,
@@ -233,19 +237,19 @@ def remains_rows(study: Study) -> tuple[RemainsRow, ...]:
     )
 
 
-def _follows(reading: ResidualReport, name: str) -> str:
+def _follows(report: ResidualReport, name: str) -> str:
     """Return the signals related to a channel's residual, in words.
 
     They are the most correlated signal and the variable over which its mean is not zero, if any.
     """
-    j = reading.tests.outputs.index(name)
-    signal, correlation, lag = reading.strongest_correlation(name)
+    j = report.tests.outputs.index(name)
+    signal, correlation, lag = report.strongest_correlation(name)
     late = f" {lag} samples later" if lag else ""
     related = (
-        [f"{signal} ({correlation:+.2f}{late})"] if bool(np.any(reading.tests.follows[j])) else []
+        [f"{signal} ({correlation:+.2f}{late})"] if bool(np.any(report.tests.follows[j])) else []
     )
-    variable, p = reading.nonlinear_dependence(name)
-    if p < reading.tests.level / reading.maps.p_value.size:
+    variable, p = report.nonlinear_dependence(name)
+    if p < report.tests.level / report.maps.p_value.size:
         related.append(f"its mean changes over {'time' if variable == 't' else variable}")
     return "; ".join(related) or "nothing"
 
@@ -260,13 +264,13 @@ def place_rows(study: Study) -> tuple[PlaceRow, ...]:
         One row for each of the first places.
     """
     after = {place.location: place for place in study.localisation["after"].places}
-    rivals = {place.location for place in study.localisation["before"].near_best()}
+    best = {place.location for place in study.localisation["before"].near_best()}
     return tuple(
         PlaceRow(
             place.location.label,
             percent(place.share),
             percent(after[place.location].share),
-            place.location in rivals,
+            place.location in best,
         )
         for place in study.localisation["before"].places[:MOST_PLACES]
     )
@@ -331,12 +335,12 @@ def _candidate(search_round: Round, candidate: Candidate) -> CandidateRow:
     role = (
         "added"
         if candidate.name == search_round.added
-        else "rival"
-        if candidate.name in search_round.rivals
+        else "alternative"
+        if candidate.name in search_round.alternatives
         else ""
     )
     return CandidateRow(
-        sentence=raised(candidate.sentence),
+        description=raised(candidate.description),
         score=number(candidate.score, 3),
         significance=number(candidate.significance, 3),
         cost_fall=ABSENT if fall is None else number(fall, 3),
@@ -362,11 +366,15 @@ def _errors(study: Study, search_round: Round) -> tuple[tuple[str, ...], ...]:
     return tuple(rows)
 
 
-def _sentence(search_round: Round, name: str) -> str:
+def _description(search_round: Round, name: str) -> str:
     """Return the description of a candidate."""
     return raised(
         next(
-            (candidate.sentence for candidate in search_round.candidates if candidate.name == name),
+            (
+                candidate.description
+                for candidate in search_round.candidates
+                if candidate.name == name
+            ),
             name,
         )
     )

@@ -17,7 +17,7 @@ OUTCOMES = {
     Outcome.PROXIES: "The effects found lower the error on the check records, but they are not "
     "shown to be its cause. Either the remaining error is larger than measurement noise, so that "
     "another or a further effect is missing, or there is reason to doubt that these effects are "
-    "the cause. The verdict gives the reason. Take them as stand-ins, not as the cause.",
+    "the cause. The verdict gives the reason. Use them as approximations of the missing effect.",
     Outcome.UNEXPLAINED: "The error is larger than measurement noise, and no candidate lowers it "
     "on the check records. The missing effect is not among the candidates, and no cause is named. "
     "Try more candidates next.",
@@ -27,7 +27,7 @@ OUTCOMES = {
     "any part of it. These records therefore show no missing term. Effects that a round may have "
     "added are removed again.",
     Outcome.COLOURED_NOISE: "The residual of the declared model can be predicted from its past, "
-    "but from nothing else. The residual of a filter that models sensor noise with a memory is "
+    "but from nothing else. The residual of a filter that models time-correlated sensor noise is "
     "white noise, and neither a candidate nor any simple function of the signals explains any part "
     "of it. These records therefore show no missing term. Effects that a round may have added are "
     "removed again.",
@@ -44,9 +44,9 @@ NOISE_KNOWN = {
 }
 
 COLOURED_WORDS = (
-    " In this study the past does predict a part of the residual: the noise of some sensors has a "
-    "memory. The residual of a filter that models this memory is predicted neither by its past nor "
-    "by any candidate."
+    " In this study the past does predict a part of the residual: the noise of some sensors is "
+    "correlated in time. The residual of a filter that models this correlation is predicted "
+    "neither by its past nor by any candidate."
 )
 
 

@@ -11,18 +11,18 @@ from jax.scipy.linalg import solve_triangular
 from .._foundation.types import Array, Bool, Float, Int
 
 # Factors of the damping after an accepted and after a rejected step (chosen).
-EASE, HARDEN = 0.1, 5.0
+DAMPING_DECREASE, DAMPING_INCREASE = 0.1, 5.0
 # Initial damping relative to the squares of the columns (chosen).
-DAMPING = 1e-2
+INITIAL_DAMPING = 1e-2
 # Damping without effect on a step, and damping that makes a step vanish (chosen).
-LEAST, MOST = 1e-14, 1e12
+MIN_STEP_DAMPING, MAX_STEP_DAMPING = 1e-14, 1e12
 # Scaled residual that is only rounding (chosen, some 5000 times the spacing of float64).
-EXACT = 1e-12
+ROUNDING_RESIDUAL = 1e-12
 # Relative fall of the cost that counts as zero, if damping has not shortened the step (chosen).
-LEAST_RELATIVE_FALL = 1e-9
+MIN_RELATIVE_DECREASE = 1e-9
 # Share of the largest column: the least scale for the damping of an unknown on which the equations
 # hardly depend (chosen).
-FLAT = 1e-6
+MIN_RELATIVE_COLUMN = 1e-6
 
 
 class State(eqx.Module):
@@ -33,7 +33,7 @@ class State(eqx.Module):
         rows, jacobian, cost: at the last accepted point; the cost is half the sum of squares.
         damping: damping relative to the squares of the Jacobian's columns.
         best, best_cost: best point of all starts and its cost.
-        at, steps: index of the start, and number of steps from it.
+        start_index, steps: index of the start, and number of steps from it.
         done: True if the equations are balanced or no start is left.
     """
 
@@ -44,7 +44,7 @@ class State(eqx.Module):
     damping: Float[Array, ""]
     best: Float[Array, " unknown"]
     best_cost: Float[Array, ""]
-    at: Int[Array, ""]
+    start_index: Int[Array, ""]
     steps: Int[Array, ""]
     done: Bool[Array, ""]
 
@@ -80,10 +80,10 @@ class BoundedSearch(optx.AbstractRootFinder):
             rows=jnp.zeros(f_struct.shape),
             jacobian=jnp.zeros((*f_struct.shape, *y.shape)),
             cost=infinite,
-            damping=jnp.array(DAMPING),
+            damping=jnp.array(INITIAL_DAMPING),
             best=y,
             best_cost=infinite,
-            at=jnp.array(0),
+            start_index=jnp.array(0),
             steps=jnp.array(0),
             done=jnp.array(False),
         )
@@ -98,10 +98,14 @@ class BoundedSearch(optx.AbstractRootFinder):
         cost = jnp.where(jnp.isfinite(cost) & jnp.all(jnp.isfinite(jacobian)), cost, jnp.inf)
         accept = (cost < state.cost) | (state.steps == 0)
         small_fall = (
-            accept & (state.damping < 1.0) & (state.cost - cost < LEAST_RELATIVE_FALL * state.cost)
+            accept
+            & (state.damping < 1.0)
+            & (state.cost - cost < MIN_RELATIVE_DECREASE * state.cost)
         )
         damping = jnp.where(
-            accept, jnp.maximum(EASE * state.damping, LEAST), HARDEN * state.damping
+            accept,
+            jnp.maximum(DAMPING_DECREASE * state.damping, MIN_STEP_DAMPING),
+            DAMPING_INCREASE * state.damping,
         )
         trial_point = (state.trial, rows, jacobian, cost)
         before = (y, state.rows, state.jacobian, state.cost)
@@ -110,28 +114,31 @@ class BoundedSearch(optx.AbstractRootFinder):
         )
 
         error = jnp.max(jnp.abs(rows))
-        balanced = (error < EXACT) | ((error < self.atol) & (small_fall | ~accept))
+        balanced = (error < ROUNDING_RESIDUAL) | ((error < self.atol) & (small_fall | ~accept))
         exhausted = (
-            small_fall | (damping > MOST) | (state.steps + 1 >= self.patience) | ~jnp.isfinite(cost)
+            small_fall
+            | (damping > MAX_STEP_DAMPING)
+            | (state.steps + 1 >= self.patience)
+            | ~jnp.isfinite(cost)
         )
         better = balanced | (cost < state.best_cost)
-        last = state.at + 1 >= options["starts"].shape[0]
+        last = state.start_index + 1 >= options["starts"].shape[0]
         next_start = exhausted & ~balanced & ~last
-        at = jnp.where(next_start, state.at + 1, state.at)
+        start_index = jnp.where(next_start, state.start_index + 1, state.start_index)
         trial = y + _step(y, rows, jacobian, damping, options["lower"], options["upper"])
         new = State(
             trial=jnp.where(
                 next_start,
-                options["starts"][at],
+                options["starts"][start_index],
                 jnp.clip(trial, options["lower"], options["upper"]),
             ),
             rows=rows,
             jacobian=jacobian,
             cost=jnp.where(next_start, jnp.inf, cost),
-            damping=jnp.where(next_start, DAMPING, damping),
+            damping=jnp.where(next_start, INITIAL_DAMPING, damping),
             best=jnp.where(better, y, state.best),
             best_cost=jnp.where(better, cost, state.best_cost),
-            at=at,
+            start_index=start_index,
             steps=jnp.where(next_start, 0, state.steps + 1),
             done=balanced | (exhausted & last),
         )
@@ -150,7 +157,7 @@ def _step(y, rows, jacobian, damping, lower, upper) -> Float[Array, " unknown"]:
     held = ((y <= lower) & (gradient > 0)) | ((y >= upper) & (gradient < 0))
     columns = jnp.where(held, 0.0, jacobian)
     squares = jnp.sum(columns**2, axis=0)
-    floor = FLAT * jnp.max(squares) + jnp.finfo(float).tiny
+    floor = MIN_RELATIVE_COLUMN * jnp.max(squares) + jnp.finfo(float).tiny
     weight = jnp.where(held, 1.0, jnp.sqrt(damping * jnp.maximum(squares, floor)))
     q, r = jnp.linalg.qr(jnp.concatenate([columns, jnp.diag(weight)]))
     return jnp.where(held, 0.0, solve_triangular(r, -q[: rows.size].T @ rows))

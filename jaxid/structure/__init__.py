@@ -3,20 +3,22 @@
 from .errors_in_variables import instrumental_variables, total_least_squares
 from .exchange import best_subsets
 from .least_squares import least_squares, regress, with_coloured_errors
-from .options import REPORT, SubsetOptions
+from .options import REPORT, Direction, SubsetOptions
 from .orthogonal import OrthogonalFunctions, orthogonal_functions
 from .problem import Problem, prepare
-from .regression import Regression, strong
+from .regression import Regression, strong_terms
 from .regressors import columns
 from .resampling import Stability, stability
 from .rules import AbstractRule, CrossValidation, FirstMaximumF, LastStep, MaximumF, Minimum, choose
-from .selection import Selection, Step
+from .selection import Action, Selection, Step
 from .stepwise import stepwise, stepwise_each
 
 __all__ = [
     "REPORT",
     "AbstractRule",
+    "Action",
     "CrossValidation",
+    "Direction",
     "FirstMaximumF",
     "LastStep",
     "MaximumF",
@@ -39,7 +41,7 @@ __all__ = [
     "stability",
     "stepwise",
     "stepwise_each",
-    "strong",
+    "strong_terms",
     "total_least_squares",
     "with_coloured_errors",
 ]

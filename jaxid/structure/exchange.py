@@ -9,7 +9,7 @@ from .._foundation.checks import require
 from .._foundation.types import Float, Numbers
 from .fit import fit
 from .problem import Problem, prepare
-from .selection import Selection, step
+from .selection import Action, Selection, step
 
 EXHAUSTIVE_LIMIT = 15  # candidates (chosen): 32768 subsets, about one second
 
@@ -55,20 +55,20 @@ def best_subsets(
     largest = count if max_terms is None else min(max_terms, count)
     require(largest >= 1, f"max_terms is {max_terms}. Allow at least one term.")
     if count <= exhaustive:
-        subsets, why = _all_best(problem, largest), "best subset of its size"
+        subsets, reason = _all_best(problem, largest), "best subset of its size"
     else:
-        subsets, why = _by_exchange(problem, largest), "best subset of its size by exchange"
+        subsets, reason = _by_exchange(problem, largest), "best subset of its size by exchange"
     fitted = fit(problem, ())
-    steps = [step(problem, fitted, "start", why="no term", PSE_bound=PSE_bound)]
+    steps = [step(problem, fitted, Action.START, reason="no term", PSE_bound=PSE_bound)]
     for active in subsets:
         fitted = fit(problem, active)
-        steps.append(step(problem, fitted, "subset", why=why, PSE_bound=PSE_bound))
+        steps.append(step(problem, fitted, Action.SUBSET, reason=reason, PSE_bound=PSE_bound))
     if problem.rounding >= fitted.SSE:
-        why = "the residual is rounding error"
-        steps.append(step(problem, fitted, "stop", why=why, PSE_bound=PSE_bound))
+        reason = "the residual is rounding error"
+        steps.append(step(problem, fitted, Action.STOP, reason=reason, PSE_bound=PSE_bound))
     elif len(subsets) < largest:
-        why = f"any {len(subsets) + 1} columns are combinations of each other"
-        steps.append(step(problem, fitted, "stop", why=why, PSE_bound=PSE_bound))
+        reason = f"any {len(subsets) + 1} columns are combinations of each other"
+        steps.append(step(problem, fitted, Action.STOP, reason=reason, PSE_bound=PSE_bound))
     return Selection(problem, tuple(steps))
 
 

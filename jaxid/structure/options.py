@@ -1,13 +1,31 @@
 """Options of stepwise regression: levels of F, tolerance, forced terms, limits."""
 
+import enum
 from dataclasses import dataclass
-from typing import Literal
 
-from .._foundation.checks import require, require_known, require_unique
+from .._foundation.checks import member, require, require_known, require_unique
 from .criteria import critical_F
 
 # about the 95 % level for many samples; the usual value (Efroymson, 1960)
 DEFAULT_F = 4.0
+
+
+class Direction(enum.Enum):
+    """Direction of stepwise regression; options also accept the value as text.
+
+    Attributes:
+        BOTH: checks for removal before each entry.
+        FORWARD: only adds terms.
+        BACKWARD: only removes terms.
+        FORWARD_THEN_BACKWARD: adds all terms and then removes all, whatever their F, for rules that
+            select a model by a criterion. A term that entered early in place of others leaves in
+            the backward pass, so that the path contains the right model more often.
+    """
+
+    BOTH = "both"
+    FORWARD = "forward"
+    BACKWARD = "backward"
+    FORWARD_THEN_BACKWARD = "forward then backward"
 
 
 @dataclass(frozen=True)
@@ -25,11 +43,7 @@ class SubsetOptions:
         tolerance: least share of a column, unexplained by the terms in the model, for its term to
             enter (section B.3).
         R2_stop: squared multiple correlation at which no further term enters; never for 1.
-        direction: `"forward"` only adds terms, `"backward"` only removes them, `"both"` checks for
-            removal before each entry. `"there and back"` adds all terms and removes all, whatever
-            their F, for rules that select a model by a criterion: a term that entered early in
-            place of others leaves in the backward pass, so that the path contains the right model
-            more often.
+        direction: a `Direction`, or its value, such as `"forward"`.
         force_in: terms that enter first, in this order, and stay.
         force_out: terms that never enter.
         max_terms: largest number of terms in a model; no limit by default.
@@ -46,13 +60,14 @@ class SubsetOptions:
     level_out: float | None = None
     tolerance: float = 0.01
     R2_stop: float = 1.0
-    direction: Literal["both", "forward", "backward", "there and back"] = "both"
+    direction: Direction | str = Direction.BOTH
     force_in: tuple[str, ...] = ()
     force_out: tuple[str, ...] = ()
     max_terms: int | None = None
     PSE_bound: float | None = None
 
     def __post_init__(self):
+        object.__setattr__(self, "direction", member("direction", self.direction, Direction))
         numbers = self.F_in is not None or self.F_out is not None
         levels = self.level_in is not None or self.level_out is not None
         require(
@@ -71,14 +86,9 @@ class SubsetOptions:
             0 < self.R2_stop <= 1, f"R2_stop is {self.R2_stop}; it lies above 0 and is at most 1."
         )
         require(
-            self.direction in ("both", "forward", "backward", "there and back"),
-            f"The direction is {self.direction!r}. Choose 'both', 'forward', 'backward' or 'there "
-            "and back'.",
-        )
-        require(
-            self.direction != "there and back" or not (numbers or levels),
-            "The direction 'there and back' uses no level of F. Leave the levels out, or choose "
-            "another direction.",
+            self.direction is not Direction.FORWARD_THEN_BACKWARD or not (numbers or levels),
+            "The direction 'forward then backward' uses no level of F. Leave the levels out, or "
+            "choose another direction.",
         )
         require_unique("term in force_in and force_out", (*self.force_in, *self.force_out))
         most, forced = self.max_terms, len(self.force_in)

@@ -69,7 +69,7 @@ class Regression:
         )
 
 
-def strong(regression: Regression, share: float = 0.04) -> tuple[str, ...]:
+def strong_terms(regression: Regression, share: float = 0.04) -> tuple[str, ...]:
     """Return the terms whose F is at least a share of the largest F, in their order.
 
     These terms are worth estimating by maximum likelihood; the others keep the values of the

@@ -1,5 +1,6 @@
 """The path of a selection: each step with its model, its criteria and its reason."""
 
+import enum
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,8 +9,31 @@ from . import criteria
 from .fit import Fit, leverages
 from .problem import Problem
 
-# actions that change the model
-CHANGES = ("start", "force", "enter", "remove", "subset")
+
+class Action(enum.Enum):
+    """Action of a step of a selection; the value is the word of the printed log.
+
+    Attributes:
+        START: the path starts with a model.
+        FORCE: a term is forced in.
+        ENTER, REMOVE: a term is added to the model, or removed from it.
+        SUBSET: the model is the best one of its size.
+        BAR: a candidate is not admitted, because its tolerance is too low.
+        STOP: the path ends.
+    """
+
+    START = "start"
+    FORCE = "force"
+    ENTER = "enter"
+    REMOVE = "remove"
+    SUBSET = "subset"
+    BAR = "bar"
+    STOP = "stop"
+
+    @property
+    def changes_model(self) -> bool:
+        """True if the step has a new model, the first one included."""
+        return self not in (Action.BAR, Action.STOP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,24 +41,23 @@ class Step:
     """One step, and the model after it.
 
     Attributes:
-        action: `"start"`, `"force"`, `"enter"`, `"remove"`, `"subset"` (best of its size), `"bar"`
-            (the tolerance is too low) or `"stop"`.
+        action: kind of the step.
         name: the term that enters, leaves or is barred; empty for the start, the stop and a subset.
         partial_F, partial_correlation: values of that term when it enters, or before it is removed;
             NaN without a term.
         tolerance: tolerance of that term before it enters or when it is barred; NaN otherwise.
-        why: reason of the step, for the printed log.
+        reason: reason of the step, for the printed log.
         terms, F: the model after the step, in order of entry, and each term's F (B.28).
         R2, overall_F, s: see `Regression`.
         PSE, PRESS, AIC, BIC: see `criteria`.
     """
 
-    action: str
+    action: Action
     name: str
     partial_F: float  # noqa: N815
     partial_correlation: float
     tolerance: float
-    why: str
+    reason: str
     terms: tuple[str, ...]
     F: np.ndarray
     R2: float
@@ -61,7 +84,7 @@ class Selection:
     @property
     def models(self) -> tuple[Step, ...]:
         """The steps that changed the model, the start included."""
-        return tuple(step for step in self.steps if step.action in CHANGES)
+        return tuple(step for step in self.steps if step.action.changes_model)
 
     def __str__(self) -> str:
         shown = ("partial_F", "tolerance", "R2", "overall_F", "s", "PSE", "PRESS", "AIC", "BIC")
@@ -72,22 +95,23 @@ class Selection:
             f"{self.problem.response}: {len(self.problem.names)} candidates, "
             f"{self.problem.samples} samples"
         ]
-        lines.append(first + "".join(f" {head:>10}" for head in heads) + "  why")
+        lines.append(first + "".join(f" {head:>10}" for head in heads) + "  reason")
         for number, step in enumerate(self.steps):
             values = "".join(_cell(name, getattr(step, name)) for name in shown)
             label = (
-                f"{number:>4} {step.action:<6} {step.name:<{max(width, 4)}} {len(step.terms):>5}"
+                f"{number:>4} {step.action.value:<6} {step.name:<{max(width, 4)}} "
+                f"{len(step.terms):>5}"
             )
-            lines.append(f"{label}{values}  {step.why}")
+            lines.append(f"{label}{values}  {step.reason}")
         return "\n".join(lines)
 
 
 def step(
     problem: Problem,
     fitted: Fit,
-    action: str,
+    action: Action,
     name: str = "",
-    why: str = "",
+    reason: str = "",
     *,
     F: float = float("nan"),
     tolerance: float = float("nan"),
@@ -97,14 +121,14 @@ def step(
 
     Args:
         problem, fitted: the problem, and its fit after the step.
-        action, name, why: see `Step`.
+        action, name, reason: see `Step`.
         F, tolerance: values of the step's term.
         PSE_bound: upper bound of the noise variance [response^2]; mean square of the response by
             default.
     """
     terms, samples, SST = len(fitted.active), problem.samples, problem.SST
     parameters = terms + problem.constant
-    dof_with_it = fitted.dof - 1 if action == "remove" else fitted.dof
+    dof_with_it = fitted.dof - 1 if action is Action.REMOVE else fitted.dof
     residuals = problem.Q @ fitted.residual
     bound = SST / samples if PSE_bound is None else PSE_bound
     return Step(
@@ -113,7 +137,7 @@ def step(
         partial_F=F,
         partial_correlation=criteria.partial_correlation(F, dof_with_it),
         tolerance=tolerance,
-        why=why,
+        reason=reason,
         terms=tuple(problem.names[i] for i in fitted.active),
         F=fitted.partial_F,
         R2=criteria.r_squared(fitted.SSE, SST),

@@ -14,10 +14,10 @@ import numpy as np
 from .._foundation.checks import require, require_known
 from .._foundation.types import Float, Numbers
 from .fit import Fit, fit, orthogonal_parts, tolerances
-from .options import SubsetOptions
+from .options import Direction, SubsetOptions
 from .problem import Problem, prepare
 from .regressors import columns
-from .selection import Selection, Step, step
+from .selection import Action, Selection, Step, step
 
 DEFAULTS = SubsetOptions()
 
@@ -101,27 +101,27 @@ def stepwise_each(
 def path(problem: Problem, options: SubsetOptions = DEFAULTS) -> Selection:
     """Return the path of `stepwise` for a prepared problem."""
     options.check(problem.names)
-    if options.direction == "there and back":
-        there = dataclasses.replace(options, direction="forward", F_in=0.0, F_out=0.0)
-        back = dataclasses.replace(
-            options, direction="backward", F_in=float("inf"), F_out=float("inf")
+    if options.direction is Direction.FORWARD_THEN_BACKWARD:
+        forward = dataclasses.replace(options, direction=Direction.FORWARD, F_in=0.0, F_out=0.0)
+        backward = dataclasses.replace(
+            options, direction=Direction.BACKWARD, F_in=float("inf"), F_out=float("inf")
         )
-        return Selection(problem, (*path(problem, there).steps, *path(problem, back).steps))
+        return Selection(problem, (*path(problem, forward).steps, *path(problem, backward).steps))
     steps, active = _start(problem, options)
     while True:
         fitted = fit(problem, active)
         outside = _outside(problem, options, active)
         steps += _bar_steps(problem, options, fitted, outside, steps)
         move = _next(problem, options, fitted, outside)
-        if move.action == "enter":
+        if move.action is Action.ENTER:
             active = [*active, move.index]
-        elif move.action == "remove":
+        elif move.action is Action.REMOVE:
             active = [i for i in active if i != move.index]
-        name = "" if move.action == "stop" else problem.names[move.index]
+        name = "" if move.action is Action.STOP else problem.names[move.index]
         fitted = fit(problem, active)
         values = {"F": move.F, "tolerance": move.tolerance}
-        steps.append(_step(problem, options, fitted, move.action, name, move.why, **values))
-        if move.action == "stop":
+        steps.append(_step(problem, options, fitted, move.action, name, move.reason, **values))
+        if move.action is Action.STOP:
             return Selection(problem, tuple(steps))
 
 
@@ -129,7 +129,7 @@ def _bar_steps(
     problem: Problem, options: SubsetOptions, fitted: Fit, outside: list[int], steps: Sequence[Step]
 ) -> list[Step]:
     """Return the steps that bar outside terms with a tolerance below the limit, each term once."""
-    barred = {earlier.name for earlier in steps if earlier.action == "bar"}
+    barred = {earlier.name for earlier in steps if earlier.action is Action.BAR}
     return [
         _barred(problem, options, fitted, i, float(tolerance))
         for i, tolerance in zip(outside, tolerances(problem, fitted, outside), strict=True)
@@ -138,10 +138,10 @@ def _bar_steps(
 
 
 class _Move(NamedTuple):
-    """The next action on a model: `"enter"`, `"remove"` or `"stop"`; fields as in `Step`."""
+    """The next action on a model: `ENTER`, `REMOVE` or `STOP`; fields as in `Step`."""
 
-    action: str
-    why: str
+    action: Action
+    reason: str
     index: int = -1
     F: float = float("nan")
     tolerance: float = float("nan")
@@ -153,11 +153,11 @@ def _start(problem: Problem, options: SubsetOptions) -> tuple[list[Step], list[i
     Forward the model starts empty and forced terms are added; backward it starts with all terms of
     sufficient tolerance.
     """
-    backward, names = options.direction == "backward", problem.names
+    backward, names = options.direction is Direction.BACKWARD, problem.names
     forced = [names.index(name) for name in options.force_in]
     empty = "only the constant" if problem.constant else "no term"
     active: list[int] = []
-    steps = [] if backward else [_step(problem, options, fit(problem, ()), "start", "", empty)]
+    steps = [] if backward else [_step(problem, options, fit(problem, ()), Action.START, "", empty)]
     for i in (*forced, *(_outside(problem, options, forced) if backward else ())):
         fitted = fit(problem, active)
         tolerance = float(tolerances(problem, fitted, [i])[0])
@@ -174,26 +174,30 @@ def _start(problem: Problem, options: SubsetOptions) -> tuple[list[Step], list[i
         if not backward:
             fitted = fit(problem, active)
             values = {"F": float(fitted.partial_F[-1]), "tolerance": tolerance}
-            steps.append(_step(problem, options, fitted, "force", names[i], "forced in", **values))
+            steps.append(
+                _step(problem, options, fitted, Action.FORCE, names[i], "forced in", **values)
+            )
     if backward:
-        why = "all terms of sufficient tolerance"
-        steps.append(_step(problem, options, fit(problem, active), "start", "", why))
+        reason = "all terms of sufficient tolerance"
+        steps.append(_step(problem, options, fit(problem, active), Action.START, "", reason))
     return steps, active
 
 
 def _next(problem: Problem, options: SubsetOptions, fitted: Fit, outside: list[int]) -> _Move:
     """Return the next move from a model."""
-    removal = None if options.direction == "forward" else _removal(problem, options, fitted)
+    removal = None if options.direction is Direction.FORWARD else _removal(problem, options, fitted)
     if removal is not None:
         return removal
-    if options.direction == "backward":
+    if options.direction is Direction.BACKWARD:
         free = _removable(problem, options, fitted)
         return _Move(
-            "stop",
+            Action.STOP,
             "every F reaches the level to stay" if free else "no term is left that may be removed",
         )
     enough = _enough(problem, options, fitted, outside)
-    return _entry(problem, options, fitted, outside) if enough is None else _Move("stop", enough)
+    return (
+        _entry(problem, options, fitted, outside) if enough is None else _Move(Action.STOP, enough)
+    )
 
 
 def _removal(problem: Problem, options: SubsetOptions, fitted: Fit) -> _Move | None:
@@ -206,8 +210,8 @@ def _removal(problem: Problem, options: SubsetOptions, fitted: Fit) -> _Move | N
     level = options.F_to_stay(fitted.dof)
     if not F[weakest] < level:
         return None
-    why = f"least F, below {level:.4g}" if np.isfinite(level) else "least F"
-    return _Move("remove", why, fitted.active[weakest], float(F[weakest]))
+    reason = f"least F, below {level:.4g}" if np.isfinite(level) else "least F"
+    return _Move(Action.REMOVE, reason, fitted.active[weakest], float(F[weakest]))
 
 
 def _removable(problem: Problem, options: SubsetOptions, fitted: Fit) -> list[int]:
@@ -238,16 +242,18 @@ def _entry(problem: Problem, options: SubsetOptions, fitted: Fit, outside: list[
     F = _F_to_enter(fitted, orthogonal, tolerance)
     admitted = np.flatnonzero(tolerance >= options.tolerance)
     if not admitted.size:
-        return _Move("stop", f"no remaining candidate has a tolerance of {options.tolerance:g}")
+        return _Move(
+            Action.STOP, f"no remaining candidate has a tolerance of {options.tolerance:g}"
+        )
     best = admitted[np.argmax(F[admitted])]
     level = options.F_to_enter(fitted.dof - 1)
     name = problem.names[outside[best]]
     if F[best] < level:
         return _Move(
-            "stop", f"the largest F to enter is {F[best]:.4g}, of {name}, below {level:.4g}"
+            Action.STOP, f"the largest F to enter is {F[best]:.4g}, of {name}, below {level:.4g}"
         )
-    why = f"largest F to enter, at least {level:.4g}"
-    return _Move("enter", why, outside[best], float(F[best]), float(tolerance[best]))
+    reason = f"largest F to enter, at least {level:.4g}"
+    return _Move(Action.ENTER, reason, outside[best], float(F[best]), float(tolerance[best]))
 
 
 def _F_to_enter(fitted: Fit, orthogonal: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
@@ -271,17 +277,21 @@ def _step(
     problem: Problem,
     options: SubsetOptions,
     fitted: Fit,
-    action: str,
+    action: Action,
     name: str,
-    why: str,
+    reason: str,
     **of_term,
 ) -> Step:
-    return step(problem, fitted, action, name, why, PSE_bound=options.PSE_bound, **of_term)
+    return step(problem, fitted, action, name, reason, PSE_bound=options.PSE_bound, **of_term)
 
 
 def _barred(
     problem: Problem, options: SubsetOptions, fitted: Fit, index: int, tolerance: float
 ) -> Step:
-    why = f"nearly a combination of the model's terms: its tolerance is below {options.tolerance:g}"
-    why = why if problem.varies[index] else "does not vary in these samples"
-    return _step(problem, options, fitted, "bar", problem.names[index], why, tolerance=tolerance)
+    reason = "does not vary in these samples"
+    if problem.varies[index]:
+        limit = f"its tolerance is below {options.tolerance:g}"
+        reason = f"nearly a combination of the model's terms: {limit}"
+    return _step(
+        problem, options, fitted, Action.BAR, problem.names[index], reason, tolerance=tolerance
+    )

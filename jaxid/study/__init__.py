@@ -9,18 +9,18 @@ from .identify_options import LONG_RECORDS, IdentifyOptions
 from .options import LoopOptions
 from .outcome import Outcome
 from .rivals import discrimination
-from .rounds import Decision, Rival
+from .rounds import Alternative, Decision
 from .study import Study
 
 __all__ = [
     "LONG_RECORDS",
+    "Alternative",
     "Consistency",
     "Decision",
     "Identification",
     "IdentifyOptions",
     "LoopOptions",
     "Outcome",
-    "Rival",
     "Study",
     "close_loop",
     "consistency",

@@ -17,7 +17,7 @@ from ..estimation.estimate import (
 from ..estimation.result import Estimate
 from ..sensitivity.spectrum import spectrum
 from .fit import Fitted
-from .rounds import Rival, Round
+from .rounds import Alternative, Round
 from .search import Search
 from .study import Side, Study
 from .verdict import Conclusion, not_carried_over, verdict
@@ -52,8 +52,8 @@ class Findings(NamedTuple):
         declared, final: fits of the declared model and of the model with the effects found.
         predicting: the same two fits, as the test records are predicted by them.
         rounds: history of the search.
-        rivals: effects that fit nearly as well as one that was added.
-        where, reading: localisation and tests of the residual, before and after.
+        alternatives: effects that fit nearly as well as one that was added.
+        where, residual_reports: localisation and tests of the residual, before and after.
         conclusion: the outcome and its evidence.
     """
 
@@ -61,9 +61,9 @@ class Findings(NamedTuple):
     final: Fitted
     predicting: tuple[Fitted, Fitted]
     rounds: tuple[Round, ...]
-    rivals: tuple[Rival, ...]
+    alternatives: tuple[Alternative, ...]
     where: dict[str, LocalisationResult]
-    reading: dict[str, ResidualReport]
+    residual_reports: dict[str, ResidualReport]
     conclusion: Conclusion
 
 
@@ -82,21 +82,21 @@ def assemble_study(
     if not known and conclusion.outcome.leaves_more_than_noise:
         noise = np.minimum(np.asarray(white_noise_variance(final.fit.residuals, used.mask)), noise)
     estimated = {effect.name: effect for effect in split_effects(after.model)[1]}
-    sentences = tuple(estimated[name].card.description for name in final.effects)
+    descriptions = tuple(estimated[name].card.description for name in final.effects)
     caveats = ()
     if final.effects:
         caveats = not_carried_over(before, after, final.effects, findings.rounds, tests, used)
-    words = verdict(conclusion, sentences, findings.rivals, where["after"]), *caveats
+    words = verdict(conclusion, descriptions, findings.alternatives, where["after"]), *caveats
     return Study(
         verdict=" ".join(words),
         outcome=conclusion.outcome,
         effects=final.effects,
-        sentences=sentences,
+        descriptions=descriptions,
         rounds=findings.rounds,
         other_rounds=other.rounds if other else (),
-        rivals=findings.rivals,
+        alternatives=findings.alternatives,
         localisation=where,
-        reading=findings.reading,
+        residual_reports=findings.residual_reports,
         before=before,
         after=after,
         noise=dict(zip(used.outputs, map(float, np.sqrt(noise)), strict=True)),

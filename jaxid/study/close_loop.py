@@ -171,37 +171,56 @@ def _concluded(search: Search, path: Way, declared: Fitted, where) -> Findings:
     if conclusion.outcome.is_noise_alone:
         # The noise model alone explains the residual, so the added effects are discarded.
         final, where["after"] = declared, where["before"]
-    rivals = tuple(rival for rival in conclusion.contenders if rival.chi_square < INSEPARABLE)
-    reading = {
+    alternatives = tuple(
+        effect for effect in conclusion.contenders if effect.chi_square < INSEPARABLE
+    )
+    residual_reports = {
         "before": workbench.analyse_residual(declared),
         "after": workbench.analyse_residual(final),
     }
-    return Findings(declared, final, (declared, final), rounds, rivals, where, reading, conclusion)
+    return Findings(
+        declared,
+        final,
+        (declared, final),
+        rounds,
+        alternatives,
+        where,
+        residual_reports,
+        conclusion,
+    )
 
 
 def _refitted_on_complete_records(
     findings: Findings, search: Search, records: StudyRecords, has_tests: bool
 ) -> Findings:
     """Refit both models on the complete training records, whose last third was the check."""
-    workbench, where, reading = search.bench, dict(findings.where), dict(findings.reading)
+    workbench, where, residual_reports = (
+        search.bench,
+        dict(findings.where),
+        dict(findings.residual_reports),
+    )
     declared, final, dropped = _fitted_on_complete_records(
         search, findings.declared, findings.final, records.used
     )
     last = findings.rounds[-1]
     last = dataclasses.replace(last, dropped=(*last.dropped, *dropped))
-    conclusion, rivals = findings.conclusion, findings.rivals
+    conclusion, alternatives = findings.conclusion, findings.alternatives
     if dropped:
         conclusion = not_borne_out(conclusion, final.effects, dropped)
-        rivals = tuple(rival for rival in rivals if set(rival.instead_of) <= set(final.effects))
-        where["after"], reading["after"] = where["before"], reading["before"]
+        alternatives = tuple(
+            effect for effect in alternatives if set(effect.instead_of) <= set(final.effects)
+        )
+        where["after"], residual_reports["after"] = where["before"], residual_reports["before"]
         if final.effects:
             on_search_records = _fit_on(workbench, records.fitted, final)
             where["after"] = workbench.localise(on_search_records, like=where["before"])
-            reading["after"] = workbench.analyse_residual(on_search_records)
+            residual_reports["after"] = workbench.analyse_residual(on_search_records)
     # Without test records the last third is reported, which the refit has used for fitting.
     predicting = (declared, final) if has_tests else findings.predicting
     rounds = (*findings.rounds[:-1], last)
-    return Findings(declared, final, predicting, rounds, rivals, where, reading, conclusion)
+    return Findings(
+        declared, final, predicting, rounds, alternatives, where, residual_reports, conclusion
+    )
 
 
 def _declared_fit(workbench: Workbench) -> Fitted:

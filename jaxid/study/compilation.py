@@ -21,7 +21,7 @@ from ..models.base import AbstractModel
 from ..models.free import Parameters
 from ..models.names import flatten
 from ..simulation.steppers import rate
-from .thresholds import COMPILED, COMPILED_EACH
+from .thresholds import COMPILE_COST, COMPILE_COST_PER_OPERATION
 
 
 class EvictingJit:
@@ -123,8 +123,8 @@ def use_reduced_model(model: Augmented, samples: int) -> bool:
     The program of the complete library is compiled once, but evaluates every absent effect in each
     of its passes. Separate programs are faster if
 
-        samples * (operations of the library)  >  COMPILED + COMPILED_EACH * (operations of the
-        declared model)
+        samples * (operations of the library)
+            > COMPILE_COST + COMPILE_COST_PER_OPERATION * (operations of the declared model)
 
     in operations of the right-hand side; the right side of the inequality is the cost of compiling
     a separate program. This holds for a small model with many candidates and long records, and not
@@ -135,7 +135,10 @@ def use_reduced_model(model: Augmented, samples: int) -> bool:
         samples: number of samples of a record.
     """
     declared = operations(model.model)
-    return samples * (operations(model) - declared) > COMPILED + COMPILED_EACH * declared
+    return (
+        samples * (operations(model) - declared)
+        > COMPILE_COST + COMPILE_COST_PER_OPERATION * declared
+    )
 
 
 def operations(model: AbstractModel) -> int:

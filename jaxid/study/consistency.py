@@ -22,7 +22,7 @@ from ..models.free import INITIAL_STATE, free
 from ..models.names import read_parameters
 from ..simulation.hold import Cubic
 from .consistency_result import Channel, Consistency, SensorError
-from .thresholds import IMITATED
+from .thresholds import COLLINEAR_SHARE
 
 
 def consistency(
@@ -65,9 +65,9 @@ def consistency(
             white residuals cover 57 to 84 %. If it is given, they cover 95 %. It can be taken from
             the scatter of a channel about its smoothed curve. Smoothing the inputs themselves does
             not help, because the slow part of the noise is the part that is integrated.
-        skip: time at the start of each record whose outputs are not compared [s]. There a delayed
-            channel still shows the time before the record; 0 is right for a record that begins in
-            steady motion.
+        skip: time at the start of each record whose outputs are not compared [s]. A delayed
+            channel starts with values from before the record. Zero is right for a record that
+            begins in steady motion.
 
     Returns:
         The errors with their significance, the residuals before and after, a verdict in words, and
@@ -167,7 +167,7 @@ def _imitated(fitted: Estimate) -> tuple[str, ...]:
     """
     remaining = jnp.sum(fitted.information.triangle**2, axis=0)
     eliminated = jnp.sum(fitted.information.own.coupling**2, axis=(0, 1))
-    vanished = np.asarray(remaining <= IMITATED**2 * eliminated)
+    vanished = np.asarray(remaining <= COLLINEAR_SHARE**2 * eliminated)
     return tuple(name for name, gone in zip(fitted.names, vanished, strict=True) if gone)
 
 

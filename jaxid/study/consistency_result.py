@@ -12,7 +12,7 @@ from ..data.record import Record
 from ..estimation import Estimate
 from ..models.base import AbstractModel
 from ..models.free import with_values
-from .thresholds import COLOUR_INFLATION, CORRELATED
+from .thresholds import COLLINEAR_CORRELATION, COLOUR_INFLATION
 
 # `input_bias.ax`, `instruments.delay.alpha`, `scale of V.gain`: the kind of an error, then the
 # channel.
@@ -50,7 +50,7 @@ class SensorError(NamedTuple):
         return bool(np.isfinite(self.standard_error) and self.standard_error > 0)
 
     @property
-    def sentence(self) -> str:
+    def description(self) -> str:
         """Description of the error in engineering terms."""
         match, size, is_positive = KIND.match(self.name), f"{abs(self.value):.2g}", self.value > 0
         where = "" if self.record is None else f" in {self.record}"
@@ -59,7 +59,7 @@ class SensorError(NamedTuple):
         percent = f"{100 * abs(self.value):.2g}"
         descriptions = {
             "bias": f"is off by {self.value:+.2g} {self.unit}".rstrip(),
-            "scale": f"shows {percent} % too {'much' if is_positive else 'little'}",
+            "scale": f"reads {percent} % too {'high' if is_positive else 'low'}",
             "delay": f"is {size} s {'late' if is_positive else 'early'}",
             "lag": f"lags by {self.value:.2g} s",
         }
@@ -136,7 +136,7 @@ class Consistency:
             return f"No verdict. {self.estimate.status[0].upper()}{self.estimate.status[1:]}"
         unknown = [error.name for error in self.errors if not error.is_known]
         significant = self.significant_errors
-        clauses = [error.sentence for error in significant]
+        clauses = [error.description for error in significant]
         if len(self.errors) > len(significant) + len(unknown):
             clauses.append(
                 f"{'the others agree' if clauses else 'the instruments agree'} within their errors"
@@ -219,7 +219,7 @@ def _pairs(fitted: Estimate) -> tuple[str, ...]:
     """Descriptions of the pairs of errors that are nearly collinear."""
     correlation = np.asarray(fitted.correlation)
     rows, columns = np.nonzero(
-        np.triu(np.abs(correlation) > CORRELATED, 1) & np.isfinite(correlation)
+        np.triu(np.abs(correlation) > COLLINEAR_CORRELATION, 1) & np.isfinite(correlation)
     )
     return tuple(
         f"{fitted.names[i]} and {fitted.names[j]} can hardly be distinguished (correlation "

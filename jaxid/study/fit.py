@@ -5,7 +5,7 @@ import numpy as np
 
 from .._foundation.types import Float
 from ..estimation.estimate import Fit
-from .thresholds import GO_ON, LEAST_CONTINUED_FALL
+from .thresholds import MAX_CONTINUATIONS, MIN_COST_FALL
 
 
 class Fitted(eqx.Module):
@@ -37,9 +37,9 @@ def worth_continuing(costs: list[float], creeping: float) -> bool:
         creeping: share of the fall of all continuations; a continuation that brings less is the
             last.
     """
-    if len(costs) > GO_ON:
+    if len(costs) > MAX_CONTINUATIONS:
         return False
     if len(costs) < 2:
         return True  # no fall is known yet
     fall, total = costs[-2] - costs[-1], costs[0] - costs[-1]
-    return fall > max(LEAST_CONTINUED_FALL, creeping * total)
+    return fall > max(MIN_COST_FALL, creeping * total)

@@ -31,7 +31,7 @@ class Equation(NamedTuple):
         selection: the log of its stepwise regression; None if the terms were given.
         regression: the regression model that was chosen.
         kept: True if its equation is used in maximum likelihood.
-        why: reason for `kept`, in words.
+        reason: reason for `kept`, in words.
         estimated: the terms that maximum likelihood estimates; the others keep the regression's
             values.
     """
@@ -39,7 +39,7 @@ class Equation(NamedTuple):
     selection: Selection | None
     regression: Regression
     kept: bool
-    why: str
+    reason: str
     estimated: tuple[str, ...]
 
 
@@ -89,7 +89,7 @@ class Identification:
     Attributes:
         equations: the first stage by response, including the equations left out.
         centre: the means about which terms are written, by signal.
-        started: the model with the values of the regression.
+        start_model: the model with the values of the regression.
         start: the second stage before its first step.
         estimate: the second stage.
         records: the prepared records that were fitted, a stack.
@@ -98,7 +98,7 @@ class Identification:
 
     equations: dict[str, Equation]
     centre: dict[str, float]
-    started: AbstractModel
+    start_model: AbstractModel
     start: Start
     estimate: Estimate
     records: Record
@@ -181,7 +181,7 @@ class Identification:
         for name, equation in self.equations.items():
             regression = equation.regression
             lines.append(
-                f"{name}: {equation.why}; R2 {regression.R2:.4f}, {len(regression.names)} terms "
+                f"{name}: {equation.reason}; R2 {regression.R2:.4f}, {len(regression.names)} terms "
                 f"({', '.join(regression.names) or 'none'})"
             )
         centre = ", ".join(f"{name} - {value:.5g}" for name, value in self.centre.items())

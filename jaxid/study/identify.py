@@ -19,7 +19,7 @@ from ..models.free import Free, free
 from ..models.polynomial import Polynomial
 from ..models.pseudo_measurements import PseudoMeasurements
 from ..models.replace import with_polynomials
-from ..structure import Regression, choose, columns, least_squares, stepwise_each, strong
+from ..structure import Regression, choose, columns, least_squares, stepwise_each, strong_terms
 from .identification import Equation, Identification, a_priori
 from .identify_options import IdentifyOptions
 
@@ -79,18 +79,18 @@ def identify(
     require(
         len(left_out) < len(equations),
         "No equation is left: "
-        + "; ".join(f"{name} {equation.why}" for name, equation in equations.items())
+        + "; ".join(f"{name} {equation.reason}" for name, equation in equations.items())
         + ". Give records with more motion, name equations to `keep`, or lower `least_F` or "
         "`least_R2`.",
     )
-    started = with_polynomials(model.without(left_out), _polynomials(equations, centre))
-    check_equations(started)
-    chosen = _free(started, equations, options, per_record)
-    prepared = as_stack([started.prepared(record) for record in single])
-    check_sampling(started, prepared, likelihood)
-    first = a_priori(started, chosen, prepared, likelihood)
-    fit = estimate(started, chosen, prepared, likelihood, solver=solver)
-    return Identification(equations, centre, started, first, fit, prepared, likelihood)
+    start_model = with_polynomials(model.without(left_out), _polynomials(equations, centre))
+    check_equations(start_model)
+    chosen = _free(start_model, equations, options, per_record)
+    prepared = as_stack([start_model.prepared(record) for record in single])
+    check_sampling(start_model, prepared, likelihood)
+    first = a_priori(start_model, chosen, prepared, likelihood)
+    fit = estimate(start_model, chosen, prepared, likelihood, solver=solver)
+    return Identification(equations, centre, start_model, first, fit, prepared, likelihood)
 
 
 def _regressions(
@@ -117,9 +117,9 @@ def _regressions(
             if selection is None
             else choose(selection, options.rule)
         )
-        kept, why = _decision(name, regression, options)
+        kept, reason = _decision(name, regression, options)
         estimated = _estimated(name, regression, options) if kept else ()
-        equations[name] = Equation(selection, regression, kept, why, estimated)
+        equations[name] = Equation(selection, regression, kept, reason, estimated)
     return equations, centre
 
 
@@ -168,7 +168,7 @@ def _estimated(name: str, regression: Regression, options: IdentifyOptions) -> t
             getattr(options, kind).get(name, ()),
             regression.names,
         )
-    chosen = {*strong(regression, options.share), *options.estimate.get(name, ())} - {
+    chosen = {*strong_terms(regression, options.share), *options.estimate.get(name, ())} - {
         *options.fix.get(name, ())
     }
     return tuple(term for term in regression.names if term in chosen)

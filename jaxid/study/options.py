@@ -13,8 +13,9 @@ class LoopOptions(eqx.Module):
             all candidates tried.
         min_check_gain: least fall of the check records' error (mean over channels of its logarithm)
             for an effect to be added while the residual is still predictable, because its
-            significance is then inaccurate. The fall must also exceed its standard error (two
-            standard errors if the effect has no score, which would measure the colour).
+            significance is then inaccurate. The fall must also exceed its standard error; two
+            standard errors if the effect has no score, because its significance then cannot be
+            corrected for the colour of the residual.
         max_check_loss: largest rise of the same error that an effect may cause on check records
             that hardly excite it.
         refits: number of best-scored candidates that are refitted in each round; at most as many

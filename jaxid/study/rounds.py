@@ -1,4 +1,4 @@
-"""History of a search: candidates with their decisions, rounds, and rivals."""
+"""History of a search: candidates with their decisions, rounds, and alternatives."""
 
 import dataclasses
 import enum
@@ -23,7 +23,7 @@ class Decision(enum.Enum):
         NOT_SIGNIFICANT: refused, as the decrease of the cost may be due to chance.
         ACCEPTABLE: may be added; replaced by one of the next four at the end of the round.
         ADDED: added to the model.
-        RIVAL: fits as well as the candidate that was added.
+        ALTERNATIVE: fits as well as the candidate that was added.
         WORSE: acceptable, but fits worse than the candidate that was added.
         PASSED_OVER: acceptable, but another search path started from its family.
     """
@@ -31,24 +31,25 @@ class Decision(enum.Enum):
     NOT_REFITTED = "not refitted"
     HOPELESS = "not refitted: scores far below the best"
     NOT_FINITE = "its derivative at zero gain is not finite"
-    COLLINEAR = "to these records one and the same as"
+    COLLINEAR = "in these records indistinguishable from"
     CHECK_WORSE = "predicts the check records worse"
-    UNDETERMINED = "its size is not determined"
-    DEGENERATE = "it ends where it is none"
+    UNDETERMINED = "its gain is not determined"
+    DEGENERATE = "its estimate is on a bound where it has no effect"
     NOT_SIGNIFICANT = "not significant"
     ACCEPTABLE = "kept"
     ADDED = "added"
-    RIVAL = "a rival that the data cannot tell from it"
-    WORSE = "helps less"
-    PASSED_OVER = "another way began with its like"
+    ALTERNATIVE = "fits as well as the one added"
+    WORSE = "fits worse than the one added"
+    PASSED_OVER = "another search path started from its family"
+    RIVAL = ALTERNATIVE  # former name, until `search.py` uses the new one
 
 
 @dataclasses.dataclass(frozen=True)
-class Rival:
+class Alternative:
     """An effect that fits the records as well as one that was added.
 
     Attributes:
-        name, sentence: its name and description.
+        name, description: its name and description.
         instead_of: names of the effects that it replaces.
         chi_square: increase of the chi-square of the training records due to the replacement.
         model: the model after the replacement, with its parameters estimated again.
@@ -56,11 +57,14 @@ class Rival:
     """
 
     name: str
-    sentence: str
+    description: str
     instead_of: tuple[str, ...]
     chi_square: float
     model: AbstractModel
     free: Free
+
+
+Rival = Alternative  # former name, until `doubts.py`, `search.py` and `verdict.py` use the new one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +72,7 @@ class Candidate:
     """One candidate of one round, or a pair of candidates, whose name is `first + second`.
 
     Attributes:
-        name, family, sentence: its name, family and description.
+        name, family, description: its name, family and description.
         locations: where it acts, for both effects of a pair.
         score: chi-square of the score test, for a white residual.
         significance: the same chi-square, corrected for the colour of the residual.
@@ -87,7 +91,7 @@ class Candidate:
     name: str
     family: str
     locations: tuple[Location, ...]
-    sentence: str
+    description: str
     score: float
     significance: float
     estimated_gain: float
@@ -102,6 +106,11 @@ class Candidate:
     def place(self) -> str:
         """The locations in words."""
         return " and ".join(map(str, self.locations))
+
+    @property
+    def sentence(self) -> str:
+        """Former name of `description`, until `search.py` uses the new one."""
+        return self.description
 
     @property
     def acceptable(self) -> bool:
@@ -129,7 +138,7 @@ class Candidate:
             f"{self.name} + {other.name}",
             f"{self.family} + {other.family}",
             tuple(dict.fromkeys((*self.locations, *other.locations))),
-            f"{self.sentence} and {other.sentence}",
+            f"{self.description} and {other.description}",
             score=score,
             significance=significance,
             estimated_gain=float("nan"),
@@ -146,7 +155,7 @@ class Round:
         effects: names of the effects in the model at the beginning of the round.
         candidates: all candidates that were scored, best first.
         added: name of the candidate that was added; None if none was.
-        rivals: candidates that the data cannot distinguish from the one added.
+        alternatives: candidates that the data cannot distinguish from the one added.
         dropped: effects that became insignificant and were removed.
         errors: root mean square error at the beginning of the round, by set of records (`train`,
             `check`, `test NAME`), then by channel.
@@ -159,7 +168,7 @@ class Round:
     effects: tuple[str, ...]
     candidates: tuple[Candidate, ...]
     added: str | None
-    rivals: tuple[str, ...]
+    alternatives: tuple[str, ...]
     dropped: tuple[str, ...]
     errors: dict[str, dict[str, float]]
     predictable: dict[str, float]
@@ -173,14 +182,19 @@ class Round:
         )
 
     @property
-    def came_in(self) -> tuple[str, ...]:
+    def added_effects(self) -> tuple[str, ...]:
         """Names of the effects that were added: none, one, or a pair."""
         return self.winner.parts if self.winner else ()
+
+    @property
+    def came_in(self) -> tuple[str, ...]:
+        """Former name of `added_effects`, until `search.py` and `doubts.py` use the new one."""
+        return self.added_effects
 
     def contenders(self, margin: float) -> tuple[Candidate, ...]:
         """Return the candidates that fit about as well as the one that was added.
 
-        These are its rivals, and all refitted candidates of other families whose decrease of
+        These are its alternatives, and all refitted candidates of other families whose decrease of
         chi-square is smaller by less than `margin`.
         """
         if self.winner is None or self.winner.cost_fall is None:
@@ -192,5 +206,5 @@ class Round:
             for candidate in others
             if candidate.cost_fall is not None and best - candidate.cost_fall < margin
         }
-        names = near | set(self.rivals)
+        names = near | set(self.alternatives)
         return tuple(candidate for candidate in self.candidates if candidate.name in names)

@@ -16,7 +16,7 @@ from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
 from ..models.base import AbstractModel
 from .outcome import Outcome
-from .rounds import Candidate, Rival, Round
+from .rounds import Alternative, Candidate, Round
 
 RUNAWAY_REMEDY = (
     "If a motion is unstable, drifts far, or is held by a pilot or a controller, cut the records "
@@ -119,15 +119,15 @@ class Study:
         verdict: the result in words.
         outcome: the result as one of six states.
         effects: names of the effects that were added and kept, in the order of their addition.
-        sentences: descriptions of these effects.
+        descriptions: descriptions of these effects.
         rounds: history of the search.
         other_rounds: history of the search path that was abandoned, if the search was started
             twice; else empty.
-        rivals: effects that fit as well in place of one of the final model; `discrimination` rates
-            another record by its power to distinguish them.
+        alternatives: effects that fit as well in place of one of the final model; `discrimination`
+            rates another record by its power to distinguish them.
         localisation: location of the training residual of the declared model (`before`) and of the
             model with the effects (`after`).
-        reading: tests of the training residual of the same two models.
+        residual_reports: tests of the training residual of the same two models.
         before, after: the declared model and the model with the effects, on the test records.
         noise: standard deviation of the noise by channel, known or estimated: from the complete
             residual of the last fit if that is noise, from its white part if effects are missing.
@@ -144,12 +144,12 @@ class Study:
     verdict: str
     outcome: Outcome
     effects: tuple[str, ...]
-    sentences: tuple[str, ...]
+    descriptions: tuple[str, ...]
     rounds: tuple[Round, ...]
     other_rounds: tuple[Round, ...]
-    rivals: tuple[Rival, ...]
+    alternatives: tuple[Alternative, ...]
     localisation: dict[str, LocalisationResult]
-    reading: dict[str, ResidualReport]
+    residual_reports: dict[str, ResidualReport]
     before: Side
     after: Side
     noise: dict[str, float]
@@ -160,6 +160,11 @@ class Study:
     outputs: tuple[str, ...]
     output_units: tuple[str, ...]
     tests: dict[str, Record]
+
+    @property
+    def rivals(self) -> tuple[Alternative, ...]:
+        """Former name of `alternatives`, until `rivals.py` uses the new one."""
+        return self.alternatives
 
     @property
     def runaways(self) -> tuple[str, ...]:
@@ -200,9 +205,11 @@ class Study:
             },
             "parameters": _parameters(self.after.estimate),
             "declared": _parameters(self.before.estimate),
-            "residual": {side: _reading(report) for side, report in self.reading.items()},
+            "residual": {
+                side: _residual_tests(report) for side, report in self.residual_reports.items()
+            },
             "where": {side: _places(result) for side, result in self.localisation.items()},
-            "rivals": [_rival(rival) for rival in self.rivals],
+            "alternatives": [_alternative(effect) for effect in self.alternatives],
             "rounds": [_round(entry) for entry in self.rounds],
             "other_rounds": [_round(entry) for entry in self.other_rounds],
         }
@@ -223,9 +230,9 @@ class Study:
         lines = []
         for index, entry in enumerate(self.rounds, 1):
             added = f"added {entry.added}" if entry.added else "nothing added"
-            rivals = f", equivalent to {', '.join(entry.rivals)}" if entry.rivals else ""
+            same = f", equivalent to {', '.join(entry.alternatives)}" if entry.alternatives else ""
             best = f" (best score: {entry.candidates[0].name})" if entry.candidates else ""
-            lines.append(f"round {index}: {added}{rivals}{best}")
+            lines.append(f"round {index}: {added}{same}{best}")
             lines += [f"         dropped {name}" for name in entry.dropped]
         if self.other_rounds:
             steps = ", ".join(str(entry.added) for entry in self.other_rounds if entry.added)
@@ -269,14 +276,14 @@ class Study:
         ]
 
 
-def _reading(reading: ResidualReport) -> dict[str, dict[str, Any]]:
-    tests, rows = reading.tests, {}
+def _residual_tests(report: ResidualReport) -> dict[str, dict[str, Any]]:
+    tests, rows = report.tests, {}
     for j, name in enumerate(tests.outputs):
-        signal, correlation, lag = reading.strongest_correlation(name)
-        variable, chance = reading.nonlinear_dependence(name)
+        signal, correlation, lag = report.strongest_correlation(name)
+        variable, chance = report.nonlinear_dependence(name)
         rows[name] = {
             "whiteness_p": float(tests.whiteness.p_value[j]),
-            "whiteness_p_by_record": [float(p) for p in reading.by_record[:, j]],
+            "whiteness_p_by_record": [float(p) for p in report.by_record[:, j]],
             "follows": {
                 "signal": signal,
                 "correlation": correlation,
@@ -300,9 +307,9 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
     return {key: getattr(candidate, key) for key in chosen}
 
 
-def _rival(rival: Rival) -> dict[str, Any]:
-    kept = ("name", "sentence", "instead_of", "chi_square")
-    return {name: getattr(rival, name) for name in kept}
+def _alternative(alternative: Alternative) -> dict[str, Any]:
+    kept = ("name", "description", "instead_of", "chi_square")
+    return {name: getattr(alternative, name) for name in kept}
 
 
 def _places(result: LocalisationResult) -> list[dict[str, Any]]:

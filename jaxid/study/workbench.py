@@ -28,7 +28,7 @@ from ..models.free import Free, Parameters, initial_parameters, with_values
 from .compilation import FITS, PASSES, PREDICTIONS, compile_together, signals_of
 from .fit import Fitted, worth_continuing
 from .loop_problem import LoopProblem, regular
-from .thresholds import CREEPING, KEPT_FITS
+from .thresholds import MAX_COMPILED_FITS, MIN_CONTINUATION_SHARE
 
 
 class Workbench(LoopProblem):
@@ -111,7 +111,7 @@ class Workbench(LoopProblem):
         effects: Sequence[str],
         values: Float[np.ndarray, " column"],
         rows: Float[Array, "case own"] | None = None,
-        creeping: float = CREEPING,
+        creeping: float = MIN_CONTINUATION_SHARE,
     ) -> Fitted:
         """Estimate the declared parameters and those of some effects together.
 
@@ -151,7 +151,7 @@ class Workbench(LoopProblem):
         """
         if self.uses_reduced_model:
             rows = fitted.fit.parameters.rows
-            FITS.make_room(len(sets), KEPT_FITS)
+            FITS.make_room(len(sets), MAX_COMPILED_FITS)
             compile_together(
                 [(FITS, self._fit_arguments(names, fitted.values, rows)) for names in sets]
             )

@@ -63,7 +63,7 @@ def study():
     }
     one = {
         "added": "a",
-        "rivals": [],
+        "alternatives": [],
         "dropped": [],
         "errors": {},
         "candidates": [candidate, {"cost_fall": None}],

@@ -53,7 +53,7 @@ def test_autocorrelation_and_ljung_box_equal_statsmodels(key):
         theirs = acorr_ljungbox(x, lags=[20], model_df=3)
         np.testing.assert_allclose(test.statistic[j], theirs["lb_stat"].iloc[0], rtol=1e-10)
         np.testing.assert_allclose(test.p_value[j], theirs["lb_pvalue"].iloc[0], rtol=1e-8)
-        assert test.freedom[j] == 17
+        assert test.dof[j] == 17
 
 
 def test_cross_correlation_equals_statsmodels_and_positive_lags_say_that_the_signal_comes_first(

@@ -122,10 +122,10 @@ def test_resonance_starts_at_peak_of_relative_residual():
     residual = np.sin(1.5 * t) + 0.1 * np.sin(3.2 * t) + 0.3 * np.sin(5.03 * t)
     both = {
         "t": np.r_[t, t],
-        "shown y": np.r_[shown, shown],
+        "simulated y": np.r_[shown, shown],
         "residual y": np.r_[residual, residual] + noise.reshape(-1),
     }
-    both |= {"shown still": np.zeros(800), "residual still": np.zeros(800)}
+    both |= {"simulated still": np.zeros(800), "residual still": np.zeros(800)}
     high, low = (Resonance(IN_Y, "u", peak).initialise_shape(both, {}, 0.1) for peak in (1, 2))
     assert (float(high.frequency), float(low.frequency)) == (
         pytest.approx(5.03, abs=unit),

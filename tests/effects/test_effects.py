@@ -66,7 +66,7 @@ def plain():
 def effects(plain):
     """All general effects with their shapes set from the simulation."""
     signals = {"t": T, "x": np.array(plain.x[:, 0]), "v": np.array(plain.x[:, 1]), "u": U[:, 0]}
-    signals |= {"residual y": np.sin(3.0 * T), "shown y": np.array(plain.y[:, 0])}
+    signals |= {"residual y": np.sin(3.0 * T), "simulated y": np.array(plain.y[:, 0])}
     return initialise_shapes(LIBRARY, signals, {"y": np.array(plain.y[:, 0])}, 0.1)
 
 

@@ -176,9 +176,9 @@ def test_parameter_effects_have_names_descriptions_and_units():
     assert len(set(names)) == len(names)
     first = parameter_effects(MODEL, ("k",), moments=(0.2, 0.6))
     assert [one.card.description for one in first] == [
-        "k is not the declared one",
+        "k differs from its declared value",
         "k drifts with time",
-        *["k changes at a moment"] * 2,
+        *["k changes suddenly"] * 2,
     ]
     assert {str(one.card.location) for one in first} == {"parameter k"}
     assert len({one.card.family for one in first}) == 3

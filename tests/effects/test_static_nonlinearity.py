@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxid.effects import Augmented, DeadBand, Hinge, Location, LocationKind, Placement, Saturating
+from jaxid.effects import Augmented, DeadBand, Hinge, Location, LocationKind, Placement, Saturation
 from jaxid.effects.shape_initialisation import (
     centre_of,
     level_in,
@@ -26,7 +26,7 @@ SHAPES = {
         lambda x: 2.0 * np.sign(x - 1) * np.maximum(np.abs(x - 1) - 0.5, 0),
     ),
     "saturation": (
-        Saturating(AT, "x", gain=jnp.array(2.0), level=jnp.array(0.5), centre=jnp.array(1.0)),
+        Saturation(AT, "x", gain=jnp.array(2.0), level=jnp.array(0.5), centre=jnp.array(1.0)),
         lambda x: 2.0 * np.sign(x - 1) * np.minimum(np.abs(x - 1), 0.5),
     ),
     "hinge": (

@@ -59,7 +59,7 @@ def aircraft():
     rotors.
     """
     frame = small_airframe(Ixy=400.0, Iyz=-300.0)
-    frame = eqx.tree_at(lambda one: one.reference, frame, jnp.array([0.1, 0.05, -0.08]))
+    frame = eqx.tree_at(lambda node: node.reference, frame, jnp.array([0.1, 0.05, -0.08]))
     engines = tuple(
         Engine(
             ConstantThrust(force), position=(-3.0, side, 0.2), up=0.03, right=0.02, momentum=400.0

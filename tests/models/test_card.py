@@ -20,7 +20,7 @@ from jaxid.effects import (
     LocationKind,
     Placement,
     Resonance,
-    Saturating,
+    Saturation,
     SensorDelay,
     StateLimit,
     Term,
@@ -37,7 +37,7 @@ KINDS = {
     "dead band of x in v": (LocationKind.EQUATION, "v"),
     "shift of k": (LocationKind.PARAMETER, "k"),
     "beta^2 in Cm": (LocationKind.COEFFICIENT, "Cm"),
-    "shift of place of the sensor of alpha along x": (LocationKind.SENSOR, "alpha"),
+    "shift of position of the sensor of alpha along x": (LocationKind.SENSOR, "alpha"),
 }
 MOTION = EffectCard(name="motion", description="words", location=Location(LocationKind.MODEL, ""))
 
@@ -60,7 +60,7 @@ def library_effects() -> tuple[Effect, ...]:
     model = Oscillator(jnp.array(1.0))
     more = (
         InputHysteresis("u"),
-        Saturating(Placement.equation("v"), "x"),
+        Saturation(Placement.equation("v"), "x"),
         jaxid.effects.InputBias("u"),
         StateLimit("x", "v"),
     )

@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
 
 from jaxid._foundation.checks import InputError
 from jaxid.models.names import parameter_names
-from jaxid.models.tables import Table, outside, require_inside
+from jaxid.models.tables import Table, range_violations, require_inside
 
 METHODS = ("linear", "cubic", "monotone")
 KNOTS = np.array([-0.4, -0.1, 0.0, 0.3, 0.35, 0.8, 1.1])
@@ -242,11 +242,11 @@ def test_outside_lists_every_signal_beyond_limits():
         "mach": np.array(0.9),
         "other": np.array(5.0),
     }
-    assert outside(limits, signals) == (
+    assert range_violations(limits, signals) == (
         "alpha reaches -0.25, the range is 0 to 1",
         "mach reaches 0.9, the range is 0.2 to 0.8",
     )
-    assert outside(limits, {"alpha": np.array([0.5, np.nan])}) == ()
+    assert range_violations(limits, {"alpha": np.array([0.5, np.nan])}) == ()
 
 
 def test_missing_signal_of_axis_is_refused():

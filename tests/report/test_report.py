@@ -68,11 +68,11 @@ def lines(figure):
     return [line for ax in figure.axes for line in ax.lines]
 
 
-def test_the_page_is_whole_and_says_what_was_found(study, page):
+def test_page_is_complete_and_states_effect_and_errors(study, page):
     parsed = Page(page)
-    told = " ".join(parsed.text.split())
-    assert words.raised(study.verdict) in told
-    assert "x³ in the equation of v" in told
+    text = " ".join(parsed.text.split())
+    assert words.raised(study.verdict) in text
+    assert "x³ in the equation of v" in text
     for needed in (
         *study.outputs,
         *study.tests,
@@ -81,19 +81,21 @@ def test_the_page_is_whole_and_says_what_was_found(study, page):
         "deg",
         "1/s²",
     ):
-        assert needed in told, needed
+        assert needed in text, needed
     gain, error = (
         float(study.after.estimate.values[-1]),
         float(study.after.estimate.corrected_errors[-1]),
     )
-    assert words.with_error(gain, error) in told
-    assert f"{np.degrees(study.before.rms['quick']['tilt']):.4g}" in told
+    assert words.with_error(gain, error) in text
+    assert f"{np.degrees(study.before.rms['quick']['tilt']):.4g}" in text
     assert all(
-        one.verdict in told for one in study.rounds[0].candidates if one.cost_fall is not None
+        candidate.verdict in text
+        for candidate in study.rounds[0].candidates
+        if candidate.cost_fall is not None
     )
 
 
-def test_the_page_needs_nothing_beside_it_and_escapes_what_it_is_given(page):
+def test_page_has_no_external_files_and_escapes_given_text(page):
     parsed = Page(page)
     assert "script" not in parsed.tags
     assert "b" not in parsed.tags
@@ -106,44 +108,44 @@ def test_the_page_needs_nothing_beside_it_and_escapes_what_it_is_given(page):
 
 
 @pytest.mark.parametrize("outcome", Outcome)
-def test_every_outcome_is_said_in_words(study, drawn, outcome, quick):
-    found = outcome in (Outcome.EXPLAINED, Outcome.PROXIES)
-    changed = {} if found else {"effects": (), "sentences": (), "after": study.before}
+def test_page_describes_every_outcome(study, drawn, outcome, quick):
+    has_effects = outcome in (Outcome.EXPLAINED, Outcome.PROXIES)
+    changed = {} if has_effects else {"effects": (), "descriptions": (), "after": study.before}
     parsed = Page(html(dataclasses.replace(study, outcome=outcome, **changed), drawn=drawn))
     assert words.OUTCOMES[outcome] in parsed.text
-    assert ("No effect was added" in parsed.text) == (not found)
+    assert ("No effect was added" in parsed.text) == (not has_effects)
 
 
-def test_records_that_decided_are_told(study, drawn, quick):
+def test_page_names_test_set_that_decided(study, drawn, quick):
     rounds = tuple(
-        dataclasses.replace(one, errors=one.errors | {"test quick": one.errors["check"]})
-        for one in study.rounds
+        dataclasses.replace(entry, errors=entry.errors | {"test quick": entry.errors["check"]})
+        for entry in study.rounds
     )
-    told = Page(html(dataclasses.replace(study, rounds=rounds), drawn=drawn)).text
-    assert "but quick, which decided" in " ".join(told.split())
+    text = Page(html(dataclasses.replace(study, rounds=rounds), drawn=drawn)).text
+    assert "but quick, which decided" in " ".join(text.split())
 
 
-def test_parameters_beside_random_forces_are_told(study, page, drawn, quick):
+def test_page_lists_parameters_estimated_with_random_forces(study, page, drawn, quick):
     name = study.before.estimate.names[0]
     forces = RandomForces(("v",), (), {"v": 0.3}, 0.5, {name: 1.2345}, 100.0)
     assert "with process noise" not in Page(page).text
     with_forces = dataclasses.replace(study, process_noise=forces)
-    told = Page(html(with_forces, drawn=drawn)).text
-    assert "with process noise" in told
-    assert "1.234" in told
+    text = Page(html(with_forces, drawn=drawn)).text
+    assert "with process noise" in text
+    assert "1.234" in text
     assert f"estimated with the random forces, by a filter\n{name} " in str(with_forces)
 
 
-def test_another_way_that_was_given_up_is_told(study, page, drawn, quick):
+def test_page_lists_effects_of_abandoned_path(study, page, drawn, quick):
     assert "A second search path" not in page
     other = study.rounds[:1]
-    told = Page(html(dataclasses.replace(study, other_rounds=other), drawn=drawn)).text
-    assert f"The second path added: {words.raised(other[0].winner.sentence)}" in " ".join(
-        told.split()
+    text = Page(html(dataclasses.replace(study, other_rounds=other), drawn=drawn)).text
+    assert f"The second path added: {words.raised(other[0].winner.description)}" in " ".join(
+        text.split()
     )
 
 
-def test_prediction_has_a_panel_for_each_channel(study):
+def test_prediction_figure_has_panel_per_channel(study):
     figure = figures.prediction(study, "quick", 1)
     assert len(figure.axes) == 2
     assert [ax.get_ylabel() for ax in figure.axes] == ["x [m]", "tilt [deg]"]
@@ -155,7 +157,7 @@ def test_prediction_has_a_panel_for_each_channel(study):
     np.testing.assert_allclose(measured.get_ydata(), np.degrees(z), rtol=1e-12)
 
 
-def test_residuals_show_what_is_scored(study):
+def test_residuals_figure_omits_window(study):
     figure = figures.residuals(study, "quick")
     assert len(figure.axes) == 6
     after = np.asarray(study.after.tests["quick"].residuals)[0, 20:, 0]
@@ -166,7 +168,7 @@ def test_residuals_show_what_is_scored(study):
     assert np.all(np.abs(correlation) <= 1)
 
 
-def test_errors_have_a_panel_for_each_channel_and_logarithms_where_needed(study):
+def test_errors_figure_has_panel_per_channel_and_logarithmic_axis_for_large_ratio(study):
     figure = figures.errors(study)
     assert [ax.get_title(loc="left") for ax in figure.axes] == ["x [m]", "tilt [deg]"]
     widths = [patch.get_width() for patch in figure.axes[0].patches]
@@ -184,9 +186,9 @@ def test_errors_have_a_panel_for_each_channel_and_logarithms_where_needed(study)
     assert "diverged" in [text.get_text() for text in figure.axes[0].texts]
 
 
-def test_ranking_marks_what_was_added(study):
-    one = study.rounds[0]
-    (ax,) = figures.ranking(dataclasses.replace(one, threshold=9.0)).axes
+def test_ranking_figure_marks_added_candidate(study):
+    entry = study.rounds[0]
+    (ax,) = figures.ranking(dataclasses.replace(entry, threshold=9.0)).axes
     assert ax.get_xscale() == "log"
     assert [label.get_text() for label in ax.get_yticklabels()] == [
         "x³ in v",
@@ -198,10 +200,12 @@ def test_ranking_marks_what_was_added(study):
     assert any(np.all(np.asarray(line.get_xdata()) == 9.0) for line in ax.lines)
 
 
-def test_a_model_that_runs_off_does_not_hide_the_measurements(study):
+def test_axis_of_diverging_prediction_keeps_range_of_measurements(study):
     wild = {
-        name: dataclasses.replace(one, y=one.y.at[:, 100:].set(1e200).at[:, 150:].set(np.nan))
-        for name, one in study.before.tests.items()
+        name: dataclasses.replace(
+            prediction, y=prediction.y.at[:, 100:].set(1e200).at[:, 150:].set(np.nan)
+        )
+        for name, prediction in study.before.tests.items()
     }
     far = dataclasses.replace(study, before=dataclasses.replace(study.before, tests=wild))
     low, high = figures.prediction(far, "quick").axes[0].get_ylim()
@@ -211,7 +215,7 @@ def test_a_model_that_runs_off_does_not_hide_the_measurements(study):
         figure.canvas.draw()
 
 
-def test_long_records_are_thinned_or_cut_and_say_so(study, monkeypatch):
+def test_long_record_is_thinned_or_cut_with_note(study, monkeypatch):
     monkeypatch.setattr(views, "LIMIT", 150)
     thinned = views.view(study, "quick")
     assert thinned.t.size == 100
@@ -226,14 +230,14 @@ def test_long_records_are_thinned_or_cut_and_say_so(study, monkeypatch):
     )
 
 
-def test_unknown_sets_and_records_are_refused(study):
+def test_unknown_set_or_record_raises_error(study):
     with pytest.raises(InputError, match="quick"):
         figures.prediction(study, "quik")
     with pytest.raises(InputError, match="2 records"):
         figures.residuals(study, "quick", 2)
 
 
-def test_the_folder_holds_page_numbers_and_figures(study, tmp_path):
+def test_folder_contains_page_json_and_figures(study, tmp_path):
     folder = write_study(study, tmp_path / "deep" / "out", "Spring")
     assert folder == tmp_path / "deep" / "out"
     names = sorted(path.name for path in folder.iterdir())
@@ -251,7 +255,7 @@ def test_the_folder_holds_page_numbers_and_figures(study, tmp_path):
     assert [path.name for path in folder.parent.iterdir()] == ["out"]
 
 
-def test_a_folder_is_never_overwritten(study, tmp_path, quick):
+def test_existing_folder_is_not_overwritten(study, tmp_path, quick):
     taken = tmp_path / "out"
     taken.mkdir()
     (tmp_path / "out-2").symlink_to(tmp_path / "nowhere")
@@ -266,7 +270,7 @@ def test_a_folder_is_never_overwritten(study, tmp_path, quick):
 
 
 @pytest.mark.parametrize("where", ["drawing", "writing", "naming"])
-def test_a_failure_leaves_nothing_behind(study, tmp_path, quick, monkeypatch, where):
+def test_failed_report_leaves_no_file(study, tmp_path, quick, monkeypatch, where):
     def fail(*_, **__):
         raise OSError("planted")
 
@@ -284,7 +288,7 @@ def test_a_failure_leaves_nothing_behind(study, tmp_path, quick, monkeypatch, wh
     assert list(tmp_path.iterdir()) == []
 
 
-def test_json_is_written_once(study, tmp_path):
+def test_existing_json_file_is_not_overwritten(study, tmp_path):
     path = write_json(study, tmp_path / "out.json")
     before = path.read_text()
     assert json.loads(before)["verdict"] == study.verdict
@@ -293,7 +297,7 @@ def test_json_is_written_once(study, tmp_path):
     with pytest.raises(InputError, match="no folder"):
         write_json(study, tmp_path / "none" / "out.json")
     assert path.read_text() == before
-    assert [one.name for one in tmp_path.iterdir()] == ["out.json"]
+    assert [file.name for file in tmp_path.iterdir()] == ["out.json"]
 
 
 @pytest.mark.parametrize(
@@ -308,7 +312,7 @@ def test_json_is_written_once(study, tmp_path):
         (2.5e8, 3e6, "(2.500 ± 0.030)·10⁸"),
     ],
 )
-def test_estimates_are_cut_where_their_error_begins(value, error, expected):
+def test_estimate_is_rounded_to_digits_of_its_error(value, error, expected):
     assert words.with_error(value, error) == expected
 
 
@@ -322,12 +326,12 @@ def test_estimates_are_cut_where_their_error_begins(value, error, expected):
         (np.nan, "not finite"),
     ],
 )
-def test_numbers_are_short(value, expected):
+def test_number_has_four_digits(value, expected):
     assert words.number(value) == expected
     assert words.number(1.2e7) == "1.2·10⁷"
 
 
-def test_units_are_shown_in_degrees_where_they_are_angles():
+def test_angle_units_are_displayed_in_degrees():
     assert words.display_unit("rad/s^2")[1] == "deg/s^2"
     assert words.display_unit("rad/s")[0] == pytest.approx(57.29577951308232)
     assert words.display_unit("m/s^2") == (1.0, "m/s^2")

@@ -6,7 +6,7 @@ import scipy.linalg
 import statsmodels.api as sm
 
 from jaxid._foundation.checks import InputError
-from jaxid.structure import Regression, columns, least_squares, strong, with_coloured_errors
+from jaxid.structure import Regression, columns, least_squares, strong_terms, with_coloured_errors
 
 NAMES = ("a", "b", "c")
 
@@ -137,11 +137,11 @@ def test_strong_terms_follow_four_per_cent_rule_of_report(seed):
     expected = tuple(
         name for name, F in zip(NAMES, result.F, strict=True) if 0.04 * max(result.F) <= F
     )
-    assert strong(result) == expected
+    assert strong_terms(result) == expected
     assert "c" not in expected
-    assert strong(result, 0.0) == NAMES
+    assert strong_terms(result, 0.0) == NAMES
     with pytest.raises(InputError, match="share is 4"):
-        strong(result, 4.0)
+        strong_terms(result, 4.0)
 
 
 def test_regression_prints_as_table(seed):

@@ -10,6 +10,7 @@ import textbook
 from jaxid._foundation.checks import InputError
 from jaxid.structure import (
     CrossValidation,
+    Direction,
     FirstMaximumF,
     LastStep,
     MaximumF,
@@ -184,7 +185,7 @@ def test_best_subsets_equal_exhaustive_search(seed):
         ]
         assert step.s**2 * (30 - size - 1) == pytest.approx(min(SSE), rel=1e-9)
     assert len(result.models) == 8
-    assert "any 8 columns are combinations" in result.steps[-1].why
+    assert "any 8 columns are combinations" in result.steps[-1].reason
     assert choose(result, Minimum("BIC")).R2 > 0.5
 
 
@@ -201,10 +202,10 @@ def test_exchange_selects_pair_that_stepwise_regression_misses(seed):
     names = tuple(f"x{i}" for i in range(20))
     pair = best_subsets(X, y + 1e-3 * draw.normal(size=100), names, max_terms=2).models[2]
     assert set(pair.terms) == {"x0", "x1"}
-    assert "by exchange" in pair.why
+    assert "by exchange" in pair.reason
     assert (
         "x2"
-        in stepwise(X, y, names, options=SubsetOptions(max_terms=2, direction="forward"))
+        in stepwise(X, y, names, options=SubsetOptions(max_terms=2, direction=Direction.FORWARD))
         .models[-1]
         .terms
     )
@@ -222,7 +223,7 @@ def test_best_subsets_stop_at_exact_fit(seed):
     X, _ = planted(seed)
     result = best_subsets(X, X[:, 1] - X[:, 5], NAMES)
     assert set(result.models[-1].terms) == {"x1", "x5"}
-    assert "rounding" in result.steps[-1].why
+    assert "rounding" in result.steps[-1].reason
 
 
 def test_orthogonal_functions_equal_forward_path_at_least_PSE(seed):
@@ -233,7 +234,10 @@ def test_orthogonal_functions_equal_forward_path_at_least_PSE(seed):
     X, y = planted(seed)
     result = orthogonal_functions(X, y, NAMES)
     path = stepwise(
-        X, y, NAMES, options=SubsetOptions(F_in=0.0, F_out=0.0, tolerance=1e-8, direction="forward")
+        X,
+        y,
+        NAMES,
+        options=SubsetOptions(F_in=0.0, F_out=0.0, tolerance=1e-8, direction=Direction.FORWARD),
     )
     assert result.names == path.models[-1].terms
     np.testing.assert_allclose(

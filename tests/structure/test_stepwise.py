@@ -7,6 +7,8 @@ import scipy.stats
 from jaxid._foundation.checks import InputError
 from jaxid.structure import (
     REPORT,
+    Action,
+    Direction,
     LastStep,
     Minimum,
     SubsetOptions,
@@ -112,7 +114,7 @@ def test_path_equals_gauss_jordan_sweeps(case, noise):
     X, y = steep(case, noise)
     steps, values = by_gauss_jordan(X, y, REPORT)
     result = stepwise(X, y, POWERS, options=REPORT)
-    assert [(step.action, POWERS.index(step.name)) for step in result.models[1:]] == [
+    assert [(step.action.value, POWERS.index(step.name)) for step in result.models[1:]] == [
         step[:2] for step in steps
     ]
     np.testing.assert_allclose(
@@ -129,7 +131,7 @@ def test_compared_paths_contain_all_actions():
         for noise in (0.02, 0.2)
     ]
     actions = [step.action for path in paths for step in path.steps]
-    assert min(actions.count(action) for action in ("enter", "remove", "bar")) >= 1
+    assert min(actions.count(action) for action in (Action.ENTER, Action.REMOVE, Action.BAR)) >= 1
 
 
 def test_stepwise_regression_recovers_system_without_noise():
@@ -147,10 +149,14 @@ def test_stepwise_regression_recovers_system_without_noise():
 
 def test_forward_never_removes_and_backward_never_adds():
     X, y = planted(1, 0.3)
-    forward = stepwise(X, y, TERMS, options=SubsetOptions(direction="forward", tolerance=1e-6))
-    backward = stepwise(X, y, TERMS, options=SubsetOptions(direction="backward", tolerance=1e-6))
-    assert {step.action for step in forward.models} == {"start", "enter"}
-    assert {step.action for step in backward.models} == {"start", "remove"}
+    forward = stepwise(
+        X, y, TERMS, options=SubsetOptions(direction=Direction.FORWARD, tolerance=1e-6)
+    )
+    backward = stepwise(
+        X, y, TERMS, options=SubsetOptions(direction=Direction.BACKWARD, tolerance=1e-6)
+    )
+    assert {step.action for step in forward.models} == {Action.START, Action.ENTER}
+    assert {step.action for step in backward.models} == {Action.START, Action.REMOVE}
     assert set(backward.models[0].terms) == set(TERMS)
     assert min(backward.models[-1].F) >= 4.0
 
@@ -161,12 +167,14 @@ def test_path_there_and_back_adds_and_removes_all_terms():
         X,
         y,
         TERMS,
-        options=SubsetOptions(direction="there and back", tolerance=1e-6, force_in=("q",)),
+        options=SubsetOptions(
+            direction=Direction.FORWARD_THEN_BACKWARD, tolerance=1e-6, force_in=("q",)
+        ),
     )
     sizes = [len(step.terms) for step in path.models]
     assert sizes == [*range(11), *range(10, 0, -1)]
     assert all("q" in step.terms for step in path.models[1:])
-    assert "no term is left that may be removed" in path.steps[-1].why
+    assert "no term is left that may be removed" in path.steps[-1].reason
 
 
 def test_path_there_and_back_contains_model_that_forward_path_misses(seed):
@@ -176,7 +184,10 @@ def test_path_there_and_back_contains_model_that_forward_path_misses(seed):
     X[:, 4] = X[:, 0] + X[:, 1] + 0.3 * X[:, 4]
     y = X[:, 0] + X[:, 1] + 0.1 * draw.normal(size=80)
     path = stepwise(
-        X, y, ("a", "b", "c", "d", "sum"), options=SubsetOptions(direction="there and back")
+        X,
+        y,
+        ("a", "b", "c", "d", "sum"),
+        options=SubsetOptions(direction=Direction.FORWARD_THEN_BACKWARD),
     )
     assert path.models[1].terms == ("sum",)
     assert set(choose(path, Minimum("BIC")).names) == {"a", "b"}
@@ -213,14 +224,14 @@ def test_forced_terms_and_limits_are_respected():
     X, y = planted(5, 0.1)
     options = SubsetOptions(force_in=("|beta| beta",), force_out=("alpha",), max_terms=3, F_in=0.0)
     path = stepwise(X, y, TERMS, options=options)
-    assert path.steps[1].action == "force"
+    assert path.steps[1].action is Action.FORCE
     assert all("|beta| beta" in step.terms for step in path.steps[1:])
     assert not any("alpha" in step.terms for step in path.steps)
     assert len(path.models[-1].terms) == 3
-    assert "max_terms = 3" in path.steps[-1].why
+    assert "max_terms = 3" in path.steps[-1].reason
     path = stepwise(X, y, TERMS, options=SubsetOptions(R2_stop=0.8))
     assert path.models[-1].R2 >= 0.8 > path.models[-2].R2
-    assert "R2 has reached 0.8" in path.steps[-1].why
+    assert "R2 has reached 0.8" in path.steps[-1].reason
 
 
 def test_collinear_column_is_barred():
@@ -230,8 +241,8 @@ def test_collinear_column_is_barred():
         X, y, (*TERMS, "double"), options=SubsetOptions(tolerance=1e-4, force_in=("alpha",))
     )
     (barred,) = (step for step in path.steps if step.name == "double")
-    assert barred.action == "bar"
-    assert "tolerance is below 0.0001" in barred.why
+    assert barred.action is Action.BAR
+    assert "tolerance is below 0.0001" in barred.reason
     assert barred.tolerance == pytest.approx(0, abs=1e-8)
     with pytest.raises(InputError, match="'double' shall be forced in"):
         stepwise(X, y, (*TERMS, "double"), options=SubsetOptions(force_in=("alpha", "double")))
@@ -240,8 +251,8 @@ def test_collinear_column_is_barred():
 def test_constant_column_is_barred():
     X, y = planted(4, 0.8, samples=14)  # alpha is below the knot
     (barred,) = (step for step in stepwise(X, y, TERMS).steps if step.name == "(alpha-0.1)+^2")
-    assert (barred.action, barred.why) == ("bar", "does not vary in these samples")
-    backward = stepwise(X, y, TERMS, options=SubsetOptions(direction="backward"))
+    assert (barred.action, barred.reason) == (Action.BAR, "does not vary in these samples")
+    backward = stepwise(X, y, TERMS, options=SubsetOptions(direction=Direction.BACKWARD))
     assert "(alpha-0.1)+^2" not in backward.models[0].terms
 
 
@@ -269,7 +280,7 @@ def test_printed_log_contains_every_step():
     path = stepwise(*planted(1, 0.5), TERMS, options=REPORT)
     lines = str(path).splitlines()
     assert len(lines) == 2 + len(path.steps)
-    assert all(step.why in line for step, line in zip(path.steps, lines[2:], strict=True))
+    assert all(step.reason in line for step, line in zip(path.steps, lines[2:], strict=True))
 
 
 @pytest.mark.parametrize(
@@ -280,6 +291,8 @@ def test_printed_log_contains_every_step():
         ({"level_out": 0.01}, "without level_in"),
         ({"level_in": 0.01, "level_out": 0.001}, "must not be negative or the higher"),
         ({"level_in": 1.5}, "a probability lies between"),
+        ({"direction": "up"}, "no direction 'up'.*forward then backward"),
+        ({"direction": "forward then backward", "F_in": 3.0}, "uses no level of F"),
         ({"tolerance": 0.0}, "tolerance is 0"),
         ({"R2_stop": 1.1}, "R2_stop is 1.1"),
         ({"max_terms": 0}, "max_terms is 0"),

@@ -5,7 +5,7 @@ import pytest
 import statsmodels.api as sm
 import textbook
 
-from jaxid.structure import FirstMaximumF, SubsetOptions, choose, least_squares, stepwise
+from jaxid.structure import Action, FirstMaximumF, SubsetOptions, choose, least_squares, stepwise
 
 HALD_X, HALD_Y = textbook.HALD[:, :4], textbook.HALD[:, 4]
 LONGLEY_X, LONGLEY_Y = textbook.LONGLEY[:, :6], textbook.LONGLEY[:, 6]
@@ -23,7 +23,7 @@ def test_hald_path_equals_textbook(hald):
     Source: Draper & Smith, Applied Regression Analysis, 1981, section 6.4 and appendix B.
     """
     models = hald.models
-    assert [(step.action, step.name) for step in models[1:]] == [
+    assert [(step.action.value, step.name) for step in models[1:]] == [
         ("enter", "x4"),
         ("enter", "x1"),
         ("enter", "x2"),
@@ -40,8 +40,8 @@ def test_hald_path_equals_textbook(hald):
     )
     np.testing.assert_allclose(models[3].F, [1.86, 154.01, 5.03], atol=0.005)
     np.testing.assert_allclose(models[4].F, [146.52, 208.58], atol=0.005)
-    assert hald.steps[-1].action == "stop"
-    assert "1.863, of x4, below 4" in hald.steps[-1].why
+    assert hald.steps[-1].action is Action.STOP
+    assert "1.863, of x4, below 4" in hald.steps[-1].reason
 
 
 def test_hald_final_model_equals_textbook(hald):
@@ -68,7 +68,7 @@ def test_every_step_equals_statsmodels(X, y, names, level):
     expected, terms = textbook.stepwise_by_statsmodels(X, y, names, level, level)
     options = SubsetOptions(F_in=level, F_out=level, tolerance=1e-9)
     result = stepwise(X, y, names, options=options)
-    assert [(step.action, step.name) for step in result.models[1:]] == [
+    assert [(step.action.value, step.name) for step in result.models[1:]] == [
         (action, name) for action, name, _ in expected
     ]
     np.testing.assert_allclose(

@@ -78,82 +78,82 @@ def test_error_omits_channel_without_samples():
     v = jnp.asarray(rng.normal(size=(1, 200, 2)))
     complete = jnp.ones(v.shape, bool)
     dead = complete.at[..., 1].set(False)
-    both, one = prediction(v, dead), prediction(v[..., :1], complete[..., :1])
+    both, single = prediction(v, dead), prediction(v[..., :1], complete[..., :1])
     assert np.isnan(both.rms[1])
-    assert mean_log(both) == pytest.approx(mean_log(one), rel=1e-12)
-    assert uncertainty(both) == pytest.approx(uncertainty(one), rel=1e-12)
+    assert mean_log(both) == pytest.approx(mean_log(single), rel=1e-12)
+    assert uncertainty(both) == pytest.approx(uncertainty(single), rel=1e-12)
     halves = prediction(0.5 * v, dead), prediction(0.5 * v[..., :1], complete[..., :1])
     assert difference_error(both, halves[0]) == pytest.approx(
-        difference_error(one, halves[1]), rel=1e-12
+        difference_error(single, halves[1]), rel=1e-12
     )
     assert mean_log(prediction(0.0 * v, complete)) == mean_log(prediction(0.0 * v, dead))
 
 
 def test_check_records_without_samples_raise_error():
-    model, own = spring()
+    model, chosen = spring()
     train = flights(2)
-    blind = eqx.tree_at(lambda one: one.mask, train[1], jnp.zeros_like(train[1].mask))
+    blind = eqx.tree_at(lambda node: node.mask, train[1], jnp.zeros_like(train[1].mask))
     with pytest.raises(
         InputError, match="No output of the check records has a valid sample after the window"
     ):
-        close_loop(model, own, OutputError(), train=train[0], check=blind, effects=LIBRARY)
+        close_loop(model, chosen, OutputError(), train=train[0], check=blind, effects=LIBRARY)
 
 
 def test_loop_without_candidates_and_check_records_returns_declared_model():
-    model, own = spring()
-    result = close_loop(model, own, OutputError(), train=flights(2), effects=(), window=20)
+    model, chosen = spring()
+    result = close_loop(model, chosen, OutputError(), train=flights(2), effects=(), window=20)
     assert (result.effects, result.outcome) == ((), Outcome.UNEXPLAINED)
     assert "Something is missing" in str(result)
     assert result.runaways == ()
 
 
 def test_diverging_test_record_is_reported_with_remedy():
-    model, own = spring()
+    model, chosen = spring()
     train, *test = flights(3)
-    result = close_loop(model, own, OutputError(), train=train, test=test, effects=(), window=20)
+    result = close_loop(model, chosen, OutputError(), train=train, test=test, effects=(), window=20)
     complete = result.before.tests["test"]
     lost = dataclasses.replace(
         result.before,
         tests={
-            "test": eqx.tree_at(lambda one: one.y, complete, complete.y.at[1, 100:].set(jnp.inf))
+            "test": eqx.tree_at(lambda node: node.y, complete, complete.y.at[1, 100:].set(jnp.inf))
         },
     )
-    told = dataclasses.replace(result, before=lost)
-    (sentence,) = told.runaways
+    diverged = dataclasses.replace(result, before=lost)
+    (sentence,) = diverged.runaways
     assert sentence.startswith(f"The declared model diverges on {test[1].names[0]}. ")
     assert "jaxid.segment" in sentence
-    assert sentence in str(told)
+    assert sentence in str(diverged)
 
 
 def test_records_of_final_estimate_are_predicted_by_search_estimate():
     """Without check and test records the last third decides, and is reported as the fit to the
     first two thirds predicts it.
     """
-    model, own = spring()
+    model, chosen = spring()
     train = flights(2)
-    alone = close_loop(model, own, OutputError(), train=train, effects=LIBRARY, window=20)
+    alone = close_loop(model, chosen, OutputError(), train=train, effects=LIBRARY, window=20)
     given = close_loop(
-        model, own, OutputError(), train=train, test={"check": train}, effects=LIBRARY, window=20
+        model, chosen, OutputError(), train=train, test={"check": train}, effects=LIBRARY, window=20
     )
     assert alone.effects == given.effects == ("x^3 in v",)
     assert alone.after.rms["check"]["x"] != given.after.rms["check"]["x"]
     np.testing.assert_array_equal(alone.after.estimate.values, given.after.estimate.values)
     assert decided(alone) == ("check",)
     failed = [
-        dataclasses.replace(one, errors={name: {"x": np.nan} for name in one.errors})
-        for one in alone.rounds
+        dataclasses.replace(entry, errors={name: {"x": np.nan} for name in entry.errors})
+        for entry in alone.rounds
     ]
     assert decided(dataclasses.replace(alone, rounds=tuple(failed))) == ("check",)
 
 
 def test_overstated_noise_yields_location_and_report():
     """The residual is smaller than the declared noise, and a cubic is still significant in it."""
-    model, own = spring()
+    model, chosen = spring()
     records = flights(5, Term("v", "x^3", gain=jnp.array(-0.1)))
     noise = OutputError(FixedNoise([(1.5 * SIGMA) ** 2]))
     result = close_loop(
         model,
-        own,
+        chosen,
         noise,
         train=records[:3],
         check=records[3],
@@ -162,7 +162,7 @@ def test_overstated_noise_yields_location_and_report():
         window=20,
     )
     assert result.effects == ("x^3 in v",)
-    assert all(one.near_best() for one in result.localisation.values())
+    assert all(location.near_best() for location in result.localisation.values())
     assert "<html" in html(result)
 
 
@@ -181,6 +181,6 @@ def test_the_predictable_share_of_a_short_record(rows):
 
 
 def test_candidate_in_declared_model_raises_error():
-    model, own = spring()
+    model, chosen = spring()
     with pytest.raises(InputError, match=r"The candidate 'x\^3 in v' has a gain of -0\.5"):
-        close_loop(model, own, OutputError(), train=flights(2), effects=(CUBE,))
+        close_loop(model, chosen, OutputError(), train=flights(2), effects=(CUBE,))

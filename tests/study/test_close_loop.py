@@ -47,7 +47,7 @@ from jaxid.study.judge import Judge
 from jaxid.study.outcome import Outcome
 from jaxid.study.pairs import pairs_of
 from jaxid.study.rivals import discrimination
-from jaxid.study.rounds import Candidate, Decision, Rival, Round
+from jaxid.study.rounds import Alternative, Candidate, Decision, Round
 from jaxid.study.search import Search
 from jaxid.study.thresholds import SETTLED
 from jaxid.study.unpredictable import act_on_the_motion
@@ -76,10 +76,10 @@ def closed(flown, effects=LIBRARY, likelihood=None):
     """The loop on seven records, with stiffness and damping free."""
     train, check, test = ([flown[index] for index in part] for part in (TRAIN, CHECK, TEST))
     model = Spring(1.0, 0.1)
-    own = free(model, "k", "c", per_record=("initial_state",))
+    chosen = free(model, "k", "c", per_record=("initial_state",))
     options = dict(effects=effects, window=WINDOW)
     return close_loop(
-        model, own, likelihood or OutputError(), train=train, check=check, test=test, **options
+        model, chosen, likelihood or OutputError(), train=train, check=check, test=test, **options
     )
 
 
@@ -111,12 +111,14 @@ def test_loop_adds_only_the_planted_effect(name):
 
 
 def test_early_input_is_named_as_negative_delay():
-    rivals = (InputLag("force"), InputRateLimit("force"))  # less than none of either leads as well
-    result = study(InputDelay("force", jnp.array(-0.15)), seed=4, effects=(*LIBRARY, *rivals))
+    others = (InputLag("force"), InputRateLimit("force"))  # less than none of either leads as well
+    result = study(InputDelay("force", jnp.array(-0.15)), seed=4, effects=(*LIBRARY, *others))
     assert result.effects == ("delay of input force",)
     assert "acts earlier than it is recorded" in result.verdict
     refitted = {
-        one.name: one.decision for one in result.rounds[0].candidates if one.cost_fall is not None
+        candidate.name: candidate.decision
+        for candidate in result.rounds[0].candidates
+        if candidate.cost_fall is not None
     }
     assert refitted["lag of input force"] is Decision.DEGENERATE
     assert refitted["rate limit of input force (from 20%)"] is Decision.DEGENERATE
@@ -169,11 +171,11 @@ def test_undeclared_damping_is_named():
         [fly(4000 + index, None)[0] for index in part] for part in (TRAIN, CHECK, TEST)
     )
     model = Undamped(1.0)
-    own = free(model, "k", per_record=("initial_state",))
-    known = candidates(model, own, as_stack(train))
-    library = [one for one in known if isinstance(one, Term | DryFriction | QuadraticDrag)]
+    chosen = free(model, "k", per_record=("initial_state",))
+    known = candidates(model, chosen, as_stack(train))
+    library = [effect for effect in known if isinstance(effect, Term | DryFriction | QuadraticDrag)]
     parts = dict(train=train, check=check, test=test, effects=library, window=WINDOW)
-    result = close_loop(model, own, OutputError(), **parts)
+    result = close_loop(model, chosen, OutputError(), **parts)
     assert result.effects == ("v in v",)
     assert result.outcome is Outcome.EXPLAINED
     error = result.after.estimate.standard_error("v in v.gain")
@@ -190,8 +192,8 @@ def test_planted_resonances_are_identified_among_memory_shapes(modes):
     """
     in_v = Placement.equation("v")
     planted = [
-        Resonance(in_v, "force", peak, *map(jnp.array, one))
-        for peak, one in enumerate(modes, start=1)
+        Resonance(in_v, "force", peak, *map(jnp.array, values))
+        for peak, values in enumerate(modes, start=1)
     ]
     library = (
         *(Resonance(in_v, "force", peak) for peak in (1, 2, 3)),
@@ -215,11 +217,14 @@ def test_planted_resonances_are_identified_among_memory_shapes(modes):
 
 def test_evident_stop_is_added_before_effect_with_larger_cost_fall():
     flown = [fly(3000 + index, PLANTED["x^3 in v"])[0] for index in range(7)]
-    level = 0.6 * max(float(jnp.max(one.z)) for one in flown[:3])
-    stopped = [eqx.tree_at(lambda one: one.z, one, jnp.minimum(one.z, level)) for one in flown]
+    level = 0.6 * max(float(jnp.max(record.z)) for record in flown[:3])
+    stopped = [
+        eqx.tree_at(lambda record: record.z, record, jnp.minimum(record.z, level))
+        for record in flown
+    ]
     result = closed(stopped)
-    assert [one.added for one in result.rounds] == ["upper saturation of x", "x^3 in v", None]
-    falls = {one.name: one.cost_fall for one in result.rounds[0].candidates}
+    assert [entry.added for entry in result.rounds] == ["upper saturation of x", "x^3 in v", None]
+    falls = {candidate.name: candidate.cost_fall for candidate in result.rounds[0].candidates}
     assert falls["x^3 in v"] > 2 * falls["upper saturation of x"]
     assert result.outcome is Outcome.EXPLAINED
     assert result.after.estimate.value("upper saturation of x.level") == pytest.approx(
@@ -227,17 +232,17 @@ def test_evident_stop_is_added_before_effect_with_larger_cost_fall():
     )
 
 
-def test_bias_and_constant_force_are_rivals_for_spring():
+def test_bias_and_constant_force_are_alternatives_for_spring():
     # With free initial states a bias b of x and a force of -k b give the same records.
     result = study(SensorBias("x", jnp.array(0.1)), seed=1)
     (kept,) = result.effects
-    rivals = {rival.name: rival for rival in result.rivals}
-    assert {kept, *rivals} >= {"bias of x", "1 in v"}
+    alternatives = {effect.name: effect for effect in result.alternatives}
+    assert {kept, *alternatives} >= {"bias of x", "1 in v"}
     assert result.outcome is Outcome.EXPLAINED
     other = ({"bias of x", "1 in v"} - {kept}).pop()
-    assert rivals[other].instead_of == (kept,)
+    assert alternatives[other].instead_of == (kept,)
     # of a hundred and more: the solver stops where a decision needs no more
-    assert abs(rivals[other].chi_square) < 0.1
+    assert abs(alternatives[other].chi_square) < 0.1
     # No record of the same kind would distinguish them either.
     assert discrimination(result, fly(77, None)[0])[other] < 1e-6
 
@@ -245,9 +250,9 @@ def test_bias_and_constant_force_are_rivals_for_spring():
 def test_complete_model_gains_no_effect():
     # At a level of 1 % a false find in five studies has a probability of 5 %; the seeds are fixed.
     result = [study(None, seed) for seed in range(2, 7)]
-    assert [one.effects for one in result] == [()] * 5
-    assert {one.outcome for one in result} == {Outcome.NOTHING_MISSING}
-    assert all(one.after.rms == one.before.rms for one in result)
+    assert [study.effects for study in result] == [()] * 5
+    assert {study.outcome for study in result} == {Outcome.NOTHING_MISSING}
+    assert all(study.after.rms == study.before.rms for study in result)
 
 
 def test_true_effect_outside_library_yields_no_cause():
@@ -296,9 +301,9 @@ def coloured(seed, effect=None):
         np.exp(-0.1 / 0.5),
     )
     error = fresh[:1]
-    for one in fresh[1:]:
-        error = np.concatenate([error, keep * error[-1:] + np.sqrt(1 - keep**2) * one[None]])
-    return eqx.tree_at(lambda one: one.z, flown, flown.z - noise + error)
+    for draw in fresh[1:]:
+        error = np.concatenate([error, keep * error[-1:] + np.sqrt(1 - keep**2) * draw[None]])
+    return eqx.tree_at(lambda node: node.z, flown, flown.z - noise + error)
 
 
 def test_coloured_sensor_noise_is_reported_without_effects(seed):
@@ -336,21 +341,23 @@ def test_planted_effect_is_named_under_coloured_noise(seed):
 @pytest.mark.parametrize("what", ["forces", "noise"])
 def test_likelihood_distinguishes_sensor_noise_from_random_forces(what):
     flown = [
-        shaken(20 + one, cubic=0.6) if what == "forces" else coloured(20 + one, PLANTED["x^3 in v"])
-        for one in TRAIN
+        shaken(20 + index, cubic=0.6)
+        if what == "forces"
+        else coloured(20 + index, PLANTED["x^3 in v"])
+        for index in TRAIN
     ]
     model = Spring(1.0, 0.1)
-    own = free(model, "k", "c", per_record=("initial_state",))
+    chosen = free(model, "k", "c", per_record=("initial_state",))
     bench = Workbench(
-        model, own, (Term("v", "x^3"), Term("v", "v^3")), OutputError(), as_stack(flown), SOLVER
+        model, chosen, (Term("v", "x^3"), Term("v", "v^3")), OutputError(), as_stack(flown), SOLVER
     )
     result = bench.finish(bench.fit(["x^3 in v"], bench.set_shapes(bench.base()).values))
     noise, _ = bench.whiten_with_noise_model(
         result, jnp.array([SIGMA]), ((LocationKind.SENSOR, ("x",)),), False
     )
     search = Search(Judge(bench, as_stack(flown), {}, None, LoopOptions()), lambda _: None)
-    told = act_on_the_motion(search, result, bench.localise(result), float(noise.gain))
-    assert told == (what == "forces")
+    is_force = act_on_the_motion(search, result, bench.localise(result), float(noise.gain))
+    assert is_force == (what == "forces")
 
 
 def test_constant_sensor_error_is_not_reported_as_coloured_noise():
@@ -374,14 +381,14 @@ def test_pair_score_exceeds_scores_of_its_parts():
     scores = Scores(*map(jnp.asarray, (toward**2, np.ones(3), toward, np.ones(3), A.T @ A)))
     names = ("a", "b", "c")
     single = tuple(
-        Candidate(one, one, (), one, float(toward[i] ** 2), 0.0, 0.0, 1.0)
-        for i, one in enumerate(names)
+        Candidate(name, name, (), name, float(toward[i] ** 2), 0.0, 0.0, 1.0)
+        for i, name in enumerate(names)
     )
     best = pairs_of(single, scores, {"a": 0, "b": 1, "c": 2}, 1)[0]
     assert best.parts == ("a", "b")
-    rest = y - A[:, :2] @ np.linalg.lstsq(A[:, :2], y, rcond=None)[0]
-    assert best.score == pytest.approx(y @ y - rest @ rest, rel=1e-10)
-    assert best.score > 2.0 * max(one.score for one in single)
+    residual = y - A[:, :2] @ np.linalg.lstsq(A[:, :2], y, rcond=None)[0]
+    assert best.score == pytest.approx(y @ y - residual @ residual, rel=1e-10)
+    assert best.score > 2.0 * max(candidate.score for candidate in single)
 
 
 def hard_spring(seed):
@@ -413,17 +420,17 @@ def test_candidates_are_scored_again_at_estimate_of_winner(first, refits, monkey
     def stuck(fitted, candidate):
         result = refit(fitted, candidate)
         return (
-            eqx.tree_at(lambda one: one.fit.cost, result, fitted.fit.cost - 50.0)
+            eqx.tree_at(lambda node: node.fit.cost, result, fitted.fit.cost - 50.0)
             if candidate.name == cubic.name
             else result
         )
 
     monkeypatch.setattr(search, "refit", stuck)
     declared = bench.set_shapes(bench.base())
-    tried = search.tried(declared, 1)
-    assert tried.candidates[0].name == band.name
-    added, taken, _ = search.take(tried)
-    decisions = {one.name: one.decision for one in taken.candidates}
+    first_round = search.tried(declared, 1)
+    assert first_round.candidates[0].name == band.name
+    added, taken, _ = search.take(first_round)
+    decisions = {candidate.name: candidate.decision for candidate in taken.candidates}
     assert added.name == cubic.name
     assert taken.refits[cubic.name].cost < declared.cost - 1000.0
     assert (decisions[cubic.name], decisions[band.name]) == (Decision.ADDED, Decision.WORSE)
@@ -438,18 +445,19 @@ def test_lag_longer_than_any_record_is_degenerate(time):
     flown = as_stack([fly(60 + seed, late)[0] for seed in range(2)])
     bench = Workbench(model, free(model, "k", "c"), (late,), OutputError(), flown, SOLVER)
     values = np.array(bench.base().values)
-    values[[bench.columns.index[f"{late.name}.{own}"] for own in ("gain", "time")]] = 0.1, time
+    columns = [bench.columns.index[f"{late.name}.{parameter}"] for parameter in ("gain", "time")]
+    values[columns] = 0.1, time
     assert bench.is_degenerate(bench.fit([late.name], values), [late.name]) == (time > 1e6)
 
 
 def test_model_of_plain_numbers_has_library():
     model, arrays = Spring(1.0, 0.1), Spring(jnp.array(1.0), jnp.array(0.1))
     flown = as_stack([fly(0, None)[0]])
-    own, named = (
-        [one.name for one in candidates(m, free(m, "k", "c"), flown)] for m in (model, arrays)
+    names, names_of_arrays = (
+        [effect.name for effect in candidates(m, free(m, "k", "c"), flown)] for m in (model, arrays)
     )
-    assert own == named
-    assert "x^3 in v" in own
+    assert names == names_of_arrays
+    assert "x^3 in v" in names
 
 
 def test_two_sensor_delays_are_replaced_by_one_input_delay():
@@ -466,9 +474,11 @@ def test_two_sensor_delays_are_replaced_by_one_input_delay():
     search = Search(Judge(bench, as_stack(flown[3:5]), {}, None, LoopOptions()), lambda _: None)
     declared = bench.set_shapes(bench.base())
     sensors = bench.fit([effects[0].name, effects[1].name], declared.values)
-    asked = search.candidates(sensors, bench.score(sensors))
-    result, came, went, told = search.exchange(sensors, asked, 1)
-    assert {name: one.decision for name, one in told.items()} == {late.name: Decision.ADDED}
+    all_candidates = search.candidates(sensors, bench.score(sensors))
+    result, came, went, candidates_by_name = search.exchange(sensors, all_candidates, 1)
+    assert {name: candidate.decision for name, candidate in candidates_by_name.items()} == {
+        late.name: Decision.ADDED
+    }
     assert (came, went, result.effects) == (
         late.name,
         (effects[0].name, effects[1].name),
@@ -517,8 +527,8 @@ def test_refining_effect_replaces_simple_effect_in_later_round():
     truth = BentTwice(jnp.array(-0.6), jnp.array(0.5))
     result = study(truth, 3, effects=(*LIBRARY[:3], BentTwice(), Bent()))
     first, second, last = result.rounds
-    assert "bent twice" not in {one.name for one in first.candidates}
-    assert "bent" not in {one.name for one in last.candidates}
+    assert "bent twice" not in {candidate.name for candidate in first.candidates}
+    assert "bent" not in {candidate.name for candidate in last.candidates}
     assert (first.added, second.added, second.dropped, last.added) == (
         "bent",
         "bent twice",
@@ -663,14 +673,16 @@ def test_shape_with_near_equivalent_is_not_settled():
         )
 
     def contender(name, worse):
-        return Rival(name, name, ("best",), worse, Spring(1.0, 0.1), free(Spring(1.0, 0.1), "k"))
+        return Alternative(
+            name, name, ("best",), worse, Spring(1.0, 0.1), free(Spring(1.0, 0.1), "k")
+        )
 
     candidates = (refitted("best", 1000.0), refitted("near", 980.0), refitted("far", 970.0))
-    one = Round((), candidates, "best", (), (), {}, {}, 12.0)
-    assert [name.name for name in one.contenders(SETTLED)] == ["near"]
+    entry = Round((), candidates, "best", (), (), {}, {}, 12.0)
+    assert [name.name for name in entry.contenders(SETTLED)] == ["near"]
     # Of an effect of a thousand, a contender that differs by less than a hundredth is the same to
     # these records.
-    assert unsettled((contender("same", 5.0), contender("near", 20.0)), (one,)) == ("near",)
+    assert unsettled((contender("same", 5.0), contender("near", 20.0)), (entry,)) == ("near",)
 
 
 def test_faint_effect_with_near_equivalent_shape_is_no_cause():
@@ -711,11 +723,11 @@ def test_single_record_is_cut_for_check_and_complete_in_final_estimate():
 
 
 def test_second_study_of_same_shapes_compiles_nothing():
-    seen = []
+    compilations = []
 
     def listen(event, duration, **_):
         if event == COMPILED:
-            seen.append(event)
+            compilations.append(event)
 
     flown = [
         [fly(1000 * seed + index, PLANTED["x^3 in v"])[0] for index in range(7)] for seed in (7, 8)
@@ -741,7 +753,7 @@ def test_second_study_of_same_shapes_compiles_nothing():
             if count == 1:
                 jax.monitoring.unregister_event_duration_listener(listen)
         assert result.effects == ("x^3 in v",)
-    assert seen == []
+    assert compilations == []
 
 
 def test_json_is_plain_and_complete():
@@ -760,12 +772,12 @@ def test_json_is_plain_and_complete():
     ],
 )
 def test_invalid_input_raises_error_before_computation(change, words):
-    one, _ = fly(1, None)
+    flight, _ = fly(1, None)
     model = Spring(1.0, 0.1)
     arguments = {
-        "train": [one],
-        "check": [one],
-        "test": [one],
+        "train": [flight],
+        "check": [flight],
+        "test": [flight],
         "effects": (SensorScale("x"),),
     } | change
     with pytest.raises(InputError, match=words):
@@ -773,10 +785,12 @@ def test_invalid_input_raises_error_before_computation(change, words):
 
 
 def test_diverging_start_raises_error():
-    one, _ = fly(1, None)
+    flight, _ = fly(1, None)
     model = Spring(-5000.0, 0.1)
     with pytest.raises(InputError, match=r"stops being finite at t = .* s, in (x, )?v"):
-        close_loop(model, free(model, "k"), OutputError(), train=one, effects=(SensorScale("x"),))
+        close_loop(
+            model, free(model, "k"), OutputError(), train=flight, effects=(SensorScale("x"),)
+        )
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ def times(x, factor):
     return {"product": factor * x["x"]}
 
 
-def asked(count):
+def arguments(count):
     return {"x": jnp.arange(float(count))}, 3.0
 
 
@@ -40,15 +40,15 @@ def test_static_argument_is_part_of_structure():
 
 def test_programs_beyond_limit_are_released_and_recompiled():
     programs = EvictingJit(times)
-    compile_together([(programs, asked(count)) for count in (1, 2)])
+    compile_together([(programs, arguments(count)) for count in (1, 2)])
     compiled = weakref.ref(programs.jitted)
-    programs(*asked(2))  # compiled already: no more than two are known
+    programs(*arguments(2))  # compiled already: no more than two are known
     programs.make_room(1, 3)
     assert programs.jitted is compiled()
     programs.make_room(2, 3)
     gc.collect()
     assert compiled() is None
-    np.testing.assert_array_equal(programs(*asked(2))["product"], [0.0, 3.0])
+    np.testing.assert_array_equal(programs(*arguments(2))["product"], [0.0, 3.0])
     assert len(programs.known) == 1
 
 

@@ -96,8 +96,8 @@ def result(record):
 
 
 def test_verdict_states_instruments_and_sizes_of_errors(result):
-    assert result.verdict.startswith("force is off by +0.3 m/s^2; speed shows 1")
-    assert result.verdict.endswith("% too much.")
+    assert result.verdict.startswith("force is off by +0.3 m/s^2; speed reads 1")
+    assert result.verdict.endswith("% too high.")
     assert [error.name for error in result.significant_errors] == ["bias.force", "scale.speed"]
     for error, true in zip(result.errors, (0.3, 0.1), strict=True):
         assert abs(error.value - true) < 4.0 * float(result.estimate.standard_error(error.name))
@@ -166,8 +166,8 @@ def _normal(x):
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("instruments.scale.alpha", 0.049, "alpha shows 4.9 % too much"),
-        ("instruments.scale.V", -0.02, "V shows 2 % too little"),
+        ("instruments.scale.alpha", 0.049, "alpha reads 4.9 % too high"),
+        ("instruments.scale.V", -0.02, "V reads 2 % too low"),
         ("input_bias.q", -0.01, "q is off by -0.01 rad/s"),
         ("instruments.delay.beta", 0.06, "beta is 0.06 s late"),
         ("delay of beta.gain", -0.06, "beta is 0.06 s early"),
@@ -176,9 +176,9 @@ def _normal(x):
         ("wind.north", 3.0, "wind.north is 3 rad/s"),
     ],
 )
-def test_sentence_describes_error_of_instrument(name, value, words):
-    assert SensorError(name, None, value, 1.0, "rad/s").sentence == words
-    assert SensorError(name, "A", value, 1.0, "rad/s").sentence == f"{words} in A"
+def test_description_names_error_of_instrument(name, value, words):
+    assert SensorError(name, None, value, 1.0, "rad/s").description == words
+    assert SensorError(name, "A", value, 1.0, "rad/s").description == f"{words} in A"
 
 
 def test_sensor_effects_are_accepted_as_errors(record):
@@ -186,7 +186,7 @@ def test_sensor_effects_are_accepted_as_errors(record):
         PERFECT, (jaxid.effects.SensorScale("speed"), jaxid.effects.SensorBias("place"))
     )
     result = jaxid.consistency(cart, record, ("scale of speed.gain", "bias.force"))
-    assert result.verdict.startswith("speed shows 1")
+    assert result.verdict.startswith("speed reads 1")
     with pytest.raises(InputError, match="Augmented has no correction of a record"):
         result.corrected(record)
     with pytest.raises(InputError, match="proposes no errors"):
@@ -216,8 +216,8 @@ def test_per_record_error_has_one_value_per_record(two):
     np.testing.assert_allclose(
         [error.value for error in result.errors], [0.1, 0.3, -0.2], atol=0.01
     )
-    for one, bias in zip(two, (0.3, -0.2), strict=True):
-        taken = float((one.u - result.corrected(one).u)[0, 0])
+    for flight, bias in zip(two, (0.3, -0.2), strict=True):
+        taken = float((flight.u - result.corrected(flight).u)[0, 0])
         np.testing.assert_allclose(taken, bias, atol=0.01)
     with pytest.raises(InputError, match=r"one per record\. Correct one record"):
         result.corrected(stack(two))
@@ -246,16 +246,16 @@ def test_skip_omits_first_seconds(record):
     """With 1 s of nonsense at the beginning masked, the estimate is that of the rest, initial state
     and all.
     """
-    spoiled = jaxid.record(
+    corrupted = jaxid.record(
         T,
         record.u,
         np.where(T[:, None] < 1.0, 7.0, record.z),
         inputs=record.inputs,
         outputs=record.outputs,
     )
-    skipped = jaxid.consistency(PERFECT, spoiled, skip=1.0)
-    rest = jaxid.consistency(PERFECT, record, skip=1.0)
-    np.testing.assert_allclose(skipped.estimate.values, rest.estimate.values, rtol=1e-8)
+    skipped = jaxid.consistency(PERFECT, corrupted, skip=1.0)
+    expected = jaxid.consistency(PERFECT, record, skip=1.0)
+    np.testing.assert_allclose(skipped.estimate.values, expected.estimate.values, rtol=1e-8)
     assert int(jnp.sum(skipped.estimate.mask)) == 2 * 180
 
 
@@ -307,8 +307,12 @@ def test_intervals_of_simulated_flights_cover_planted_errors(benchmark, noisy, k
     `python -m benchmarks.consistency` does the same with 1,000 flights of 10 s. With noise in the
     inputs the Cramer-Rao bound alone covers too little, which it must, or the noise was none.
     """
-    told = benchmark.coverage(benchmark.flights(200, noisy_inputs=noisy, chunk=200, seconds=6.0))
-    assert told["converged"] == 200
-    assert 0.87 < told["band"][0] < 0.89
-    assert benchmark.within(told, kind), benchmark.table("flights", told | {"seconds": 0.0}, kind)
-    assert benchmark.within(told, "bound") != noisy
+    coverage = benchmark.coverage(
+        benchmark.flights(200, noisy_inputs=noisy, chunk=200, seconds=6.0)
+    )
+    assert coverage["converged"] == 200
+    assert 0.87 < coverage["band"][0] < 0.89
+    assert benchmark.within(coverage, kind), benchmark.table(
+        "flights", coverage | {"seconds": 0.0}, kind
+    )
+    assert benchmark.within(coverage, "bound") != noisy

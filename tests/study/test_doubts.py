@@ -56,23 +56,23 @@ def test_predicted_misfit_of_neighbouring_shape_equals_refit(swing):
     cubic, fourth = Term("v", "x^3"), Term("v", "x^4")
     records = as_stack([pressed(seed, swing) for seed in range(2)])
     model = Spring(1.0, 0.1)
-    own = free(model, "k", "c", per_record=("initial_state",))
+    chosen = free(model, "k", "c", per_record=("initial_state",))
 
     def fitted(library, name):
-        bench = Workbench(
-            model, own, library, OutputError(FixedNoise([(0.5 * SIGMA) ** 2])), records, SOLVER
+        workbench = Workbench(
+            model, chosen, library, OutputError(FixedNoise([(0.5 * SIGMA) ** 2])), records, SOLVER
         )
-        declared = bench.set_shapes(bench.base())
-        return bench, bench.finish(bench.fit([name], declared.values))
+        declared = workbench.set_shapes(workbench.base())
+        return workbench, workbench.finish(workbench.fit([name], declared.values))
 
-    bench, result = fitted((cubic, Term("v", "v^3")), "x^3 in v")
+    workbench, result = fitted((cubic, Term("v", "v^3")), "x^3 in v")
     _, other = fitted((fourth,), "x^4 in v")
-    ((name, misfit),) = misfits_of_kin(bench, result).items()
+    ((name, misfit),) = misfits_of_kin(workbench, result).items()
     assert name == "x^4 in v"
     # The error of the linear model is of second order in the difference of the two motions.
     assert misfit == pytest.approx(2.0 * (other.cost - result.cost), rel=0.05)
-    assert near_kin(bench, result, misfit + 1.0) == ("x^4 in v",)
-    assert near_kin(bench, result, misfit - 1.0) == ()
+    assert near_kin(workbench, result, misfit + 1.0) == ("x^4 in v",)
+    assert near_kin(workbench, result, misfit - 1.0) == ()
     # Shapes of the library are refitted instead.
     both, result = fitted((cubic, fourth), "x^3 in v")
     assert misfits_of_kin(both, result) == {}
@@ -90,7 +90,7 @@ def test_power_with_near_equivalent_next_power_is_no_cause():
 def test_lag_in_place_of_delay_is_no_cause():
     # With the delay in the library that is named; without it a lag imitates it, with a gain of two
     # and half its time.
-    without = tuple(one for one in LIBRARY if not isinstance(one, InputDelay))
+    without = tuple(effect for effect in LIBRARY if not isinstance(effect, InputDelay))
     result = study(PLANTED["delay of input force"], seed=1, effects=(*without, InputLag("force")))
     assert (result.outcome, result.effects) == (Outcome.PROXIES, ("lag of input force",))
     gain = result.after.estimate.value("lag of input force.gain")
@@ -103,17 +103,18 @@ def test_lag_in_place_of_delay_is_no_cause():
 def test_unit_gain_requires_small_deviation_and_standard_error():
     lag, term = InputLag("force"), Term("v", "x^3")
 
-    def told(gain, error):
+    def uncertain_gains(gain, error):
         return partial(
             (lag, term), {f"{lag.name}.gain": (gain, error), f"{term.name}.gain": (5.0, 0.1)}, {}
         )
 
-    assert told(1.0, 0.01) == {}
-    assert told(1.0 + 0.9 * PARTIAL, 0.001) == {}
-    assert told(1.0 + 0.9 * OFF * 0.15, 0.15) == {}
-    assert told(1.0 + 1.1 * PARTIAL, 0.001) == {lag.name: (1.0 + 1.1 * PARTIAL, 0.001)}
-    assert told(1.0, 1.1 * PARTIAL) == {lag.name: (1.0, 1.1 * PARTIAL)}  # it may be none, or twice
-    assert told(1.0, np.inf) == {lag.name: (1.0, np.inf)}
+    assert uncertain_gains(1.0, 0.01) == {}
+    assert uncertain_gains(1.0 + 0.9 * PARTIAL, 0.001) == {}
+    assert uncertain_gains(1.0 + 0.9 * OFF * 0.15, 0.15) == {}
+    assert uncertain_gains(1.0 + 1.1 * PARTIAL, 0.001) == {lag.name: (1.0 + 1.1 * PARTIAL, 0.001)}
+    # the gain may be zero or two
+    assert uncertain_gains(1.0, 1.1 * PARTIAL) == {lag.name: (1.0, 1.1 * PARTIAL)}
+    assert uncertain_gains(1.0, np.inf) == {lag.name: (1.0, np.inf)}
 
 
 def test_evident_stop_needs_no_unit_gain():
@@ -143,7 +144,7 @@ def test_dead_band_is_no_cause_if_drag_outside_library_fits_as_well():
 
 def test_smooth_shapes_of_one_speed_are_neighbours():
     def names(effect):
-        return {one.name for one in effect.neighbouring_shapes()}
+        return {shape.name for shape in effect.neighbouring_shapes()}
 
     assert names(Term("v", "v^3")) == {"v^4 in v", "|v|v in v"}
     assert names(Term("v", "x^3")) == {"x^4 in v"}

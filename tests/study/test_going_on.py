@@ -30,7 +30,7 @@ def flights(seed, count, *effects):
         truth = jaxid.Augmented(Spring(1.5, 0.2), effects)
         begin = truth.initial_state(still).at[:2].set(0.0)
         moved = jaxid.simulate(truth, still.t, still.u, begin).y + noise
-        records.append(eqx.tree_at(lambda one: one.z, still, moved))
+        records.append(eqx.tree_at(lambda node: node.z, still, moved))
     return records
 
 
@@ -47,7 +47,9 @@ def test_loop_continues_from_model_with_effects(seed, lacks):
     model, free = declared()
     flown = flights(seed, 4, LAG, lacks)
     library = [
-        one for one in candidates(model, free, flown[0]) if isinstance(one, Term | SensorSaturation)
+        effect
+        for effect in candidates(model, free, flown[0])
+        if isinstance(effect, Term | SensorSaturation)
     ]
     study = jaxid.close_loop(
         model,
@@ -62,9 +64,11 @@ def test_loop_continues_from_model_with_effects(seed, lacks):
     assert study.outcome is Outcome.EXPLAINED
     assert study.effects == (lacks.name,)
     assert all(
-        one.location.name != "lagged force" for one in study.localisation["before"].places
+        place.location.name != "lagged force" for place in study.localisation["before"].places
     )  # the equation of an effect's own state is exact
-    again = {one.name for one in candidates(study.after.model, study.after.estimate.free, flown[0])}
+    again = {
+        effect.name for effect in candidates(study.after.model, study.after.estimate.free, flown[0])
+    }
     assert not {LAG.name, lacks.name} & again
     assert "sign(v) in v" in again
 
@@ -91,8 +95,12 @@ def test_uneven_times_with_band_limited_input_raise_error():
     model = Spring(1.5, 0.2)
     free = jaxid.free(model, "k", "c", per_record=STATES)
     even = fly(0)[0]
-    uneven = eqx.tree_at(lambda one: one.t, even, even.t + 0.02 * jnp.sin(jnp.arange(even.t.size)))
-    names = [{one.name for one in candidates(model, free, even, other)} for other in (even, uneven)]
+    uneven = eqx.tree_at(
+        lambda node: node.t, even, even.t + 0.02 * jnp.sin(jnp.arange(even.t.size))
+    )
+    names = [
+        {effect.name for effect in candidates(model, free, even, other)} for other in (even, uneven)
+    ]
     assert names[0] - names[1] == {"force between samples"}
     band_limited = jaxid.OutputError(hold=jaxid.hold.BandLimited())
     with pytest.raises(InputError, match="uniform sampling"):
@@ -104,7 +112,7 @@ def test_uneven_times_with_band_limited_input_raise_error():
 def test_static_model_continues_with_effects_on_outputs():
     lag = InputLag("alpha", gain=jnp.array(1.0), time=jnp.array(0.1))
     late = jaxid.Augmented(Lift(jnp.array(5.0), jnp.array(0.4)), (lag,))
-    offered = {one.name for one in general_effects(late)}
+    offered = {effect.name for effect in general_effects(late)}
     assert {"alpha^2 in CL", "bias of CL"} <= offered
     assert not any("lagged" in name for name in offered)
     t, u = 0.01 * np.arange(200.0), np.column_stack([np.full(200, 0.2), np.zeros(200)])

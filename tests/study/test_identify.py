@@ -87,7 +87,7 @@ def result(record):
 def test_structure_is_identified_without_equation_of_absent_motion(result):
     assert set(result.equations["stiffness"].regression.names) == set(TRUE)
     assert result.left_out == ("drift",)
-    assert "below 100" in result.equations["drift"].why
+    assert "below 100" in result.equations["drift"].reason
     assert result.model.states == ("x", "v")
     assert result.model.inputs == ("force", "w")
 
@@ -151,7 +151,7 @@ def test_options_override_every_decision_by_name(record):
     assert "stiffness.v" not in names
     assert "stiffness.1" not in names
     assert result.left_out == ()
-    assert result.equations["drift"].why == "kept by name"
+    assert result.equations["drift"].reason == "kept by name"
     regression = result.equations["stiffness"].regression
     kept = dict(zip(regression.names, regression.values, strict=True))["v"]
     assert float(
@@ -209,12 +209,12 @@ def test_model_without_pseudo_measurements_raises_error(record):
 
 def test_least_r2_omits_equation_with_small_explained_share(record):
     """None of the two responses is explained to four nines."""
-    asked = IdentifyOptions(least_F=0.0, least_R2=0.9999)
+    strict = IdentifyOptions(least_F=0.0, least_R2=0.9999)
     with pytest.raises(
         InputError,
         match=r"No equation is left: stiffness left out: overall F .*, and R2 below "
         r"0.9999; drift",
     ):
-        identify(EMPTY, record, options=asked)
+        identify(EMPTY, record, options=strict)
     with pytest.raises(InputError, match="least_R2 is 1"):
         IdentifyOptions(least_R2=1.0)

@@ -38,9 +38,9 @@ def guide(tmp_path_factory):
         r"^```python\n(.*?)^```", GUIDE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
     )
     code = "\n".join(blocks)
-    for printed, own in OWN.items():
+    for printed, simulated in OWN.items():
         assert code.count(printed) == 1, printed
-        code = code.replace(printed, own)
+        code = code.replace(printed, simulated)
     names, said = {"print": lambda *things: said.append(" ".join(map(str, things)))}, []
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
@@ -78,7 +78,7 @@ def test_sidpac_record_is_identified(guide):
     result = guide["found"]
     assert bool(result.estimate.successful), result.estimate.status
     assert result.left_out == ()
-    assert {n: {*one.regression.names} for n, one in result.equations.items()} == {
+    assert {n: {*equation.regression.names} for n, equation in result.equations.items()} == {
         n: {*of} - {"1"} for n, of in TRUE.items()
     }
     deviations = standardised(result)
@@ -94,9 +94,9 @@ def test_consistency_of_sidpac_record_finds_gyro_noise_level(guide):
     for channel in checked.channels:
         assert channel.after == pytest.approx(NOISE[channel.name], rel=0.08), channel.name
     assert all(
-        abs(one.value) < 2e-4
-        for one in checked.errors
-        if one.name in ("input_bias.p", "input_bias.q", "input_bias.r")
+        abs(error.value) < 2e-4
+        for error in checked.errors
+        if error.name in ("input_bias.p", "input_bias.q", "input_bias.r")
     )
     assert "instruments" in guide["said"][0]
 
@@ -119,7 +119,7 @@ def test_longitudinal_flight_in_text_columns_is_identified(guide):
     assert bool(result.estimate.successful), result.estimate.status
     assert result.model.states == ("u", "w", "q", "pitch")
     assert set(result.model.inputs) == {*SURFACES, "thrust", "density", "v", "p", "r", "phi"}
-    assert {n: {*one.regression.names} for n, one in result.equations.items()} == {
+    assert {n: {*equation.regression.names} for n, equation in result.equations.items()} == {
         n: {*TRUE[n]} - {"1"} for n in ("CX", "CZ", "Cm")
     }
     deviations = standardised(result)

@@ -12,7 +12,7 @@ from jaxid._foundation.checks import InputError
 from jaxid.effects import Augmented, Term
 from jaxid.models import FixedNoise
 from jaxid.simulation.hold import ZeroOrder
-from jaxid.study import Rival, Study, discrimination
+from jaxid.study import Alternative, Study, discrimination
 
 SIGMA = 0.02
 
@@ -37,10 +37,10 @@ def plan(size):
 @pytest.fixture(scope="module")
 def study():
     """A cubic spring was named; a square of position times speed would do as well."""
-    named, rival = with_term("x^3", -0.05), with_term("x^2 v", -0.02)
-    chosen = free(rival, "k", "c", "x^2 v in v.gain")
+    named, alternative = with_term("x^3", -0.05), with_term("x^2 v", -0.02)
+    chosen = free(alternative, "k", "c", "x^2 v in v.gain")
     return partial_study(
-        rivals=(Rival("x^2 v in v", "x^2 v", ("x^3 in v",), 1.0, rival, chosen),),
+        alternatives=(Alternative("x^2 v in v", "x^2 v", ("x^3 in v",), 1.0, alternative, chosen),),
         after=SimpleNamespace(model=named, estimate=SimpleNamespace(free=chosen)),
         noise={"x": SIGMA},
         outputs=("x",),
@@ -48,7 +48,7 @@ def study():
     )
 
 
-def test_discrimination_equals_residual_of_refitted_rival(study):
+def test_discrimination_equals_residual_of_refitted_alternative(study):
     """The fit is nonlinear and the prediction linear: for small differences they agree within a few
     per cent.
     """
@@ -56,13 +56,16 @@ def test_discrimination_equals_residual_of_refitted_rival(study):
     chi_square = discrimination(study, small)["x^2 v in v"]
     y = simulate(study.after.model, small.t, small.u, jnp.zeros(2), hold=ZeroOrder()).y
     expected = record(small.t, small.u, y, inputs=("force",), outputs=("x",))
-    (rival,) = study.rivals
+    (alternative,) = study.alternatives
     fit = estimate(
-        rival.model, rival.free, expected, OutputError(FixedNoise([SIGMA**2]), ZeroOrder())
+        alternative.model,
+        alternative.free,
+        expected,
+        OutputError(FixedNoise([SIGMA**2]), ZeroOrder()),
     )
-    left = float(np.sum((np.asarray(fit.residuals) / SIGMA) ** 2))
-    assert left > 1e-3
-    np.testing.assert_allclose(chi_square, left, rtol=0.05)
+    expected_chi_square = float(np.sum((np.asarray(fit.residuals) / SIGMA) ** 2))
+    assert expected_chi_square > 1e-3
+    np.testing.assert_allclose(chi_square, expected_chi_square, rtol=0.05)
 
 
 def test_larger_input_increases_discrimination(study):
@@ -72,4 +75,4 @@ def test_larger_input_increases_discrimination(study):
 
 def test_refusals(study):
     with pytest.raises(InputError, match="no rivals"):
-        discrimination(partial_study(rivals=()), plan(1.0))
+        discrimination(partial_study(alternatives=()), plan(1.0))

@@ -71,10 +71,10 @@ def test_search_restarts_with_other_effect_after_wrong_first_effect(seed):
     parts = dict(train=train, check=check, test=test, window=60, effects=LIBRARY)
     result = close_loop(*declared_spring(), OutputError(), **parts)
     assert result.other_rounds[0].added == "blend"
-    assert "v^3 in v" not in {one.added for one in result.other_rounds}
+    assert "v^3 in v" not in {entry.added for entry in result.other_rounds}
     assert set(result.effects) == {"x^3 in v", "v^3 in v"}
     assert result.outcome is Outcome.EXPLAINED
-    passed = {one.name: one.decision for one in result.rounds[0].candidates}
+    passed = {candidate.name: candidate.decision for candidate in result.rounds[0].candidates}
     assert passed["blend"] is Decision.PASSED_OVER
     assert "another search path was abandoned: blend" in str(result)
     assert result.to_dict()["other_rounds"][0]["added"] == "blend"
@@ -82,8 +82,8 @@ def test_search_restarts_with_other_effect_after_wrong_first_effect(seed):
 
 def test_beam_width_one_follows_single_path():
     single_path, declared = search(flights(1), LIBRARY, beam_width=1)
-    way, other = single_path.run(declared)
-    assert (way.rounds[0].added, other) == ("blend", None)
+    path, other = single_path.run(declared)
+    assert (path.rounds[0].added, other) == ("blend", None)
 
 
 def test_second_path_that_meets_first_is_stopped():
@@ -91,11 +91,11 @@ def test_second_path_that_meets_first_is_stopped():
     comes next.
     """
     result, declared = search(flights(1, Blend(0.1, -0.3, jnp.array(1.0))), LIBRARY[:2])
-    way, other = result.run(declared)
-    first, second, last = (one.added for one in way.rounds)
+    path, other = result.run(declared)
+    first, second, last = (entry.added for entry in path.rounds)
     assert {first, second} == {"x^3 in v", "v^3 in v"}
     assert last is None
-    assert [one.added for one in other.rounds] == [second, first]
+    assert [entry.added for entry in other.rounds] == [second, first]
 
 
 def test_second_path_that_falls_behind_is_abandoned():
@@ -104,13 +104,13 @@ def test_second_path_that_falls_behind_is_abandoned():
     """
     hidden = Blend(0.1, gain=jnp.array(1.0))
     result, declared = search(flights(2, hidden), (Blend(0.0), Term("v", "x^3")))
-    way, other = result.run(declared)
-    assert [one.added for one in way.rounds] == ["blend", None]
-    assert [one.added for one in other.rounds] == ["x^3 in v", "blend"]
-    asked = way._replace(worth=(5.0, 9.0, 10.0))
+    path, other = result.run(declared)
+    assert [entry.added for entry in path.rounds] == ["blend", None]
+    assert [entry.added for entry in other.rounds] == ["x^3 in v", "blend"]
+    first_path = path._replace(worth=(5.0, 9.0, 10.0))
     behind = (4.0, 8.0), (4.0, 9.5, 9.9), (1.0, 9.5, 10.5, 9.9)
-    assert all(map(asked.is_ahead_of, behind))
-    assert not any(map(asked.is_ahead_of, ((4.0,), (4.0, 9.5), (4.0, 9.5, 10.0))))
+    assert all(map(first_path.is_ahead_of, behind))
+    assert not any(map(first_path.is_ahead_of, ((4.0,), (4.0, 9.5), (4.0, 9.5, 10.0))))
 
 
 def test_evident_effect_is_added_while_residual_is_coloured():
@@ -118,77 +118,88 @@ def test_evident_effect_is_added_while_residual_is_coloured():
     exclude it.
     """
     flown = flights(5)
-    level = 0.8 * max(float(jnp.max(one.z)) for one in flown[:3])
-    stopped = [eqx.tree_at(lambda one: one.z, one, jnp.minimum(one.z, level)) for one in flown]
+    level = 0.8 * max(float(jnp.max(record.z)) for record in flown[:3])
+    stopped = [
+        eqx.tree_at(lambda record: record.z, record, jnp.minimum(record.z, level))
+        for record in flown
+    ]
     stop, cube = SensorSaturation("x"), Term("v", "x^3")
-    asked, declared = search(stopped, (stop, cube), min_check_gain=0.9)
-    tried, judge = asked.tried(declared, 1), asked.judge
-    told = {one.name: one for one in tried.candidates}
-    assert not any(judge.looks_like_noise(judge.predictable(one)) for one in tried.refits.values())
-    assert told[stop.name].decision is Decision.ACCEPTABLE
-    assert told[cube.name].decision is Decision.NOT_SIGNIFICANT
+    path_search, declared = search(stopped, (stop, cube), min_check_gain=0.9)
+    first_round, judge = path_search.tried(declared, 1), path_search.judge
+    candidates = {candidate.name: candidate for candidate in first_round.candidates}
+    assert not any(
+        judge.looks_like_noise(judge.predictable(refit)) for refit in first_round.refits.values()
+    )
+    assert candidates[stop.name].decision is Decision.ACCEPTABLE
+    assert candidates[cube.name].decision is Decision.NOT_SIGNIFICANT
 
 
 def test_evident_effect_is_not_removed(monkeypatch):
     """An absent square is removed, unless the data show it directly, as they show a stop."""
     square, cube = Term("v", "x^2"), Term("v", "x^3")
-    asked, declared = search(
+    path_search, declared = search(
         flights(2, Term("v", "x^3", jnp.array(-0.6))), (square, cube, Term("v", "v^3"))
     )
-    fitted = asked.bench.fit((square.name, cube.name), declared.values)
-    candidates = asked.candidates(fitted, asked.bench.score(fitted))
-    assert asked.prune(fitted, keep=0)[1] == (square.name,)
-    assert {out for *_, out in asked.exchanges(fitted, candidates)} == {
+    fitted = path_search.bench.fit((square.name, cube.name), declared.values)
+    candidates = path_search.candidates(fitted, path_search.bench.score(fitted))
+    assert path_search.prune(fitted, keep=0)[1] == (square.name,)
+    assert {out for *_, out in path_search.exchanges(fitted, candidates)} == {
         (square.name,),
         (cube.name,),
         fitted.effects,
     }
     monkeypatch.setattr(Term, "evident_in_data", lambda effect, _: effect.name == square.name)
-    assert asked.prune(fitted, keep=0)[1] == ()
-    assert {out for *_, out in asked.exchanges(fitted, candidates)} == {(cube.name,)}
+    assert path_search.prune(fitted, keep=0)[1] == ()
+    assert {out for *_, out in path_search.exchanges(fitted, candidates)} == {(cube.name,)}
 
 
 def test_check_gain_without_significance_on_training_records_is_refused():
     cube = Term("v", "x^3")
-    asked, declared = search(flights(6), (cube,))
-    tried, judge = asked.tried(declared, 1), asked.judge
-    (candidate,), refit = tried.candidates, tried.refits[cube.name]
+    path_search, declared = search(flights(6), (cube,))
+    first_round, judge = path_search.tried(declared, 1), path_search.judge
+    (candidate,), refit = first_round.candidates, first_round.refits[cube.name]
     assert candidate.decision is Decision.ACCEPTABLE
-    threshold = judge.threshold(tried.candidates)
+    threshold = judge.threshold(first_round.candidates)
     for share, decision in ((1.1, Decision.ACCEPTABLE), (0.9, Decision.NOT_SIGNIFICANT)):
         colour = candidate.cost_fall / (share * threshold)
         coloured = dataclasses.replace(candidate, significance=candidate.score / colour)
-        assert judge.told(declared, refit, coloured, tried.before, threshold).decision is decision
+        assert (
+            judge.told(declared, refit, coloured, first_round.before, threshold).decision
+            is decision
+        )
 
 
 def test_effect_is_added_only_if_check_records_stop_diverging():
     """The missing effect can stabilise a simulation that diverged before."""
     cube = Term("v", "x^3")
-    asked, declared = search(flights(6), (cube,))
-    tried, judge = asked.tried(declared, 1), asked.judge
-    (candidate,), refit = tried.candidates, tried.refits[cube.name]
-    away = eqx.tree_at(lambda one: one.y, tried.before, jnp.full_like(tried.before.y, jnp.inf))
-    rescued = judge.told(declared, refit, candidate, away, judge.threshold(tried.candidates))
+    path_search, declared = search(flights(6), (cube,))
+    first_round, judge = path_search.tried(declared, 1), path_search.judge
+    (candidate,), refit = first_round.candidates, first_round.refits[cube.name]
+    away = eqx.tree_at(
+        lambda node: node.y, first_round.before, jnp.full_like(first_round.before.y, jnp.inf)
+    )
+    rescued = judge.told(declared, refit, candidate, away, judge.threshold(first_round.candidates))
     assert (rescued.decision, rescued.check_fall) == (Decision.ACCEPTABLE, float("inf"))
-    lost = eqx.tree_at(lambda one: one.values, refit, jnp.full(refit.values.shape, 1e200))
+    lost = eqx.tree_at(lambda node: node.values, refit, jnp.full(refit.values.shape, 1e200))
     assert judge.told(declared, lost, candidate, away, 10.0).decision is Decision.CHECK_WORSE
     assert (
-        judge.told(declared, lost, candidate, tried.before, 10.0).decision is Decision.CHECK_WORSE
+        judge.told(declared, lost, candidate, first_round.before, 10.0).decision
+        is Decision.CHECK_WORSE
     )
 
 
 def test_added_effect_is_refitted_from_declared_values():
     """The better of the two is taken; where the fit leaves noise, there is no second."""
-    asked, declared = search(flights(2, Blend(0.1, gain=jnp.array(1.0))), (Term("v", "x^3"),))
-    refit = asked.tried(declared, 1).refits["x^3 in v"]
+    path_search, declared = search(flights(2, Blend(0.1, gain=jnp.array(1.0))), (Term("v", "x^3"),))
+    refit = path_search.tried(declared, 1).refits["x^3 in v"]
     stuck, best = (
-        eqx.tree_at(lambda one: one.fit.cost, refit, refit.fit.cost + apart)
+        eqx.tree_at(lambda node: node.fit.cost, refit, refit.fit.cost + apart)
         for apart in (50.0, -50.0)
     )
-    again = asked.begun_again(stuck)
+    again = path_search.begun_again(stuck)
     # LITTLE: from elsewhere, to the same end
     assert again.cost == pytest.approx(refit.cost, abs=0.5)
-    assert asked.begun_again(best) is best
+    assert path_search.begun_again(best) is best
     quiet, declared = search(flights(2, Term("v", "x^3", jnp.array(-0.6))), (Term("v", "x^3"),))
     explained = quiet.tried(declared, 1).refits["x^3 in v"]
     assert quiet.begun_again(explained) is explained

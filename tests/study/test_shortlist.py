@@ -11,8 +11,8 @@ from jaxid.study.rounds import Candidate, Decision
 from jaxid.study.shortlist import HOPELESS, has_no_shape, shortlist
 
 EFFECTS = {
-    one.name: one
-    for one in (Term("v", "x^3"), Term("v", "x^2"), Term("v", "x"), StateLimit("x", "v"))
+    effect.name: effect
+    for effect in (Term("v", "x^3"), Term("v", "x^2"), Term("v", "x"), StateLimit("x", "v"))
 }
 GAINS = {name: column for column, name in enumerate(EFFECTS)}
 
@@ -28,18 +28,18 @@ def _listed(scores: dict[str, float], overlap=0.0, limit=8, threshold=10.0):
         Candidate(name, name, (), "", scores[name], scores[name], 0.0, 1.0) for name in names
     )
     return shortlist(candidates, result, EFFECTS, GAINS, {}, threshold, limit), {
-        one.name: one for one in candidates
+        candidate.name: candidate for candidate in candidates
     }
 
 
-def _decision(listed, one: Candidate, best_fall: float):
-    return listed.decision_without_refit(one, EFFECTS[one.name], best_fall)
+def _decision(listed, candidate: Candidate, best_fall: float):
+    return listed.decision_without_refit(candidate, EFFECTS[candidate.name], best_fall)
 
 
 def test_best_scored_candidates_above_threshold_are_refitted():
     listed, candidates = _listed({"x^3 in v": 50.0, "x^2 in v": 40.0, "x in v": 9.0})
     assert listed.chosen == ("x^3 in v", "x^2 in v")
-    assert [_decision(listed, one, 0.0) for one in candidates.values()] == [
+    assert [_decision(listed, candidate, 0.0) for candidate in candidates.values()] == [
         None,
         None,
         Decision.NOT_REFITTED,
@@ -64,7 +64,7 @@ def test_score_far_below_best_fall_is_not_refitted(share, refitted):
 def test_refits_of_shapes_are_limited_and_evident_ones_come_first():
     levels = [StateLimit("x", "v", fraction) for fraction in (0.6, 0.75, 0.9)]
     stop = SensorSaturation("x")
-    effects = {one.name: one for one in (*levels, stop)}
+    effects = {effect.name: effect for effect in (*levels, stop)}
     candidates = tuple(
         Candidate(name, name, (), "", 9.0 - i, 9.0 - i, 0.0, 1.0) for i, name in enumerate(effects)
     )
@@ -77,6 +77,6 @@ def test_refits_of_shapes_are_limited_and_evident_ones_come_first():
 
 
 def test_shape_is_refitted_at_any_score():
-    (limit,) = (name for name, one in EFFECTS.items() if not has_no_shape(one))
+    (limit,) = (name for name, effect in EFFECTS.items() if not has_no_shape(effect))
     listed, candidates = _listed({"x^3 in v": 1e6, limit: 20.0})
     assert _decision(listed, candidates[limit], 1e6) is None

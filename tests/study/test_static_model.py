@@ -88,10 +88,10 @@ def test_static_model_receives_modified_input(effect):
     t = 0.1 * np.arange(50)
     u = np.column_stack([0.1 * np.sin(t), 0.2 * np.cos(3.0 * t)])
     model = Lift(jnp.array(5.0), jnp.array(0.4))
-    there = eqx.tree_at(lambda one: one.gain, effect, jnp.array(0.1))
+    there = eqx.tree_at(lambda node: node.gain, effect, jnp.array(0.1))
     before, after = (
-        jaxid.simulate(one, t, u, np.zeros(0)).y
-        for one in (model, jaxid.Augmented(model, (there,)))
+        jaxid.simulate(variant, t, u, np.zeros(0)).y
+        for variant in (model, jaxid.Augmented(model, (there,)))
     )
     assert np.max(np.abs(after - before)) > 0.2 * 0.4 * 0.2
 

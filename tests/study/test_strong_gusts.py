@@ -40,7 +40,7 @@ def rates(d, x, aileron, rudder, gust, sin):
     ]
 
 
-def seen(d, x, gust):
+def sensors(d, x, gust):
     return [(x[0] - gust) / SPEED, x[1], x[2], x[3], d["Yv"] * (x[0] - gust)]
 
 
@@ -62,7 +62,7 @@ class Lateral(jaxid.AbstractModel):
         return jnp.stack(rates(self.derivatives, x, u[0], u[1], jnp.sum(u[2:]), jnp.sin))
 
     def output(self, t, x, u):
-        return jnp.stack(seen(self.derivatives, x, jnp.sum(u[2:]))) + self.bias
+        return jnp.stack(sensors(self.derivatives, x, jnp.sum(u[2:]))) + self.bias
 
     def with_disturbance_inputs(self):
         return Lateral(self.derivatives, self.bias, gusts=("gust_v",))
@@ -81,7 +81,7 @@ def flown(seed):
         gust.append(keep * gust[-1] + np.sqrt(1 - keep**2) * GUST * rng.normal())
     part, x, y = STEP / 20, np.zeros(4), []
     for i in range(SAMPLES):
-        y.append(seen(TRUE, x, gust[i]))
+        y.append(sensors(TRUE, x, gust[i]))
         for k in range(20):
             now = u[i] + k / 20 * (u[min(i + 1, SAMPLES - 1)] - u[i])
             x = x + part * np.array(
@@ -128,8 +128,8 @@ def test_strong_gusts_and_derivatives_are_estimated():
     assert float(result.time[0]) == pytest.approx(MEMORY, rel=0.42)
     true = np.array([value for name, value in TRUE.items() if name != KNOWN])
     by_filter, by_output_error = (
-        np.abs(np.asarray(one.shared)[: true.size] / true - 1.0)
-        for one in (result.parameters, fit.parameters)
+        np.abs(np.asarray(parameters.shared)[: true.size] / true - 1.0)
+        for parameters in (result.parameters, fit.parameters)
     )
     assert np.max(by_output_error) > 0.3
     # three standard errors of the least accurate parameter, the yaw damping
@@ -153,11 +153,11 @@ def test_loop_restarts_filter_from_declared_values():
     )
     assert study.outcome is Outcome.PROCESS_NOISE
     assert abs(study.before.estimate.value("derivatives.Nr") / TRUE["Nr"] - 1.0) > 0.3
-    told = study.process_noise
-    assert told.force["gust_v"] == pytest.approx(np.std(gusts[:3]), rel=0.21)
-    assert told.time == pytest.approx(MEMORY, rel=0.42)
-    assert [*told.parameters] == [*study.before.estimate.names]
+    process_noise = study.process_noise
+    assert process_noise.force["gust_v"] == pytest.approx(np.std(gusts[:3]), rel=0.21)
+    assert process_noise.time == pytest.approx(MEMORY, rel=0.42)
+    assert [*process_noise.parameters] == [*study.before.estimate.names]
     for name in FREE:
-        assert told.parameters[name] == pytest.approx(
+        assert process_noise.parameters[name] == pytest.approx(
             TRUE[name.removeprefix("derivatives.")], rel=0.045
         )

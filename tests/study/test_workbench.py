@@ -26,7 +26,7 @@ CUBIC = Term("v", "x^3", jnp.array(-0.3))
 def _workbench(monkeypatch, reduced: bool, solver=SOLVER) -> Workbench:
     monkeypatch.setattr(loop_problem, "use_reduced_model", lambda model, samples: reduced)
     model = Spring(jnp.array(1.5), jnp.array(0.2))
-    own = free(
+    chosen = free(
         model,
         "k",
         "c",
@@ -35,7 +35,7 @@ def _workbench(monkeypatch, reduced: bool, solver=SOLVER) -> Workbench:
         prior={"k": (1.2, 0.5)},
     )
     records = as_stack([fly(70 + seed, CUBIC)[0] for seed in range(2)])
-    return Workbench(model, own, LIBRARY, OutputError(), records, solver)
+    return Workbench(model, chosen, LIBRARY, OutputError(), records, solver)
 
 
 def _both(monkeypatch, named):
@@ -74,11 +74,11 @@ def test_fit_in_reduced_model_equals_fit_in_complete_library(monkeypatch, named)
 
 def test_reduced_and_padded_fits_of_effect_with_corner_reach_same_cost(monkeypatch):
     """Rounding decides which steps are rejected at a corner: from its two starts, one program
-    reaches costs that differ by 0.01. The limit is a tenth of `LEAST_CONTINUED_FALL`, the smallest
+    reaches costs that differ by 0.01. The limit is a tenth of `MIN_COST_FALL`, the smallest
     fall for which a search continues a fit.
     """
     for (_, padded), (_, fitted) in _both(monkeypatch, (LIBRARY[3].name,)):
-        assert abs(fitted.cost - padded.cost) < 0.1 * fit.LEAST_CONTINUED_FALL
+        assert abs(fitted.cost - padded.cost) < 0.1 * fit.MIN_COST_FALL
 
 
 def test_fit_stopped_by_its_iteration_limit_is_continued(monkeypatch):
@@ -90,7 +90,7 @@ def test_fit_stopped_by_its_iteration_limit_is_continued(monkeypatch):
     start = patient.base().values
     converged = patient.fit(["x^3 in v"], start).cost
     assert abs(brief.fit(["x^3 in v"], start).cost - converged) < SOLVER.least_fall
-    monkeypatch.setattr(fit, "GO_ON", 0)
+    monkeypatch.setattr(fit, "MAX_CONTINUATIONS", 0)
     assert brief.fit(["x^3 in v"], start).cost > converged + 10.0
 
 

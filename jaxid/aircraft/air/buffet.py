@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from ..._foundation.checks import require, require_known
 from ..._foundation.traced_checks import require_value
 from ..._foundation.types import Array, Float
-from .random_sinusoids import random_lines, sum_of_lines
+from .random_sinusoids import random_sinusoids, sum_of_sinusoids
 
 Value = Array | float | int
 
@@ -66,7 +66,7 @@ class Buffet(eqx.Module):
 
 
 def buffet_noise(
-    key: Array, t: Float[Array, " time"], bandwidth: Value, *, lines: int = 256
+    key: Array, t: Float[Array, " time"], bandwidth: Value, *, count: int = 256
 ) -> Float[Array, " time"]:
     """Noise of unit variance, white from zero to the bandwidth and without content above it.
 
@@ -76,8 +76,8 @@ def buffet_noise(
         key: a JAX random key.
         t: sample times, in any spacing, shape (time,) [s].
         bandwidth: end of the band, at most half the sample rate [Hz].
-        lines: number of sinusoids; above `bandwidth * duration` a spectrum does not resolve the
-            single lines.
+        count: number of sinusoids; above `bandwidth * duration` a spectrum does not resolve the
+            single sinusoids.
 
     Returns:
         The noise, shape (time,), the input channel `buffet`.
@@ -86,8 +86,8 @@ def buffet_noise(
         InputError: when the bandwidth is not positive, or the samples are too far apart for it.
     """
     require(
-        lines >= 1,
-        f"Buffet noise of {lines} lines: give at least one, and some hundred for a "
+        count >= 1,
+        f"Buffet noise of {count} sinusoids: give at least one, and some hundred for a "
         "smooth spectrum.",
     )
     require_value(
@@ -100,8 +100,8 @@ def buffet_noise(
             "Buffet noise: bandwidth times sample time is {:.3g}. Sample at least twice as fast as "
             "the bandwidth.",
         )
-    f, _, normal = random_lines(
-        key, jnp.zeros(()), jnp.asarray(bandwidth, float), lines, logarithmic=False
+    f, _, normal = random_sinusoids(
+        key, jnp.zeros(()), jnp.asarray(bandwidth, float), count, logarithmic=False
     )
-    normal = normal / lines**0.5
-    return sum_of_lines(t, f, normal[:, :1], normal[:, 1:])[:, 0]
+    normal = normal / count**0.5
+    return sum_of_sinusoids(t, f, normal[:, :1], normal[:, 1:])[:, 0]

@@ -27,7 +27,7 @@ from .gust_scales import (
     Value,
     as_intensity,
 )
-from .random_sinusoids import random_lines, sum_of_lines
+from .random_sinusoids import random_sinusoids, sum_of_sinusoids
 
 GUSTS = ("gust_u", "gust_v", "gust_w", "gust_p", "gust_q", "gust_r")
 
@@ -97,7 +97,7 @@ def dryden(
         t: sample times, in any spacing, shape (time,) [s].
         V: speed relative to the air [m/s].
         altitude: above ground [m].
-        intensity: "light", "moderate" or "severe", or an intensity of one's own, such as
+        intensity: "light", "moderate" or "severe", or another intensity, such as
             `FixedIntensity`.
         span: wing span b [m].
 
@@ -133,7 +133,7 @@ def von_karman(
     *,
     span: Value,
     highest: Value | None = None,
-    lines: int = 256,
+    count: int = 256,
 ) -> Float[Array, "time 6"]:
     r"""Draw gusts with von Karman spectra, as sums of sinusoids of random frequency, amplitude and
     phase.
@@ -157,23 +157,23 @@ def von_karman(
         t: sample times, in any spacing, shape (time,) [s].
         V: speed relative to the air [m/s].
         altitude: above ground [m].
-        intensity: "light", "moderate" or "severe", or an intensity of one's own, such as
+        intensity: "light", "moderate" or "severe", or another intensity, such as
             `FixedIntensity`.
         span: wing span b [m].
         highest: end of the band; half the mean sample rate when left out [Hz].
-        lines: number of sinusoids of each component.
+        count: number of sinusoids of each component.
 
     Returns:
         The gusts, shape (time, 6), columns as `GUSTS` [m/s, rad/s].
 
     Raises:
-        InputError: when the severity is not known, speed, span, `highest` or the number of lines
-            are not positive, or time runs backwards.
+        InputError: when the severity is not known, speed, span, `highest` or the number of
+            sinusoids are not positive, or time runs backwards.
     """
     _check(t, V, span)
     require(
-        lines >= 1,
-        f"Von Karman gusts of {lines} lines: give at least one, and some hundred for a "
+        count >= 1,
+        f"Von Karman gusts of {count} sinusoids: give at least one, and some hundred for a "
         "smooth spectrum.",
     )
     V, span = jnp.asarray(V, float), jnp.asarray(span, float)
@@ -195,8 +195,8 @@ def von_karman(
     along = jnp.array([True, False, False])
 
     def component(key, length, sigma, lag, along):
-        f, width, normal = random_lines(
-            key, 1e-3 * V / (2.0 * jnp.pi * length), end, lines, logarithmic=True
+        f, width, normal = random_sinusoids(
+            key, 1e-3 * V / (2.0 * jnp.pi * length), end, count, logarithmic=True
         )
         omega, y2 = 2.0 * jnp.pi * f, (1.339 * length * 2.0 * jnp.pi * f / V) ** 2
         shape = jnp.where(
@@ -211,7 +211,7 @@ def von_karman(
         )
         cosines = jnp.stack([c, real * c + imaginary * s], axis=1)
         sines = jnp.stack([s, real * s - imaginary * c], axis=1)
-        return sigma * sum_of_lines(t, f, cosines, sines)
+        return sigma * sum_of_sinusoids(t, f, cosines, sines)
 
     u, v, w = jax.vmap(component)(jnp.stack(keys), scales.lengths, scales.sigmas, lag, along)
     p = _roll_gust(jax.random.normal(roll, (t.size,), float), jnp.diff(t), V, span, scales)

@@ -69,8 +69,8 @@ class F16Aerodynamics(AbstractAerodynamics):
         grids: Mapping[str, GridData],
         *,
         flap: Float[Array, ""] | float | None = None,
-        interpolation: Interpolation = "linear",
-        extrapolation: Extrapolation = "hold",
+        interpolation: Interpolation | str = Interpolation.LINEAR,
+        extrapolation: Extrapolation | str = Extrapolation.HOLD,
     ):
         basic, increments = _differences(grids)
         self.basic = TableSet(basic, interpolation=interpolation, extrapolation=extrapolation)
@@ -115,16 +115,16 @@ class F16Aerodynamics(AbstractAerodynamics):
         return self.basic.limits
 
     @property
-    def refuses(self) -> dict[str, tuple[float, float]]:
-        return self.basic.refuses
+    def hard_limits(self) -> dict[str, tuple[float, float]]:
+        return self.basic.hard_limits
 
 
 def f16(
     *,
     flap_deg: float | None = None,
     xcg: float = 0.35,
-    interpolation: Interpolation = "linear",
-    extrapolation: Extrapolation = "hold",
+    interpolation: Interpolation | str = Interpolation.LINEAR,
+    extrapolation: Extrapolation | str = Extrapolation.HOLD,
 ) -> Airframe:
     """Return the F-16 of NASA TP-1538 (Nguyen et al., 1979), low speed, -20 to 90 deg in alpha and
     -30 to 30 deg in beta.

@@ -59,8 +59,8 @@ class F16LowAerodynamics(AbstractAerodynamics):
         self,
         grids: Mapping[str, GridData],
         *,
-        interpolation: Interpolation = "linear",
-        extrapolation: Extrapolation = "linear",
+        interpolation: Interpolation | str = Interpolation.LINEAR,
+        extrapolation: Extrapolation | str = Extrapolation.LINEAR,
     ):
         odd = {
             name: _odd(grid) if "abs_beta" in grid.axes else grid for name, grid in grids.items()
@@ -99,15 +99,15 @@ class F16LowAerodynamics(AbstractAerodynamics):
         return self.tables.limits
 
     @property
-    def refuses(self) -> dict[str, tuple[float, float]]:
-        return self.tables.refuses
+    def hard_limits(self) -> dict[str, tuple[float, float]]:
+        return self.tables.hard_limits
 
 
 def f16_low(
     *,
     xcg: float = 0.35,
-    interpolation: Interpolation = "linear",
-    extrapolation: Extrapolation = "linear",
+    interpolation: Interpolation | str = Interpolation.LINEAR,
+    extrapolation: Extrapolation | str = Extrapolation.LINEAR,
 ) -> Airframe:
     """Return the F-16 of Stevens and Lewis, below Mach 0.6, -10 to 45 deg in alpha and -30 to 30
     deg in beta.

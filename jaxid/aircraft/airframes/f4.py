@@ -7,7 +7,9 @@ from .shared import DATA, angles, ft, ft2, mass_properties
 
 
 def f4(
-    *, interpolation: Interpolation = "monotone", extrapolation: Extrapolation = "hold"
+    *,
+    interpolation: Interpolation | str = Interpolation.MONOTONE,
+    extrapolation: Extrapolation | str = Extrapolation.HOLD,
 ) -> Airframe:
     """Return an F-4-like aircraft, -10 to 110 deg in alpha and -40 to 40 deg in beta, reliable from
     5 to 21 deg in alpha.

@@ -60,13 +60,13 @@ class CoefficientTerm(Effect):
     Args:
         coefficient: "CX" to "Cn".
         product: a product of powers of the model's signals, such as `"alpha^2 qhat"`.
-        moved: the states whose rates the coefficient changes.
+        affected_states: the states whose rates the coefficient changes.
         gain: the coefficient of the term [per radian, for each angle or reduced rate in it].
     """
 
     coefficient: str = eqx.field(static=True)
     product: str = eqx.field(static=True)
-    moved: tuple[str, ...] = eqx.field(static=True)
+    affected_states: tuple[str, ...] = eqx.field(static=True)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
 
     @property
@@ -83,7 +83,9 @@ class CoefficientTerm(Effect):
     @property
     def terms(self):
         suffix = "" if self.product == "1" else f" {self.product}"
-        return tuple((state, f"{state}_per_{self.coefficient}{suffix}") for state in self.moved)
+        return tuple(
+            (state, f"{state}_per_{self.coefficient}{suffix}") for state in self.affected_states
+        )
 
     def neighbouring_shapes(self):
         return tuple(
@@ -92,19 +94,21 @@ class CoefficientTerm(Effect):
         )
 
 
-def lacking_terms(
-    declared: Mapping[str, tuple[str, ...]], moved: Mapping[str, tuple[str, ...]]
+def absent_terms(
+    declared: Mapping[str, tuple[str, ...]], affected: Mapping[str, tuple[str, ...]]
 ) -> tuple[CoefficientTerm, ...]:
     """Return candidate terms that the coefficients do not have yet, `beta^2 in Cm` and so on.
 
     Args:
         declared: terms of the model by coefficient.
-        moved: states whose rates each coefficient changes; a coefficient that is not named gets no
-            candidates.
+        affected: states whose rates each coefficient changes; a coefficient that is not named gets
+            no candidates.
     """
     return tuple(
-        CoefficientTerm(coefficient=coefficient, product=product, moved=moved[coefficient])
+        CoefficientTerm(
+            coefficient=coefficient, product=product, affected_states=affected[coefficient]
+        )
         for coefficient, products in CANDIDATE_PRODUCTS.items()
         for product in products
-        if coefficient in moved and product not in declared.get(coefficient, ())
+        if coefficient in affected and product not in declared.get(coefficient, ())
     )

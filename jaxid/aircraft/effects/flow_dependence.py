@@ -13,17 +13,19 @@ from ...effects.placement import AS_CUBIC, Placement, ScalarEffect
 from ...models.polynomial import factors, monomials
 
 
-def in_coefficient(coefficient: str, moved: Sequence[str]) -> Placement:
+def in_coefficient(coefficient: str, affected: Sequence[str]) -> Placement:
     """Return the placement of a scalar effect in an aerodynamic coefficient.
 
         d(state)/dt += state_per_C scalar        for each state whose rate the coefficient changes
 
     Args:
         coefficient: "CX" to "Cn".
-        moved: states whose rates the coefficient changes; the factors `w_per_CZ` and so on are
+        affected: states whose rates the coefficient changes; the factors `w_per_CZ` and so on are
             among the model's `signals`.
     """
-    return Placement(coefficient, tuple((state, f"{state}_per_{coefficient}") for state in moved))
+    return Placement(
+        coefficient, tuple((state, f"{state}_per_{coefficient}") for state in affected)
+    )
 
 
 class CoefficientGradient(ScalarEffect):

@@ -38,7 +38,7 @@ from .parameters import (
 from .separation import Separation, StaticSeparation
 
 GROUPS = ("coefficients", "unsteady", "structure", "mass", "thrust", "air", "instruments")
-Moved = Mapping[str, tuple[str, ...]]
+AffectedStates = Mapping[str, tuple[str, ...]]
 
 # damping by the rate of the air angle, in addition to damping by the angular rate of the body
 RATE_TERMS = {
@@ -55,8 +55,8 @@ SEPARATION_COEFFICIENTS = ("CX", "CZ", "Cm")
 EXCITED_COEFFICIENTS = {"stabilator": ("CZ", "Cm"), "aileron": ("Cl",), "rudder": ("CY", "Cn")}
 
 
-def usual_effects(
-    names: Sequence[str], moved: Moved, signals: Collection[str]
+def default_effects(
+    names: Sequence[str], affected: AffectedStates, signals: Collection[str]
 ) -> tuple[Effect, ...]:
     """Return the default candidates of an aircraft apart from terms of its coefficients.
 
@@ -65,13 +65,13 @@ def usual_effects(
 
     Args:
         names: names of the model's parameters; effects on other parameters are left out.
-        moved: states whose rates each coefficient changes.
+        affected: states whose rates each coefficient changes.
         signals: signals of the model; effects that need another signal are left out.
     """
     return (
-        *(term for term in rate_terms(moved) if term.product in signals),
-        *gradients(WITH_MACH, "mach", moved),
-        *separations(moved, static=(0.6, 0.8), lagging=(0.65,)),
+        *(term for term in rate_terms(affected) if term.product in signals),
+        *gradients(WITH_MACH, "mach", affected),
+        *separations(affected, static=(0.6, 0.8), lagging=(0.65,)),
         *shifts(names, {"mass": "mass"}, "kg"),
         *changes_of_mass(names, (0.25, 0.5, 0.75)),
         *shifts(names, INERTIA, "kg*m^2"),
@@ -116,14 +116,14 @@ def aircraft_effects(
     model = canonical(model)
     names, signals = parameter_names(model), signals_of(model)
     terms = tuple(effect for effect in model.effects() if isinstance(effect, CoefficientTerm))
-    moved = _moved(model, signals)
+    affected = _affected_states(model, signals)
     makers: dict[str, Callable[[], Sequence[Effect]]] = {
         "coefficients": lambda: (
-            *_coefficients(terms, moved, signals),
-            *_ground_effects(model, moved, ground),
+            *_coefficients(terms, affected, signals),
+            *_ground_effects(model, affected, ground),
         ),
-        "unsteady": lambda: _unsteady(terms, moved, signals),
-        "structure": lambda: _modes(moved, signals),
+        "unsteady": lambda: _unsteady(terms, affected, signals),
+        "structure": lambda: _modes(affected, signals),
         "mass": lambda: mass_effects(names),
         "thrust": lambda: (
             *thrust(names, "thrust" in model.inputs),
@@ -148,19 +148,19 @@ def signals_of(model: AbstractModel) -> frozenset[str]:
     return frozenset(jax.eval_shape(model.signals, *empty))
 
 
-def _moved(model: AbstractModel, signals: Collection[str]) -> Moved:
+def _affected_states(model: AbstractModel, signals: Collection[str]) -> AffectedStates:
     """Return the states whose rates each coefficient changes, from the names of the signals."""
-    moved = {
+    affected = {
         name: tuple(state for state in model.states if f"{state}_per_{name}" in signals)
         for name in COEFFICIENTS
     }
-    return {name: states for name, states in moved.items() if states}
+    return {name: states for name, states in affected.items() if states}
 
 
 # Coefficients -------------------------------------------------------------------------------------
 
 
-def _coefficients(terms, moved: Moved, signals: Collection[str]) -> tuple[Effect, ...]:
+def _coefficients(terms, affected: AffectedStates, signals: Collection[str]) -> tuple[Effect, ...]:
     rates = {name for products in RATE_TERMS.values() for name in products}
     varying = (*WITH_MACH, *MORE_WITH_MACH)
     by_signal = {"mach": varying, "qbar": (*varying, *WITH_QBAR), "altitude": WITH_MACH}
@@ -170,80 +170,84 @@ def _coefficients(terms, moved: Moved, signals: Collection[str]) -> tuple[Effect
             gradient
             for signal, products in by_signal.items()
             if signal in signals
-            for gradient in gradients(products, signal, moved)
+            for gradient in gradients(products, signal, affected)
         ),
     )
 
 
-def _ground_effects(model: AbstractModel, moved: Moved, ground: float | None) -> tuple[Effect, ...]:
+def _ground_effects(
+    model: AbstractModel, affected: AffectedStates, ground: float | None
+) -> tuple[Effect, ...]:
     if ground is None or "b" not in parameter_names(model):
         return ()
     span = float(read_parameters(model, ("b",))[0])
     return tuple(
-        GroundEffect(in_coefficient(name, moved[name]), ground, span)
+        GroundEffect(in_coefficient(name, affected[name]), ground, span)
         for name in SEPARATION_COEFFICIENTS
-        if name in moved
+        if name in affected
     )
 
 
-def gradients(varying: Sequence[tuple[str, str]], signal: str, moved: Moved) -> tuple[Effect, ...]:
+def gradients(
+    varying: Sequence[tuple[str, str]], signal: str, affected: AffectedStates
+) -> tuple[Effect, ...]:
     """Return variations of terms with a signal.
 
     Args:
         varying: coefficient and product of each term.
         signal: signal with which the terms vary.
-        moved: states whose rates each coefficient changes.
+        affected: states whose rates each coefficient changes.
     """
     return tuple(
-        CoefficientGradient(in_coefficient(name, moved[name]), signal, product)
+        CoefficientGradient(in_coefficient(name, affected[name]), signal, product)
         for name, product in varying
-        if name in moved
+        if name in affected
     )
 
 
 # Unsteady aerodynamics ----------------------------------------------------------------------------
 
 
-def _unsteady(terms, moved: Moved, signals: Collection[str]) -> tuple[Effect, ...]:
+def _unsteady(terms, affected: AffectedStates, signals: Collection[str]) -> tuple[Effect, ...]:
     rates = tuple(term for term in terms if term.product in RATE_TERMS.get(term.coefficient, ()))
     lagged = tuple(
-        LaggedSignal(in_coefficient(name, moved[name]), angle)
+        LaggedSignal(in_coefficient(name, affected[name]), angle)
         for angle, names in LAGGED.items()
         for name in names
-        if name in moved and angle in signals
+        if name in affected and angle in signals
     )
-    separated = separations(moved, (0.5, 0.6, 0.7, 0.8, 0.9), (0.5, 0.65, 0.8, 0.95))
+    separated = separations(affected, (0.5, 0.6, 0.7, 0.8, 0.9), (0.5, 0.65, 0.8, 0.95))
     return (*rates, *lagged, *separated)
 
 
-def rate_terms(moved: Moved) -> tuple[CoefficientTerm, ...]:
+def rate_terms(affected: AffectedStates) -> tuple[CoefficientTerm, ...]:
     """Return terms with the rates of alpha and beta, `alphadot_hat in Cm` and so on.
 
     Args:
-        moved: states whose rates each coefficient changes.
+        affected: states whose rates each coefficient changes.
     """
     return tuple(
-        CoefficientTerm(coefficient=name, product=product, moved=moved[name])
+        CoefficientTerm(coefficient=name, product=product, affected_states=affected[name])
         for name, products in RATE_TERMS.items()
         for product in products
-        if name in moved
+        if name in affected
     )
 
 
 def separations(
-    moved: Moved, static: Sequence[float], lagging: Sequence[float]
+    affected: AffectedStates, static: Sequence[float], lagging: Sequence[float]
 ) -> tuple[Effect, ...]:
     """Return models of separated flow with different initial angles of separation.
 
     Args:
-        moved: states whose rates each coefficient changes; without CZ the result is empty.
+        affected: states whose rates each coefficient changes; without CZ the result is empty.
         static, lagging: initial angles as fractions of the range of alpha, of the static model and
             of the model with a lag.
     """
     placements: tuple[Placement, ...] = tuple(
-        in_coefficient(name, moved[name]) for name in SEPARATION_COEFFICIENTS if name in moved
+        in_coefficient(name, affected[name]) for name in SEPARATION_COEFFICIENTS if name in affected
     )
-    if "CZ" not in moved:
+    if "CZ" not in affected:
         return ()
     return (
         *(StaticSeparation(placements, fraction) for fraction in static),
@@ -251,10 +255,10 @@ def separations(
     )
 
 
-def _modes(moved: Moved, signals: Collection[str]) -> tuple[Effect, ...]:
+def _modes(affected: AffectedStates, signals: Collection[str]) -> tuple[Effect, ...]:
     return tuple(
-        Resonance(in_coefficient(name, moved[name]), surface)
+        Resonance(in_coefficient(name, affected[name]), surface)
         for surface, names in EXCITED_COEFFICIENTS.items()
         for name in names
-        if name in moved and surface in signals
+        if name in affected and surface in signals
     )

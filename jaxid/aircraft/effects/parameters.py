@@ -55,17 +55,17 @@ def air_effects(names: Sequence[str]) -> tuple[Effect, ...]:
     )
 
 
-def shifts(names: Sequence[str], called: Mapping[str, str], unit: str) -> tuple[Effect, ...]:
+def shifts(names: Sequence[str], labels: Mapping[str, str], unit: str) -> tuple[Effect, ...]:
     """Return shifts of parameters from their declared values.
 
     Args:
         names: names of all parameters; others are left out.
-        called: description by dotted name.
+        labels: description by dotted name.
         unit: unit of all these parameters.
     """
     return tuple(
-        ParameterShift(name, called=description, unit=unit)
-        for name, description in called.items()
+        ParameterShift(name, label=description, unit=unit)
+        for name, description in labels.items()
         if name in names
     )
 
@@ -104,9 +104,9 @@ def centre_of_gravity(names: Sequence[str], axes: str) -> tuple[Effect, ...]:
             if name.endswith(f".{axis}") and ("position." in name or name.startswith("reference."))
         ]
         if f"reference.{axis}" in parts:
-            along = tuple((name, 1.0) for name in parts if not name.startswith("reference."))
-            called = f"place of the centre of gravity along {axis}"
-            shifted.append(ParameterShift(f"reference.{axis}", along, called=called, unit="m"))
+            linked = tuple((name, 1.0) for name in parts if not name.startswith("reference."))
+            label = f"position of the centre of gravity along {axis}"
+            shifted.append(ParameterShift(f"reference.{axis}", linked, label=label, unit="m"))
     return tuple(shifted)
 
 
@@ -128,10 +128,10 @@ def thrust(names: Sequence[str], measured: bool = False) -> tuple[Effect, ...]:
     shares = _engines(names, "share")
     asymmetry: tuple[Effect, ...] = ()
     if len(shares) > 1:
-        asymmetry = (ParameterShift(shares[0], ((shares[-1], -1.0),), called="symmetry of thrust"),)
+        asymmetry = (ParameterShift(shares[0], ((shares[-1], -1.0),), label="symmetry of thrust"),)
     elif shares:
         asymmetry = shifts(
-            names, {"engines.0.position.y": "sideways place of the thrust line"}, "m"
+            names, {"engines.0.position.y": "sideways position of the thrust line"}, "m"
         )
     return (
         *total,
@@ -148,8 +148,8 @@ def sensor_positions(names: Sequence[str], which: Sequence[str]) -> tuple[Effect
         names: names of all parameters.
         which: channels and coordinates, such as "alpha.x".
     """
-    called = {name: f"place of the sensor of {name.replace('.', ' along ')}" for name in which}
-    return _in_instruments(names, "position", called, "m")
+    labels = {name: f"position of the sensor of {name.replace('.', ' along ')}" for name in which}
+    return _in_instruments(names, "position", labels, "m")
 
 
 def sensor_misalignments(names: Sequence[str], which: Sequence[str]) -> tuple[Effect, ...]:
@@ -159,40 +159,40 @@ def sensor_misalignments(names: Sequence[str], which: Sequence[str]) -> tuple[Ef
         names: names of all parameters.
         which: channels and angles, such as "p.theta".
     """
-    called = {name: f"axis of the sensor of {name.replace('.', ' in ')}" for name in which}
-    return _in_instruments(names, "misalignment", called, "rad")
+    labels = {name: f"axis of the sensor of {name.replace('.', ' in ')}" for name in which}
+    return _in_instruments(names, "misalignment", labels, "rad")
 
 
 def _in_instruments(
-    names: Sequence[str], part: str, called: Mapping[str, str], unit: str
+    names: Sequence[str], part: str, labels: Mapping[str, str], unit: str
 ) -> tuple[Effect, ...]:
     """Return shifts of one kind of instrument parameter, each located at its sensor."""
     return tuple(
         ParameterShift(
             f"instruments.{part}.{name}",
-            called=description,
+            label=description,
             unit=unit,
             channel=name.partition(".")[0],
         )
-        for name, description in called.items()
+        for name, description in labels.items()
         if f"instruments.{part}.{name}" in names
     )
 
 
-def all_engines(names: Sequence[str], part: str, called: str, unit: str) -> tuple[Effect, ...]:
+def all_engines(names: Sequence[str], part: str, label: str, unit: str) -> tuple[Effect, ...]:
     """Return a common shift of one parameter of all engines.
 
     Args:
         names: names of all parameters.
         part: name of the parameter within an engine.
-        called: description of the parameter.
+        label: description of the parameter.
         unit: unit of the parameter.
     """
     first, *others = _engines(names, part) or ("",)
     if not first:
         return ()
-    along = tuple((name, 1.0) for name in others)
-    return (ParameterShift(first, along, called=called, unit=unit),)
+    linked = tuple((name, 1.0) for name in others)
+    return (ParameterShift(first, linked, label=label, unit=unit),)
 
 
 def _engines(names: Sequence[str], part: str) -> tuple[str, ...]:

@@ -15,8 +15,8 @@ from ..air.atmosphere import GRAVITY, AbstractAtmosphere, StandardAtmosphere, tr
 from ..air.buffet import Buffet
 from ..air.turbulence import GUSTS
 from ..air.wind import AbstractWind, Wind
-from ..effects.coefficient_term import lacking_terms
-from ..effects.library import signals_of, usual_effects
+from ..effects.coefficient_term import absent_terms
+from ..effects.library import default_effects, signals_of
 from ..instruments.instruments import Instruments
 from ..physics.frames import quaternion, quaternion_rate, rotation, velocity
 from ..records.initial_channels import initial_channels
@@ -24,7 +24,7 @@ from ..vehicle.aerodynamics import COEFFICIENTS
 from ..vehicle.airframe import Airframe
 from ..vehicle.controls import SURFACES, AbstractControls, ControlSystem, standard_actuators
 from ..vehicle.engine import ConstantThrust, Engine
-from ..vehicle.force_derivatives import MOVED
+from ..vehicle.force_derivatives import AFFECTED_STATES
 from .aircraft_equations import (
     RIGID,
     AircraftInput,
@@ -140,8 +140,8 @@ class Aircraft(AbstractModel):
             Inputs and states; the signals of `air_relative.flow` (`alpha`, `beta`, `V`, `mach`,
             `qbar`, `phat`, `qhat`, `rhat` and others); surfaces [rad]; `thrust` [N]; the six
             coefficients with all contributions; the accelerations; the derivatives of the state
-            rates by the coefficients in `MOVED`, `p_per_Cl` and so on; and `alphadot_hat` and
-            `betadot_hat`, the rates of alpha and beta by these equations times `cbar/2V` and
+            rates by the coefficients in `AFFECTED_STATES`, `p_per_Cl` and so on; and `alphadot_hat`
+            and `betadot_hat`, the rates of alpha and beta by these equations times `cbar/2V` and
             `b/2V`, with constant gusts [rad].
         """
         return self.rhs_and_signals(t, x, u)[1]
@@ -188,30 +188,34 @@ class Aircraft(AbstractModel):
     def initial_state(self, record: Record) -> Float[Array, " state"]:
         """Return the state at the first valid samples, with controls and engines at rest in trim.
 
-        A channel that the record lacks is taken from its constant of the same name; without one it
-        is zero, and the speed, which must not be zero, is the one at which a force coefficient of
-        one carries the weight. The reading of the sideslip vane `atan2(v, u)` is converted to
-        `asin(v/V)`; errors of the instruments are ignored, because the estimation accounts for
-        them.
+        A channel that the record lacks is taken from the record's constant of the same name, or is
+        zero if there is no such constant. The speed must not be zero: in place of zero it is the
+        speed at which a force coefficient of one carries the weight. The reading of the sideslip
+        vane, `atan2(v, u)`, is converted to `asin(v/V)`. Errors of the instruments are ignored,
+        because the estimation accounts for them.
 
         Args:
             record: record with this model's outputs.
         """
         measured = initial_channels(record)
-        at = {
+        values = {
             name: jnp.asarray(measured.get(name, record.constants.get(name, 0.0)), float)
             for name in INITIAL_CHANNELS
         }
-        air = self.atmosphere.air(at["altitude"])
+        air = self.atmosphere.air(values["altitude"])
         weight = self.airframe.mass_properties.mass * GRAVITY
         known = "V" in measured or "V" in record.constants
         default = jnp.sqrt(2.0 * weight / (air.density * self.airframe.S))
-        V = true_airspeed(at["V"], air) if known else default
-        e = quaternion(at["phi"], at["pitch"], at["psi"])
-        beta = jnp.arctan(jnp.cos(at["alpha"]) * jnp.tan(at["beta"]))
-        ground = velocity(V, at["alpha"], beta) + rotation(e) @ self.wind.velocity(at["altitude"])
-        place = jnp.stack([jnp.zeros(()), jnp.zeros(()), at["altitude"]])
-        return self.flight_state(ground, jnp.stack([at["p"], at["q"], at["r"]]), e, place)
+        V = true_airspeed(values["V"], air) if known else default
+        e = quaternion(values["phi"], values["pitch"], values["psi"])
+        beta = jnp.arctan(jnp.cos(values["alpha"]) * jnp.tan(values["beta"]))
+        ground = velocity(V, values["alpha"], beta) + rotation(e) @ self.wind.velocity(
+            values["altitude"]
+        )
+        position = jnp.stack([jnp.zeros(()), jnp.zeros(()), values["altitude"]])
+        return self.flight_state(
+            ground, jnp.stack([values["p"], values["q"], values["r"]]), e, position
+        )
 
     def with_disturbance_inputs(self):
         """Return the aircraft with all three velocities of the air among its inputs."""
@@ -225,9 +229,12 @@ class Aircraft(AbstractModel):
         and separated flow, mass, thrust, wind, and positions of instruments. `aircraft_effects`
         returns all effects.
         """
-        terms = lacking_terms(self.airframe.aerodynamics.terms, MOVED)
+        terms = absent_terms(self.airframe.aerodynamics.terms, AFFECTED_STATES)
         model = canonical(self)
-        return (*terms, *usual_effects(parameter_names(model), MOVED, signals_of(model)))
+        return (
+            *terms,
+            *default_effects(parameter_names(model), AFFECTED_STATES, signals_of(model)),
+        )
 
     def equations_with_terms(self):
         """Return no equations: terms that an equation of motion lacks belong to a coefficient."""
@@ -270,9 +277,11 @@ class Aircraft(AbstractModel):
             (udot, vdot, wdot) [m/s^2] and (pdot, qdot, rdot) [rad/s^2].
         """
         held = self.trimmed(surfaces, setting)
-        place = jnp.stack([jnp.zeros(()), jnp.zeros(()), jnp.asarray(altitude, float)])
+        position = jnp.stack([jnp.zeros(()), jnp.zeros(()), jnp.asarray(altitude, float)])
         return held.rhs(
-            jnp.zeros(()), held.flight_state(velocity, omega, e, place), jnp.zeros(len(self.inputs))
+            jnp.zeros(()),
+            held.flight_state(velocity, omega, e, position),
+            jnp.zeros(len(self.inputs)),
         )[:6]
 
     def trimmed(
@@ -298,7 +307,7 @@ class Aircraft(AbstractModel):
         velocity: Float[Array, "3"],
         omega: Float[Array, "3"],
         e: Float[Array, "4"],
-        place: Float[Array, "3"],
+        position: Float[Array, "3"],
     ) -> Float[Array, " state"]:
         """Return a state in flight with control system and engines at rest in their trim settings.
 
@@ -306,9 +315,9 @@ class Aircraft(AbstractModel):
             velocity: velocity over ground, body axes [m/s].
             omega: angular rate [rad/s].
             e: attitude, a unit quaternion.
-            place: north, east and altitude [m].
+            position: north, east and altitude [m].
         """
-        return self._assemble(jnp.concatenate([velocity, omega, e, place]))
+        return self._assemble(jnp.concatenate([velocity, omega, e, position]))
 
     def disturbed(self, *names: str) -> "Aircraft":
         """Return the aircraft with these disturbances as its disturbance inputs.

@@ -15,7 +15,7 @@ from ..vehicle.aerodynamics import COEFFICIENTS
 from ..vehicle.air_relative import flow
 from ..vehicle.airframe import Airframe, aerodynamic_loads
 from ..vehicle.engine import Engine, loads
-from ..vehicle.force_derivatives import MOVED, effectiveness
+from ..vehicle.force_derivatives import AFFECTED_STATES, effectiveness
 
 RIGID = ("u", "v", "w", "p", "q", "r", "e0", "e1", "e2", "e3", "north", "east", "altitude")
 # m^2/s^2; chosen: keeps the derivative of gamma finite in vertical flight
@@ -144,7 +144,7 @@ def coefficient_derivatives(airframe: Airframe, qbar: Float[Array, ""]) -> Signa
     slopes = effectiveness(airframe, qbar, airframe.mass_properties.inertia())
     return {
         f"{state}_per_{coefficient}": slopes[COEFFICIENTS.index(coefficient), RIGID.index(state)]
-        for coefficient, states in MOVED.items()
+        for coefficient, states in AFFECTED_STATES.items()
         for state in states
     }
 

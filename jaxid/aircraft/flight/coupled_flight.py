@@ -20,9 +20,9 @@ from ...simulation.steppers import RK4
 from ..airframes.f4 import f4
 from ..instruments.instruments import Instruments
 from ..instruments.noise_levels import BASE, report_instruments
+from ..vehicle.aerodynamics_increments import AerodynamicsWithIncrements
 from ..vehicle.aerodynamics_polynomial import PolynomialAerodynamics
 from ..vehicle.controls import SURFACES, ControlSystem, MeasuredSurfaces, standard_actuators
-from ..vehicle.tables_with_polynomials import TablesWithPolynomials
 from .aircraft import Aircraft
 from .simulated_flight import SimulatedFlight, smoothed
 from .trims import level
@@ -128,7 +128,7 @@ def declared(truth: Aircraft) -> Aircraft:
 def _airframe(corrections):
     """Return the F-4-like airframe with corrected tables."""
     frame = f4(interpolation="cubic")
-    corrected = TablesWithPolynomials(frame.aerodynamics, PolynomialAerodynamics(corrections))
+    corrected = AerodynamicsWithIncrements(frame.aerodynamics, PolynomialAerodynamics(corrections))
     return eqx.tree_at(lambda airframe: airframe.aerodynamics, frame, corrected)
 
 

@@ -14,11 +14,11 @@ from ..air.atmosphere import GRAVITY
 from ..effects.coefficient_term import CoefficientTerm
 
 LONGITUDINAL_GUSTS = ("gust_u", "gust_w")
-MOVED_STATES = {
+LONGITUDINAL_AFFECTED_STATES = {
     "CX": ("u",),
     "CZ": ("w",),
     "Cm": ("q",),
-}  # the states whose rates a coefficient moves
+}  # the states whose rates a coefficient changes
 CANDIDATE_TERMS = (
     *("1", "alpha", "qhat", "elevator"),
     *("alpha^2", "alpha qhat", "alpha elevator", "qhat^2", "qhat elevator", "elevator^2"),
@@ -160,7 +160,11 @@ class Longitudinal(AbstractModel):
         """Return candidate terms that the coefficients lack, `alpha^3 in Cm` and so on."""
         polynomials = {"CX": self.CX, "CZ": self.CZ, "Cm": self.Cm}
         return tuple(
-            CoefficientTerm(coefficient=coefficient, product=term, moved=MOVED_STATES[coefficient])
+            CoefficientTerm(
+                coefficient=coefficient,
+                product=term,
+                affected_states=LONGITUDINAL_AFFECTED_STATES[coefficient],
+            )
             for coefficient, polynomial in polynomials.items()
             for term in CANDIDATE_TERMS
             if term not in polynomial.terms

@@ -97,7 +97,9 @@ def true_aircraft() -> Longitudinal:
 
 def planted() -> CoefficientTerm:
     """Return the effect that the declared model lacks, a nose-down moment cubic in alpha."""
-    return CoefficientTerm(coefficient="Cm", product="alpha^3", moved=("q",), gain=jnp.array(-8.0))
+    return CoefficientTerm(
+        coefficient="Cm", product="alpha^3", affected_states=("q",), gain=jnp.array(-8.0)
+    )
 
 
 def declared(truth: Augmented) -> AbstractModel:

@@ -114,7 +114,7 @@ CASES: dict[str, Case] = {
         source="Fig. 6.2a, section 6.3.2",
         gust=REPORT_GUST,
         choices=f"{LATERAL_CHOICES}; disturbances in v and w (the text's horizontal and vertical), "
-        "straight between samples",
+        "linear between samples",
     ),
     "lateral 4": Case(
         "Fig. 6.2a, section 6.4.2",
@@ -255,7 +255,7 @@ def report_flight(case: str, key: Array) -> Flight:
     if chosen.gust > 0:
         gusts = white_gusts(for_gusts, t, {"gust_v": chosen.gust, "gust_w": chosen.gust})
         inputs |= {"gust_v": gusts[:, 1], "gust_w": gusts[:, 2]}
-    aircraft, state = start(chosen)
+    aircraft, state = initial_condition(chosen)
     if chosen.noise is not None:
         instruments = draw(for_errors, aircraft.instruments, chosen.noise)
         aircraft = eqx.tree_at(lambda a: a.instruments, aircraft, instruments)
@@ -272,7 +272,9 @@ def pilot_inputs(case: Case) -> tuple[Float[Array, " time"], Signals]:
     return t, {f"pilot_{surface}": signal(t) for surface, signal in case.pilot.items()}
 
 
-def start(case: Case, altitude: float = CASE_ALTITUDE) -> tuple[Aircraft, Float[Array, " state"]]:
+def initial_condition(
+    case: Case, altitude: float = CASE_ALTITUDE
+) -> tuple[Aircraft, Float[Array, " state"]]:
     """Return the trimmed aircraft of a case, and its initial state.
 
     At the printed speed stabilator and thrust balance pitching moment and forward force. If no
@@ -291,7 +293,7 @@ def start(case: Case, altitude: float = CASE_ALTITUDE) -> tuple[Aircraft, Float[
         controls=controls,
         instruments=report_instruments(),
     )
-    trim = hold_alpha(aircraft, case.alpha, altitude, case.V)
+    trim = trim_at_alpha(aircraft, case.alpha, altitude, case.V)
     V = case.V if case.V is not None else trim.value("V")
     surfaces = {
         "stabilator": trim.value("stabilator"),
@@ -299,12 +301,12 @@ def start(case: Case, altitude: float = CASE_ALTITUDE) -> tuple[Aircraft, Float[
         "rudder": jnp.zeros(()),
     }
     trimmed = aircraft.trimmed(surfaces, trim.value("thrust"))
-    place = jnp.array([0.0, 0.0, altitude])
+    position = jnp.array([0.0, 0.0, altitude])
     e = quaternion(0.0, case.alpha, 0.0)
-    return trimmed, trimmed.flight_state(velocity(V, case.alpha, 0.0), jnp.zeros(3), e, place)
+    return trimmed, trimmed.flight_state(velocity(V, case.alpha, 0.0), jnp.zeros(3), e, position)
 
 
-def hold_alpha(
+def trim_at_alpha(
     aircraft: Aircraft, alpha: float, altitude: float, V: Array | float | None = None
 ) -> Trim:
     """Return stabilator and thrust for an angle of attack in horizontal flight, and a free speed.

@@ -272,7 +272,7 @@ def _require_inside(
 ) -> None:
     """Refuse a flight that has left tables without extrapolation; the error names the signal."""
     departures = []
-    for signal, (low, high) in aircraft.airframe.aerodynamics.refuses.items():
+    for signal, (low, high) in aircraft.airframe.aerodynamics.hard_limits.items():
         history = np.asarray(histories[signal])
         row, value = _departure(history, low, high)
         if row < history.size:

@@ -358,8 +358,8 @@ def _set(flight: _SteadyFlight, trim: Trim) -> Trimmed:
     values = flight.at(trim.values)
     aircraft = flight.aircraft.trimmed({name: values[name] for name in SURFACES}, values["setting"])
     ground, omega, e, *_ = flight.motion(values)
-    place = jnp.stack([jnp.zeros(()), jnp.zeros(()), values["altitude"]])
-    return Trimmed(aircraft, aircraft.flight_state(ground, omega, e, place), trim)
+    position = jnp.stack([jnp.zeros(()), jnp.zeros(()), values["altitude"]])
+    return Trimmed(aircraft, aircraft.flight_state(ground, omega, e, position), trim)
 
 
 def _limits(aircraft: Aircraft, setting_limits) -> dict:

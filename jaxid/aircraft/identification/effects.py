@@ -5,8 +5,8 @@ from collections.abc import Collection, Mapping
 from ...effects.base import Effect
 from ...models.base import AbstractModel, canonical
 from ...models.names import parameter_names
-from ..effects.coefficient_term import lacking_terms
-from ..effects.library import signals_of, usual_effects
+from ..effects.coefficient_term import absent_terms
+from ..effects.library import default_effects, signals_of
 from ..instruments.channels import RATES
 from .channels import Channels
 
@@ -24,7 +24,7 @@ LATERAL_ENGINE_PARAMETERS = ("position.y", "momentum")
 def effects_of(
     model: AbstractModel, channels: Channels, terms: Mapping[str, tuple[str, ...]]
 ) -> tuple[Effect, ...]:
-    """Return candidate terms of the propagated coefficients, and the usual effects of an aircraft.
+    """Return candidate terms of the propagated coefficients, and an aircraft's default effects.
 
     Terms of signals that are held constant, and effects on parameters that no output depends on,
     are left out.
@@ -34,15 +34,18 @@ def effects_of(
         channels: channels of the model.
         terms: terms of the model by coefficient.
     """
-    moved = {name: channels.translation.moved(name, channels.states) for name in channels.responses}
-    lacking = lacking_terms(terms, moved)
+    affected = {
+        name: channels.translation.affected_states(name, channels.states)
+        for name in channels.responses
+    }
+    absent = absent_terms(terms, affected)
     names = tuple(
         name for name in parameter_names(canonical(model)) if _has_influence(name, channels)
     )
-    usual = usual_effects(names, moved, signals_of(canonical(model)))
+    defaults = default_effects(names, affected, signals_of(canonical(model)))
     return (
-        *(term for term in lacking if not _is_constant(term.card.signals, channels.held)),
-        *usual,
+        *(term for term in absent if not _is_constant(term.card.signals, channels.held)),
+        *defaults,
     )
 
 

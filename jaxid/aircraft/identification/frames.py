@@ -21,7 +21,7 @@ class Translation(NamedTuple):
     Attributes:
         names: names of the states, in order.
         equation: state whose equation a force coefficient dominates, by coefficient.
-        moves: states whose rates a force coefficient changes, by coefficient.
+        affected: states whose rates a force coefficient changes, by coefficient.
         velocity: function from the three states to body components [m/s].
         states: function from body components [m/s] to the three states.
         rates: function from velocity [m/s] and its rate in body axes [m/s^2] to the rates of the
@@ -32,13 +32,13 @@ class Translation(NamedTuple):
 
     names: tuple[str, str, str]
     equation: Mapping[str, str]
-    moves: Mapping[str, tuple[str, ...]]
+    affected: Mapping[str, tuple[str, ...]]
     velocity: Callable[[Three], Three]
     states: Callable[[Three], Three]
     rates: Callable[[Three, Three], Three]
     accelerations: Callable[[Three, Three], Three]
 
-    def moved(self, coefficient: str, states: Collection[str]) -> tuple[str, ...]:
+    def affected_states(self, coefficient: str, states: Collection[str]) -> tuple[str, ...]:
         """Return the states whose rates a coefficient changes.
 
         Every coefficient changes the angular rates.
@@ -48,7 +48,7 @@ class Translation(NamedTuple):
             states: states to select from.
         """
         return tuple(
-            state for state in (*self.moves.get(coefficient, ()), *RATES) if state in states
+            state for state in (*self.affected.get(coefficient, ()), *RATES) if state in states
         )
 
 
@@ -78,7 +78,7 @@ def _body_accelerations(v: Three, rates: Three) -> Three:
 BODY = Translation(
     names=("u", "v", "w"),
     equation={"CX": "u", "CY": "v", "CZ": "w"},
-    moves={"CX": ("u",), "CY": ("v",), "CZ": ("w",)},
+    affected={"CX": ("u",), "CY": ("v",), "CZ": ("w",)},
     velocity=lambda states: states,
     states=lambda v: v,
     rates=lambda v, vdot: vdot,
@@ -88,7 +88,7 @@ BODY = Translation(
 AIR_PATH = Translation(
     names=("V", "alpha", "beta"),
     equation={"CX": "V", "CY": "beta", "CZ": "alpha"},
-    moves={"CX": ("V", "alpha", "beta"), "CY": ("V", "beta"), "CZ": ("V", "alpha", "beta")},
+    affected={"CX": ("V", "alpha", "beta"), "CY": ("V", "beta"), "CZ": ("V", "alpha", "beta")},
     velocity=lambda states: velocity(*states),
     states=lambda v: jnp.stack(air_angles(v)),
     rates=_air_rates,

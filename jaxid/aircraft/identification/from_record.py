@@ -23,7 +23,7 @@ REQUIRED_CONSTANTS = ("mass", "Ix", "Iy", "Iz", "S", "b", "cbar")
 CONSTANT_UNITS = {"mass": "kg", "S": "m^2", "b": "m", "cbar": "m"}  # kg m^2 for the others
 # states of longitudinal and of lateral motion
 LONGITUDINAL_STATES, LATERAL_STATES = ("u", "w", "q", "V", "alpha"), ("v", "p", "r", "beta")
-MOVED_BY_SURFACE = {
+AFFECTED_BY_SURFACE = {
     "stabilator": LONGITUDINAL_STATES,
     "aileron": LATERAL_STATES,
     "rudder": LATERAL_STATES,
@@ -66,7 +66,7 @@ def model_of(
 
     **States** are all nine, with `psi` only if it is measured. `identify` leaves out equations that
     the flight does not excite. In a longitudinal model, lateral variables that the record lacks are
-    held at zero (symmetric flight), and so is a surface that moves no equation; any other surface
+    held at zero (symmetric flight), and so is a surface that affects no equation; any other surface
     that is not recorded is refused.
 
     **Outputs** are the channels of the record that depend on a state, without pdot, qdot and rdot:
@@ -217,7 +217,7 @@ def _held(record: Record, states: tuple[str, ...], held: Mapping[str, Any]) -> d
     held, has = dict(held), {*record.inputs, *record.outputs, *held}
     for name in SURFACES:
         if name not in has:
-            _require_unmoved(record, name, states)
+            _require_no_influence(record, name, states)
             held[name] = 0.0
     if not {*LATERAL_STATES} & {*states}:
         sideways = "beta" if {"V", "alpha"} & {*states} else "v"
@@ -230,13 +230,13 @@ def _held(record: Record, states: tuple[str, ...], held: Mapping[str, Any]) -> d
     return held
 
 
-def _require_unmoved(record: Record, surface: str, states: tuple[str, ...]) -> None:
-    """Refuse a record without a surface that moves an equation."""
-    moved = [state for state in MOVED_BY_SURFACE[surface] if state in states]
+def _require_no_influence(record: Record, surface: str, states: tuple[str, ...]) -> None:
+    """Refuse a record without a surface that affects an equation."""
+    affected = [state for state in AFFECTED_BY_SURFACE[surface] if state in states]
     require(
-        not moved,
-        f"Record {record.names[0]!r} has no {surface}, and it moves the equations of "
-        f"{', '.join(moved)}. Read it as an input, hold it if it did not move "
+        not affected,
+        f"Record {record.names[0]!r} has no {surface}, and it affects the equations of "
+        f"{', '.join(affected)}. Read it as an input, hold it if it did not move "
         f"(`held={{{surface!r}: 0.0}}`), or leave those states out.",
     )
 

@@ -38,7 +38,7 @@ class AbstractAerodynamics(eqx.Module):
         """
 
     @property
-    def refuses(self) -> dict[str, tuple[float, float]]:
+    def hard_limits(self) -> dict[str, tuple[float, float]]:
         """The limits beyond which the coefficients are NaN."""
         return {}
 

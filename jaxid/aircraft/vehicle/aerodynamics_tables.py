@@ -50,8 +50,8 @@ class TableAerodynamics(AbstractAerodynamics):
         self,
         grids: Mapping[str, GridData],
         *,
-        interpolation: Interpolation = "monotone",
-        extrapolation: Extrapolation = "hold",
+        interpolation: Interpolation | str = Interpolation.MONOTONE,
+        extrapolation: Extrapolation | str = Extrapolation.HOLD,
     ):
         require_known(
             "aerodynamic table",
@@ -80,8 +80,8 @@ class TableAerodynamics(AbstractAerodynamics):
         return self.tables.limits
 
     @property
-    def refuses(self) -> dict[str, tuple[float, float]]:
-        return self.tables.refuses
+    def hard_limits(self) -> dict[str, tuple[float, float]]:
+        return self.tables.hard_limits
 
 
 def read_coefficients(folder: str | Path) -> Mapping[str, GridData]:

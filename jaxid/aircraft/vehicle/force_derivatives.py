@@ -8,7 +8,7 @@ from ..._foundation.types import Array, Bool, Float
 from ..physics.rigid_body import solve_3x3
 from .airframe import Airframe
 
-MOVED = {  # states with a rate that depends on the coefficient
+AFFECTED_STATES = {  # states with a rate that depends on the coefficient
     **{"CX": ("u", "p", "q", "r"), "CY": ("v", "p", "q", "r"), "CZ": ("w", "p", "q", "r")},
     **dict.fromkeys(("Cl", "Cm", "Cn"), ("p", "q", "r")),
 }

@@ -21,7 +21,8 @@ MIN_COLUMNS = 52
 SURFACES = ("stabilator", "aileron", "rudder")
 # Largest range, relative to its size, of a mass or inertia that is taken as constant (chosen).
 CONSTANT_RANGE = 1e-2
-STAMPS = 1e-2  # relative difference of steps that is taken as rounding of the time stamps (chosen)
+# relative difference of steps that is taken as rounding of the time stamps (chosen)
+TIMESTAMP_RTOL = 1e-2
 # Constants of a record, in groups of the same size: the range of a butt line near zero is compared
 # with the fuselage station.
 CONSTANT = (("xcg", "ycg", "zcg"), ("mass",), ("Ix", "Iy", "Iz", "Ixz"), ("S",), ("b",), ("cbar",))
@@ -158,7 +159,7 @@ def _time(grid: Grid, t: np.ndarray) -> np.ndarray:
     steps = np.diff(t)
     row = int(np.argmax(np.abs(steps - np.median(steps))))
     require(
-        is_uniform(t, STAMPS),
+        is_uniform(t, TIMESTAMP_RTOL),
         f"{grid.name}, {grid.place(row + 1)}, column 1 (time): the step is {steps[row]:.6g} s, "
         f"elsewhere {np.median(steps):.6g}. "
         "The layout needs even samples: resample them to even times, or give `sample_time` where "

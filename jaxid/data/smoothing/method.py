@@ -11,7 +11,8 @@ from ..._foundation.checks import InputError, require
 from ..._foundation.grid import is_uniform
 
 MIN_SAMPLES = 8  # fewer cannot separate signal from noise (chosen)
-STAMPS = 1e-2  # relative difference of steps that is taken as rounding of the time stamps (chosen)
+# relative difference of steps that is taken as rounding of the time stamps (chosen)
+TIMESTAMP_RTOL = 1e-2
 
 
 class Smoothed(NamedTuple):
@@ -104,13 +105,13 @@ class AbstractSmoother(eqx.Module):
             "The times do not increase strictly. Sort them and remove repeated rows.",
         )
         result = self.linear(t, z)
-        freedom = len(z) - 2.0 * result.trace + float(np.sum(result.value_gain))
+        dof = len(z) - 2.0 * result.trace + float(np.sum(result.value_gain))
         require(
-            freedom > 1e-6 * len(z),  # a share (chosen) below which the noise is not identifiable
+            dof > 1e-6 * len(z),  # a share (chosen) below which the noise is not identifiable
             f"A cut-off of {result.cutoff_hz:.4g} Hz passes all of the signal, noise included. "
             "Give a lower one.",
         )
-        noise = float(np.sqrt(np.sum((z - result.value) ** 2) / freedom))
+        noise = float(np.sqrt(np.sum((z - result.value) ** 2) / dof))
         value_noise, derivative_noise = (
             noise * np.sqrt(np.maximum(gain, 0.0))
             for gain in (result.value_gain, result.derivative_gain)
@@ -126,7 +127,7 @@ def even_step(t: np.ndarray, method: str) -> float:
     steps = np.diff(t)
     mean = float(np.mean(steps))
     require(
-        is_uniform(t, STAMPS),
+        is_uniform(t, TIMESTAMP_RTOL),
         f"{method} needs evenly spaced samples, and the steps run from {steps.min():.6g} to "
         f"{steps.max():.6g} s (row "
         f"{int(np.argmax(np.abs(steps - mean)))}). Resample the record to even times, or use "

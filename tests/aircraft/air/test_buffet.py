@@ -69,5 +69,5 @@ def test_invalid_arguments_raise_error(key):
         buffet_noise(key, T, 0.0)
     with pytest.raises(InputError, match=r"bandwidth times sample time is 0\.6.*twice as fast"):
         buffet_noise(key, T, 30.0)
-    with pytest.raises(InputError, match=r"0 lines"):
-        buffet_noise(key, T, 5.0, lines=0)
+    with pytest.raises(InputError, match=r"0 sinusoids"):
+        buffet_noise(key, T, 5.0, count=0)

@@ -188,7 +188,7 @@ def test_rotations_equal_gradients_of_gust_velocities(make, key):
     # q = -dw/dx and r = dv/dx of the gust smoothed by the span, x = V t: so the integral of V r is
     # v less its lag V r/c.
     h = 0.001
-    options = {"highest": 3.0, "lines": 64} if make is von_karman else {}
+    options = {"highest": 3.0, "count": 64} if make is von_karman else {}
     gusts = np.asarray(
         jax.jit(lambda key: make(key, h * jnp.arange(4000), V, 100.0, FIXED, span=SPAN, **options))(
             key
@@ -305,7 +305,7 @@ REFUSALS = {
     "wind": (lambda: MilitaryIntensity(-3.0, 1e-3), r"wind at 20 ft is -3.0.*zero or more"),
     "probability": (lambda: MilitaryIntensity(3.0, 0.5), r"0.5.*1e-6 to 0.2"),
     "band": (lambda: gust(von_karman, highest=-1.0), r"ends at -1.0 Hz.*positive"),
-    "lines": (lambda: gust(von_karman, lines=0), r"0 lines.*at least one"),
+    "count": (lambda: gust(von_karman, count=0), r"0 sinusoids.*at least one"),
     "rate": (lambda: gust(von_karman, t=T[:1]), r"one sample time.*highest"),
     "white": (
         lambda: white_gusts(jax.random.key(0), T, {"gust_v": -1.0}),

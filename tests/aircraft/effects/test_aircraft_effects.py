@@ -33,7 +33,7 @@ from jaxid.aircraft.flight.longitudinal_flight import (
     true_aircraft,
 )
 from jaxid.aircraft.physics.frames import quaternion
-from jaxid.aircraft.vehicle.force_derivatives import MOVED
+from jaxid.aircraft.vehicle.force_derivatives import AFFECTED_STATES
 from jaxid.data import record
 from jaxid.effects import Augmented
 from jaxid.effects.library import initialise_shapes
@@ -171,7 +171,7 @@ def test_parameter_effects_refer_to_existing_parameters_with_units():
     """Only the gain of a ratio has no unit."""
     names = set(parameter_names(AIRCRAFT))
     for effect in of_type(ParameterShift, EVERY):
-        assert {effect.parameter, *(name for name, _ in effect.along)} <= names
+        assert {effect.parameter, *(name for name, _ in effect.linked)} <= names
         assert (effect.card.unit == "") == (
             "thrust" in effect.name and effect.parameter.endswith("share")
         )
@@ -182,7 +182,10 @@ def test_instrument_errors_are_located_at_their_sensor():
         effect.name: (str(effect.card.location), effect.card.signals)
         for effect in of_type(ParameterShift, EVERY)
     }
-    assert places["shift of place of the sensor of alpha along x"] == ("sensor alpha", ("alpha",))
+    assert places["shift of position of the sensor of alpha along x"] == (
+        "sensor alpha",
+        ("alpha",),
+    )
     assert places["shift of axis of the sensor of p in theta"] == ("sensor p", ("p",))
     assert places["shift of mass"] == ("parameter mass", ())
 
@@ -215,22 +218,24 @@ def test_centre_of_gravity_further_aft_pitches_up():
         rtol=1e-10,
     )
     # The accelerometer is 0.2 m further ahead, and the angular accelerations have changed.
-    (_, y, before), (_, moved, after) = evaluate(AIRCRAFT), evaluate(model)
-    moved = (moved - y)[CHANNELS.index("ax")]
+    (_, y, before), (_, affected, after) = evaluate(AIRCRAFT), evaluate(model)
+    affected = (affected - y)[CHANNELS.index("ax")]
     _, q, r = STATE[3:6]
     lever = -0.4 * (after["qdot"] - before["qdot"]) - 0.3 * (after["rdot"] - before["rdot"])
-    np.testing.assert_allclose(moved, lever - 0.2 * (q**2 + r**2), rtol=1e-10)
+    np.testing.assert_allclose(affected, lever - 0.2 * (q**2 + r**2), rtol=1e-10)
 
 
 def test_thrust_asymmetry_is_an_offset_of_one_engine_or_shares_of_two():
-    words = [effect.what for effect in of_type(ParameterShift) if "thrust" in effect.what]
+    words = [
+        effect.display_name for effect in of_type(ParameterShift) if "thrust" in effect.display_name
+    ]
     assert "symmetry of thrust" in words
-    assert "sideways place of the thrust line" not in words
+    assert "sideways position of the thrust line" not in words
     single = Aircraft(
         small_airframe(), engines=(Engine(ConstantThrust(6e4)),), controls=MeasuredSurfaces()
     )
-    words = [effect.what for effect in of_type(ParameterShift, single.effects())]
-    assert "sideways place of the thrust line" in words
+    words = [effect.display_name for effect in of_type(ParameterShift, single.effects())]
+    assert "sideways position of the thrust line" in words
     assert "symmetry of thrust" not in words
 
 
@@ -265,7 +270,7 @@ def test_reduced_rates_of_alpha_and_beta_match_differences_along_the_motion():
 
 
 def test_coefficient_gradient_is_centred_on_the_mean_of_the_records():
-    effect = CoefficientGradient(in_coefficient("CZ", MOVED["CZ"]), "mach", "alpha")
+    effect = CoefficientGradient(in_coefficient("CZ", AFFECTED_STATES["CZ"]), "mach", "alpha")
     effect = effect.initialise_shape({"mach": np.array([0.5, 0.6])}, {}, 0.05)
     effect = eqx.tree_at(lambda e: e.gain, effect, jnp.array(-2.0))
     (dx, _, signals), (with_effect, _, _) = (
@@ -277,7 +282,7 @@ def test_coefficient_gradient_is_centred_on_the_mean_of_the_records():
 
 
 def test_ground_effect_is_one_at_zero_height_and_half_at_a_sixteenth_of_the_span():
-    effect = GroundEffect(in_coefficient("CZ", MOVED["CZ"]), 100.0, 16.0)
+    effect = GroundEffect(in_coefficient("CZ", AFFECTED_STATES["CZ"]), 100.0, 16.0)
     assert effect.scalar({"altitude": 100.0}) == 1.0
     assert effect.scalar({"altitude": 101.0}) == 0.5
 

@@ -16,7 +16,7 @@ from jaxid import RK4, Adaptive, simulate
 from jaxid._foundation.checks import InputError
 from jaxid.aircraft.air.atmosphere import GRAVITY, StandardAtmosphere
 from jaxid.aircraft.air.wind import Wind
-from jaxid.aircraft.flight.aircraft import MOVED, RIGID, Aircraft
+from jaxid.aircraft.flight.aircraft import AFFECTED_STATES, RIGID, Aircraft
 from jaxid.aircraft.instruments.instruments import Instruments
 from jaxid.aircraft.physics.frames import quaternion, rotation, velocity
 from jaxid.aircraft.vehicle.controls import MeasuredSurfaces
@@ -251,14 +251,14 @@ def test_coefficient_derivatives_in_signals_match_differences():
     aircraft = glider(airframe=frame)
     x, u = in_flight(aircraft, beta=0.05), jnp.array([-0.05, 0.02, 0.01])
     signals = aircraft.signals(jnp.zeros(()), x, u)
-    for coefficient, moved in MOVED.items():
+    for coefficient, affected in AFFECTED_STATES.items():
         terms = getattr(frame.aerodynamics, coefficient)
         more = eqx.tree_at(
             lambda a, k=coefficient: getattr(a.airframe.aerodynamics, k), aircraft, plus_one(terms)
         )
         difference = np.asarray(more.rhs(jnp.zeros(()), x, u) - aircraft.rhs(jnp.zeros(()), x, u))
         for state in ("u", "v", "w", "p", "q", "r"):
-            expected = float(signals[f"{state}_per_{coefficient}"]) if state in moved else 0.0
+            expected = float(signals[f"{state}_per_{coefficient}"]) if state in affected else 0.0
             np.testing.assert_allclose(
                 difference[RIGID.index(state)], expected, rtol=1e-9, atol=1e-9
             )

@@ -8,7 +8,7 @@ import pytest
 
 from jaxid.aircraft.air.atmosphere import GRAVITY
 from jaxid.aircraft.effects.coefficient_term import CoefficientTerm
-from jaxid.aircraft.flight.longitudinal import MOVED_STATES, Longitudinal
+from jaxid.aircraft.flight.longitudinal import LONGITUDINAL_AFFECTED_STATES, Longitudinal
 from jaxid.aircraft.flight.longitudinal_flight import LONGITUDINAL_SPEED, level_trim, true_aircraft
 from jaxid.data.build import record
 from jaxid.data.units import to_si
@@ -219,7 +219,7 @@ def test_coefficient_effect_equals_a_term_of_the_polynomial(trimmed, coefficient
     effect = CoefficientTerm(
         coefficient=coefficient,
         product="alpha^2 qhat",
-        moved=MOVED_STATES[coefficient],
+        affected_states=LONGITUDINAL_AFFECTED_STATES[coefficient],
         gain=jnp.array(-3.0),
     )
     old = getattr(model, coefficient)
@@ -245,8 +245,8 @@ def test_reduced_rate_of_alpha_follows_from_the_equations(trimmed):
 @pytest.mark.parametrize(
     "effect",
     [
-        CoefficientTerm(coefficient="CZ", product="alpha^2", moved=("w",)),
-        CoefficientTerm(coefficient="CX", product="alpha elevator", moved=("u",)),
+        CoefficientTerm(coefficient="CZ", product="alpha^2", affected_states=("w",)),
+        CoefficientTerm(coefficient="CX", product="alpha elevator", affected_states=("u",)),
         Term(state="w", product="q^2"),
     ],
     ids=lambda effect: effect.name,

@@ -9,7 +9,7 @@ from small_airframe import small_airframe
 from jaxid.aircraft.airframes import f4, f16
 from jaxid.aircraft.flight.aircraft import Aircraft
 from jaxid.aircraft.flight.departure import departure_criteria
-from jaxid.aircraft.flight.report_cases import CASE_ALTITUDE, hold_alpha
+from jaxid.aircraft.flight.report_cases import CASE_ALTITUDE, trim_at_alpha
 from jaxid.aircraft.flight.simulate_flight import simulate_flight
 from jaxid.aircraft.physics.frames import quaternion, velocity
 from jaxid.aircraft.vehicle.aerodynamics import COEFFICIENTS
@@ -80,7 +80,7 @@ def test_one_stabilator_angle_balances_three_angles_of_attack():
 def pulled():
     """Two flights of 30 s from level flight at 20 deg: a pull and a rudder pulse."""
     aircraft, alpha = Aircraft(f4()), 20.0 * DEG
-    trim = hold_alpha(aircraft, alpha, CASE_ALTITUDE)
+    trim = trim_at_alpha(aircraft, alpha, CASE_ALTITUDE)
     surfaces = {"stabilator": trim.value("stabilator"), "aileron": 0.0, "rudder": 0.0}
     aircraft = aircraft.trimmed(surfaces, trim.value("thrust"))
     place = jnp.array([0.0, 0.0, CASE_ALTITUDE])

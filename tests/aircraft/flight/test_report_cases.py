@@ -14,11 +14,11 @@ from jaxid.aircraft.flight.report_cases import (
     CASE_ALTITUDE,
     CASES,
     EXAMPLES,
-    hold_alpha,
+    initial_condition,
     pilot_inputs,
     report_flight,
     settings,
-    start,
+    trim_at_alpha,
 )
 from jaxid.aircraft.flight.simulate_flight import simulate_flight
 from jaxid.aircraft.instruments.noise_levels import BASE, HIGH
@@ -150,7 +150,7 @@ def test_noise_has_the_declared_level(flights):
     """
     for case, level in (("lateral 1", BASE), ("lateral 2", HIGH)):
         flight, (t, inputs) = flights[0][case], pilot_inputs(CASES[case])
-        state = start(CASES[case])[1]
+        state = initial_condition(CASES[case])[1]
         a, b = (
             simulate_flight(flight.aircraft, t, inputs, state, key=jax.random.key(k)).record.z
             for k in (1, 2)
@@ -190,13 +190,13 @@ def test_flight_outside_the_trusted_range_warns(flights):
         report_flight("longitudinal 1", jax.random.key(0))
 
 
-def test_hold_alpha_balances_forward_force_and_pitching_moment():
+def test_trim_at_alpha_balances_forward_force_and_pitching_moment():
     """At the printed speed; with a free speed it balances the normal force too."""
     rates = eqx.filter_jit(
         lambda aircraft, state: aircraft.rhs(jnp.zeros(()), state, jnp.zeros(3))[:6]
     )
     for case in (CASES["lateral 1"], EXAMPLES["aileron doublet at 15 deg"]):
-        udot, vdot, wdot, *turning = rates(*start(case))
+        udot, vdot, wdot, *turning = rates(*initial_condition(case))
         np.testing.assert_allclose([udot, vdot, *turning], 0.0, atol=1e-9)
         if case.V is None:
             assert float(wdot) == pytest.approx(0.0, abs=1e-9)
@@ -223,10 +223,10 @@ def test_unknown_case_is_refused():
         report_flight("lateral 5", jax.random.key(0))
 
 
-def test_hold_alpha_refuses_a_negative_angle():
-    aircraft, _ = start(CASES["lateral 1"])
+def test_trim_at_alpha_refuses_a_negative_angle():
+    aircraft, _ = initial_condition(CASES["lateral 1"])
     with pytest.raises(InputError, match=r"alpha is -0.1 rad"):
-        hold_alpha(aircraft, -0.1, CASE_ALTITUDE)
+        trim_at_alpha(aircraft, -0.1, CASE_ALTITUDE)
 
 
 def test_documented_table_equals_the_settings():

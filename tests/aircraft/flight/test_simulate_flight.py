@@ -10,7 +10,7 @@ from jaxid._foundation.checks import InputError
 from jaxid.aircraft.air.atmosphere import GRAVITY
 from jaxid.aircraft.airframes import f4
 from jaxid.aircraft.flight.aircraft import Aircraft
-from jaxid.aircraft.flight.report_cases import CASES, pilot_inputs, start
+from jaxid.aircraft.flight.report_cases import CASES, initial_condition, pilot_inputs
 from jaxid.aircraft.flight.simulate_flight import flight_solution, simulate_flight
 from jaxid.aircraft.physics.frames import quaternion, velocity
 from jaxid.aircraft.vehicle.aerodynamics import COEFFICIENTS
@@ -21,7 +21,7 @@ CASE = CASES["coupled 2"]  # motion in six degrees of freedom
 
 @pytest.fixture(scope="module")
 def prepared():
-    aircraft, state = start(CASE)
+    aircraft, state = initial_condition(CASE)
     t, inputs = pilot_inputs(CASE)
     return aircraft, t, inputs, state
 

@@ -251,7 +251,7 @@ def test_candidate_effects_have_an_influence_on_the_outputs():
         "static separation (from 60%)",
         "separation with hysteresis (from 65%)",
     } <= {*names}
-    assert {"shift of moment of inertia Iy", "shift of place of the sensor of az along x"} <= {
+    assert {"shift of moment of inertia Iy", "shift of position of the sensor of az along x"} <= {
         *names
     }
     lateral = (

@@ -56,7 +56,7 @@ def test_polynomials_equal_sums_by_hand():
         "Cn.beta",
         "Cn.alpha beta",
     )
-    assert (aerodynamics.limits, aerodynamics.refuses) == ({"alpha": (0.0, 0.3)}, {})
+    assert (aerodynamics.limits, aerodynamics.hard_limits) == ({"alpha": (0.0, 0.3)}, {})
 
 
 def test_unknown_coefficient_raises_error():
@@ -73,9 +73,9 @@ def test_tables_equal_sums_by_hand(folder):
         aerodynamics.coefficients(SIGNALS), [0, 0.1 * -0.02, 0, Cl, Cm, Cn], rtol=1e-13
     )
     assert aerodynamics.limits == {"alpha": (0.0, 1.0), "beta": (-1.0, 1.0)}
-    assert aerodynamics.refuses == {}
+    assert aerodynamics.hard_limits == {}
     assert (
-        TableAerodynamics(read_coefficients(folder), extrapolation="refuse").refuses
+        TableAerodynamics(read_coefficients(folder), extrapolation="refuse").hard_limits
         == aerodynamics.limits
     )
 

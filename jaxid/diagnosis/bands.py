@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from .._foundation.checks import require_known
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels
@@ -97,7 +98,7 @@ def _by_name(names, histories) -> dict[str, Band]:
     return {name: Band(*histories[..., k]) for k, name in enumerate(names)}
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def _histories(
     problem: Problem,
     parameters: Parameters,

@@ -18,6 +18,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Bool, Float
 from ..estimation.coloured import colour_inflation
 from ..estimation.problem import Problem
@@ -55,7 +56,7 @@ class Scores(eqx.Module):
         return self.score / self.variance_inflation
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def sensitivities(
     problem: Problem, parameters: Parameters
 ) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:

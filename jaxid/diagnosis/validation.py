@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels, check_sampling
@@ -107,7 +108,7 @@ def check_window(model: AbstractModel, records: Record, window: int, unknown: in
     )
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def predict_stack(
     model: AbstractModel,
     records: Record,

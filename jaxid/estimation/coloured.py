@@ -35,8 +35,22 @@ def score_covariance(
         v: whitened residuals, zero at missing samples.
         mask: valid samples.
     """
-    count = v.shape[1]
-    spectrum = jnp.fft.rfft(tapered_covariance(v, mask), axis=0).real
+    return score_covariance_under(S, tapered_covariance(v, mask))
+
+
+def score_covariance_under(
+    S: Float[Array, "case time output parameter"], covariance: Float[Array, "lag output"]
+) -> Float[Array, "parameter parameter"]:
+    """Return the covariance of the score for a given autocovariance of the residuals.
+
+    That of several records is the sum over the records.
+
+    Args:
+        S: whitened sensitivities, zero at missing samples.
+        covariance: autocovariance of each channel, from `tapered_covariance`.
+    """
+    count = S.shape[1]
+    spectrum = jnp.fft.rfft(covariance, axis=0).real
     frequency = jnp.arange(count + 1)
     # One-sided transform: every frequency except the first and the last represents two.
     twice = jnp.where((frequency == 0) | (frequency == count), 1.0, 2.0) / (2 * count)

@@ -10,10 +10,12 @@ from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum
 from .spectrum_policy import AbstractPolicy
 
-
 # Largest share of the curvature along any direction that the estimated noise covariance may take
 # away (chosen): far from the minimum the second derivative of the cost is not positive.
 LARGEST_PROFILE = 0.9
+# Square of the length of a step, as a share of the number of samples, up to which the cost of an
+# estimated noise covariance is nearly quadratic (chosen).
+PROFILE_RANGE = 0.1
 
 
 def profiled_step(
@@ -54,9 +56,11 @@ def profiled_step(
 
     share = jax.vmap(products, out_axes=1)(*images)
     values, vectors = jnp.linalg.eigh((share + share.T) / 2)
-    remaining = 1.0 - jnp.clip(values, 0.0, LARGEST_PROFILE)
+    length = jnp.sum(own.rhs**2) + jnp.sum((weights > 0) * svd.turned**2)
+    is_near = length < PROFILE_RANGE * profile.count
+    remaining = 1.0 - jnp.where(is_near, jnp.clip(values, 0.0, LARGEST_PROFILE), 0.0)
     projected = vectors.T @ products(step.shared, step.rows)
-    amounts = vectors @ (projected / remaining)
+    amounts = is_near * (vectors @ (projected / remaining))
     return Parameters(
         step.shared + amounts @ images[0],
         step.rows + jnp.einsum("k,kco->co", amounts, images[1]),

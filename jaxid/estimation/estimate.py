@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax.core import Tracer
 
 from .._foundation.checks import InputError, require, require_float64
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
@@ -18,7 +19,6 @@ from ..models.free import Free, Parameters, initial_parameters
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum
 from ..simulation.simulate import explain_divergence
-from .coloured import score_covariance
 from .likelihoods import AbstractLikelihood
 from .problem import Problem
 from .result import Estimate
@@ -114,18 +114,17 @@ def _check_known(model: AbstractModel, records: Record, likelihood: AbstractLike
             check_samples(records)
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def fit_problem(
     problem: Problem,
     begin: Parameters,
     solver: GaussNewton,
-    S: Float[Array, "case time output column"] | None = None,
 ) -> Fit:
     """Return the fit of a problem: the jitted core of `estimate`, compiled once for each shape.
 
     The arguments are those of `minimise`.
     """
-    parameters, state = minimise(problem, begin, solver, S)
+    parameters, state = minimise(problem, begin, solver)
     linearised, policy = state.linearised, solver.policy
     information, v = linearised.information, linearised.v
     svd = (
@@ -134,7 +133,6 @@ def fit_problem(
         else _no_spectrum()
     )
     covariance = svd.covariance(policy.threshold) if begin.shared.size else jnp.zeros((0, 0))
-    shared = problem.projected(linearised)
     limits = problem.limits
     on_bound = jax.tree.map(
         lambda x, low, high: (x <= low) | (x >= high), parameters, limits.lower, limits.upper
@@ -149,7 +147,7 @@ def fit_problem(
         own_covariance=information.own.covariance(
             jnp.where(jnp.isfinite(covariance), covariance, 0.0)
         ),
-        robust_covariance=_robust_covariance(problem, shared, v, covariance),
+        robust_covariance=_robust_covariance(problem, parameters, linearised, covariance),
         noise=noise @ noise.T,
         residuals=v,
         shared_on_bound=on_bound.shared,
@@ -161,13 +159,13 @@ def fit_problem(
     )
 
 
-def _robust_covariance(problem: Problem, S, v, covariance):
+def _robust_covariance(problem: Problem, parameters: Parameters, linearised, covariance):
     """Return the covariance `C B C`, corrected for the colour of the residuals.
 
     Variances that this would make smaller than those of white residuals keep the latter value.
     """
     finite = jnp.where(jnp.isfinite(covariance), covariance, 0.0)
-    corrected = finite @ score_covariance(S, problem.whiten(v, v), problem.records.mask) @ finite
+    corrected = finite @ problem.score_covariance(parameters, linearised) @ finite
     inflation = jnp.sqrt(
         jnp.maximum(
             jnp.diagonal(corrected)

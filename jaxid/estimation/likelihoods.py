@@ -8,7 +8,10 @@ from equinox import AbstractVar
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
+from ..models.free_model import FreeModel
 from ..models.noise import AbstractNoise, DiagonalNoise
+from ..sensitivity.jacobian import value_and_jacobian
+from ..sensitivity.linearisation import Trajectory, trajectory_sensitivities
 from ..simulation.hold import AbstractHold, Linear
 from ..simulation.simulate import run
 from ..simulation.solution import Solution
@@ -29,6 +32,20 @@ class AbstractLikelihood(eqx.Module):
         self, model: AbstractModel, record: Record, initial_state: Float[Array, " state"]
     ) -> Solution:
         """Return the states of one record and the model's outputs at its samples."""
+
+    def sensitivities(
+        self, family: FreeModel, theta: Float[Array, " column"], record: Record
+    ) -> tuple[Float[Array, "time output"], Float[Array, "time output column"]]:
+        """Return the outputs of one record and their sensitivities to the free parameters.
+
+        By default `solve` is differentiated in forward mode.
+
+        Args:
+            family: the model as a function of its free parameters.
+            theta: values of the free parameters, those of this record first.
+            record: a single record.
+        """
+        return forward_sensitivities(self, family, theta, record)
 
     def compact(self) -> "AbstractLikelihood":
         """Return the same likelihood in its fastest-compiling form, for models of many effects."""
@@ -62,6 +79,14 @@ class OutputError(AbstractLikelihood):
     def solve(self, model, record, initial_state):
         return run(model, record.t, record.u, initial_state, self.hold, self.stepper)
 
+    def sensitivities(self, family, theta, record):
+        if not (theta.size and family.model.states and isinstance(self.stepper, RK4)):
+            return forward_sensitivities(self, family, theta, record)
+        model, initial_state = family(theta)
+        solution = self.solve(model, record, initial_state)
+        trajectory = Trajectory(record.t, record.u, solution.x, self.hold, self.stepper)
+        return solution.y, trajectory_sensitivities(family, theta, trajectory)
+
     def compact(self):
         return OutputError(self.noise, self.hold, self.stepper.compact())
 
@@ -71,3 +96,22 @@ class OutputError(AbstractLikelihood):
 
     def check_times(self, t):
         self.hold.check(t)
+
+
+def forward_sensitivities(
+    likelihood: AbstractLikelihood,
+    family: FreeModel,
+    theta: Float[Array, " column"],
+    record: Record,
+) -> tuple[Float[Array, "time output"], Float[Array, "time output column"]]:
+    """Return the outputs and sensitivities of one record by forward mode through `solve`.
+
+    It serves every likelihood, stepper and model, at the cost of pushing each column through the
+    whole simulation.
+    """
+
+    def outputs(theta):
+        model, initial_state = family(theta)
+        return likelihood.solve(model, record, initial_state).y
+
+    return value_and_jacobian(outputs, theta)

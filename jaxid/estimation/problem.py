@@ -4,6 +4,8 @@ Per-record parameters (`own`, `rows`) have one value per record, such as the ini
 parameters have one value for all records.
 """
 
+import math
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,15 +14,21 @@ from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free, Parameters, Positions, flat_vectors, insert
+from ..models.free_model import FreeModel
 from ..models.noise import whiten
 from ..sensitivity.information import Information, gather, record_triangles
-from ..sensitivity.jacobian import value_and_jacobian
 from ..simulation.solution import Solution
+from .coloured import score_covariance_under, tapered_covariance
 from .likelihoods import AbstractLikelihood
 
 # Distance from a bound that is due to rounding, relative to the larger of the parameter and the
 # bound (derived: eight times the spacing of float64 numbers at one).
 ROUNDING = 8 * float(jnp.finfo(jnp.float64).eps)
+
+
+# Largest size of the sensitivities of all records that are kept in memory at once (chosen). Those
+# of longer stacks are computed for some records at a time and folded into triangles.
+KEPT_BYTES = 16_000_000
 
 
 class Limits(eqx.Module):
@@ -60,12 +68,13 @@ class Linearised(eqx.Module):
     Attributes:
         v: residuals, zero where there is no valid sample.
         S: sensitivities of the outputs, not whitened. The first columns belong to the per-record
-            parameters, the last ones to the shared parameters.
+            parameters, the last ones to the shared parameters. None for a stack of records that
+            exceeds `KEPT_BYTES`.
         information: square-root information on the parameters.
     """
 
     v: Float[Array, "case time output"]
-    S: Float[Array, "case time output column"]
+    S: Float[Array, "case time output column"] | None
     information: Information
 
 
@@ -143,42 +152,102 @@ class Problem(eqx.Module):
         The first columns belong to the per-record parameters, the last ones to the shared
         parameters.
         """
-        count = self.positions.rows.size
-
-        def of_case(own, case):
-            def outputs(theta):
-                return self.solve_one(theta[:count], theta[count:], case)[0].y
-
-            return value_and_jacobian(outputs, jnp.concatenate([own, parameters.shared]))
-
-        y, S = jax.vmap(of_case)(parameters.rows, self.cases())
+        y, S = self._sensitivities(parameters.rows, parameters.shared, self.cases())
         return self._residuals(y), S
 
-    def linearise(self, parameters: Parameters) -> "Linearised":
-        """Return residuals, sensitivities and their information."""
-        return self.informed(*self.sensitivities(parameters), parameters)
+    def _sensitivities(self, rows, shared, cases):
+        """Return outputs and sensitivities of some records."""
 
-    def informed(
-        self,
-        v: Float[Array, "case time output"],
-        S: Float[Array, "case time output column"],
-        parameters: Parameters,
-    ) -> "Linearised":
-        """Return the linearised problem of given residuals and sensitivities.
+        def of_case(own, case):
+            flat, record = case
+            family = FreeModel(self.model, flat, self.positions)
+            return self.likelihood.sensitivities(family, jnp.concatenate([own, shared]), record)
+
+        return jax.vmap(of_case)(rows, cases)
+
+    def linearise(self, parameters: Parameters) -> "Linearised":
+        """Return residuals, sensitivities and their information.
 
         A parameter on a bound is held fixed if a descent of the cost would move it out of its
         bounds. If a simulation fails, the information of all records is zero.
         """
-        white_v, white_S = self.whiten(v, v), self.whiten(v, S)
+        if self.batch == self.records.n_cases:
+            v, S = self.sensitivities(parameters)
+            L = self.likelihood.noise.cholesky(v, self.records.mask)
+            triangles, profile = self._fold(S, v, self.records.mask, L)
+        else:
+            v, S = self.residuals(parameters), None
+            L = self.likelihood.noise.cholesky(v, self.records.mask)
+
+            def fold(batch):
+                rows, cases, v = batch
+                _, S = self._sensitivities(rows, parameters.shared, cases)
+                return self._fold(S, v, cases[1].mask, L)
+
+            triangles, profile = self._by_batch(fold, (parameters.rows, self.cases(), v))
+        return Linearised(v, S, self._gather(parameters, triangles, profile))
+
+    def score_covariance(
+        self, parameters: Parameters, linearised: "Linearised"
+    ) -> Float[Array, "parameter parameter"]:
+        """Return the covariance of the score of the shared parameters under coloured residuals.
+
+        Args:
+            parameters: values of the parameters.
+            linearised: the problem at these parameters.
+        """
+        v, own = linearised.v, linearised.information.own
+        mask = self.records.mask
+        L = self.likelihood.noise.cholesky(v, mask)
+        covariance = tapered_covariance(whiten(L, v, mask), mask)
+
+        def of_records(S, own, mask):
+            return score_covariance_under(self._projected(whiten(L, S, mask), own), covariance)
+
+        if linearised.S is not None:
+            return of_records(linearised.S, own, mask)
+
+        def of_batch(batch):
+            rows, cases, own = batch
+            _, S = self._sensitivities(rows, parameters.shared, cases)
+            return of_records(S, own, cases[1].mask)[None]
+
+        return jnp.sum(self._by_batch(of_batch, (parameters.rows, self.cases(), own)), axis=0)
+
+    @property
+    def batch(self) -> int:
+        """Number of records whose sensitivities are in memory at once: a divisor of all."""
+        n_cases, *shape = self.records.z.shape
+        columns = self.positions.rows.size + self.positions.shared.size
+        largest = max(KEPT_BYTES // max(8 * math.prod(shape) * columns, 1), 1)
+        sizes = range(1, min(n_cases, largest) + 1)
+        return max(size for size in sizes if n_cases % size == 0)
+
+    def _by_batch(self, function, arguments):
+        """Return the results of a function of some records, for all records."""
+        size = self.batch
+        batches = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), arguments)
+        results = jax.lax.map(function, batches)
+        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), results)
+
+    def _fold(self, S, v, mask, L):
+        """Return the triangles of some records, and their rows of the noise's curvature."""
+        white_v, white_S = whiten(L, v, mask), whiten(L, S, mask)
         count = self.positions.rows.size
         triangles = record_triangles(white_S[..., :count], white_S[..., count:], white_v)
+        return triangles, self.likelihood.noise.profile_rows(white_S, white_v, mask)
+
+    def _gather(self, parameters: Parameters, triangles, profile) -> Information:
+        """Return the information of all records and priors, parameters on bounds held fixed."""
+        mask = self.records.mask
         finite = jnp.all(jnp.isfinite(triangles))
         triangles = jnp.where(finite, triangles, 0.0)
-        profile = self.likelihood.noise.profile_rows(white_S, white_v, self.records.mask)
-        profile = jnp.where(finite, profile, 0.0)
+        weights = jnp.sqrt(self.likelihood.noise.profile_weights(mask))
+        profile = jnp.where(finite, profile, 0.0) * weights[None, :, None]
         held = self._held(parameters, triangles)
+        count = jnp.min(jnp.sum(mask, axis=(0, 1))) * 1.0
         prior = self.prior_rows(parameters)
-        return Linearised(v, S, gather(triangles, prior, held.rows, held.shared, profile))
+        return gather(triangles, prior, held.rows, held.shared, profile, count)
 
     def whiten(
         self, v: Float[Array, "case time output"], rows: Float[Array, "case time output *column"]
@@ -198,10 +267,12 @@ class Problem(eqx.Module):
         coloured residuals and for noise of the inputs must not include it.
 
         Args:
-            linearised: the problem at one set of parameters.
+            linearised: the problem at one set of parameters, with its sensitivities.
         """
-        white = self.whiten(linearised.v, linearised.S)
-        count, own = self.positions.rows.size, linearised.information.own
+        return self._projected(self.whiten(linearised.v, linearised.S), linearised.information.own)
+
+    def _projected(self, white, own):
+        count = self.positions.rows.size
         return white[..., count:] - jnp.einsum(
             "ctjo,cok,ckp->ctjp", white[..., :count], own.inverse, own.coupling
         )

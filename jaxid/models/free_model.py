@@ -1,4 +1,4 @@
-"""`FreeModel`: the model and the initial state of one record as functions of the free parameters."""
+"""`FreeModel`: model and initial state of one record as functions of the free parameters."""
 
 from collections.abc import Sequence
 
@@ -119,9 +119,7 @@ class FreeModel(eqx.Module):
 
 def flattened(arrays: Leaves, axes: int) -> Float[Array, "*axes element"]:
     """Return arrays with some leading axes in common as one array, their other axes flattened."""
-    return jnp.concatenate(
-        [leaf.reshape(*leaf.shape[:axes], -1) for leaf in arrays], axis=-1
-    )
+    return jnp.concatenate([leaf.reshape(*leaf.shape[:axes], -1) for leaf in arrays], axis=-1)
 
 
 def unit_elements(leaves: Leaves) -> Leaves:

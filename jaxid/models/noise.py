@@ -45,8 +45,9 @@ class AbstractNoise(eqx.Module):
     ) -> Float[Array, "case row column"]:
         """Return rows `C` of each record by which an estimated R changes the curvature of the cost.
 
-        The second derivative of the cost of a linear model, with R at its estimate for each value
-        of the parameters, is `M - C'C`, with C summed over the records. A given R has no such rows.
+        With R at its estimate for each value of the parameters, the second derivative of the cost
+        of a linear model is `M - C' diag(w) C`, with C summed over the records and w from
+        `profile_weights`. A given R has no such rows.
 
         Args:
             white_S: whitened sensitivities, zero at missing samples.
@@ -54,6 +55,10 @@ class AbstractNoise(eqx.Module):
             mask: valid samples.
         """
         return jnp.zeros((white_S.shape[0], 0, white_S.shape[-1]))
+
+    def profile_weights(self, mask: Bool[Array, "case time output"]) -> Float[Array, " row"]:
+        """Return the weights `w` of the rows of `profile_rows`, from the samples of all records."""
+        return jnp.zeros(0)
 
     def check(self, mask: Bool[Array, "case time output"], outputs: tuple[str, ...]) -> None:
         """Refuse data that this noise model does not support."""
@@ -115,9 +120,10 @@ class DiagonalNoise(AbstractNoise):
 
     def profile_rows(self, white_S, white_v, mask):
         # cost of a channel: N/2 log v'v, whose second derivative is N S'(I - 2 v v'/v'v) S / v'v
-        count = jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)
-        gradients = jnp.einsum("ctjp,ctj->cjp", white_S, white_v)
-        return jnp.sqrt(2.0 / count)[None, :, None] * gradients
+        return jnp.einsum("ctjp,ctj->cjp", white_S, white_v)
+
+    def profile_weights(self, mask):
+        return 2.0 / jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)
 
     def _variances(self, v, mask):
         count = jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)
@@ -148,16 +154,16 @@ class FullNoise(AbstractNoise):
         return 0.5 * count * (log_det + v.shape[-1])
 
     def profile_rows(self, white_S, white_v, mask):
-        # N/2 d^2 log det(V'V) along a direction d: the term of second order in W'Sd + (W'Sd)', with
-        # one row for each channel and for each pair of channels
-        complete = jnp.all(mask, axis=-1)
-        count = jnp.maximum(jnp.sum(complete), 1)
-        weighted = jnp.where(complete[..., None], white_v, 0.0)
+        # second derivative of N/2 log det(V'V): one row for each channel and each pair of channels
+        weighted = jnp.where(jnp.all(mask, axis=-1)[..., None], white_v, 0.0)
         products = jnp.einsum("ctip,ctj->cijp", white_S, weighted)
         first, second = jnp.triu_indices(products.shape[1])
-        pairs = products[:, first, second] + products[:, second, first]
-        weight = jnp.where(first == second, 0.5, 1.0) / count
-        return jnp.sqrt(weight)[None, :, None] * pairs
+        return products[:, first, second] + products[:, second, first]
+
+    def profile_weights(self, mask):
+        first, second = jnp.triu_indices(mask.shape[-1])
+        count = jnp.maximum(jnp.sum(jnp.all(mask, axis=-1)), 1)
+        return jnp.where(first == second, 0.5, 1.0) / count
 
     def check(self, mask, outputs):
         require(not _gaps(mask), _GAPS.format(where=_gap_names(mask, outputs)))

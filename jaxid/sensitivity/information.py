@@ -61,10 +61,12 @@ class Profile(eqx.Module):
     Attributes:
         shared: columns of the shared parameters.
         own: columns of each record's own unknowns.
+        count: smallest number of valid samples of a channel.
     """
 
     shared: Float[Array, "row parameter"]
     own: Float[Array, "*case row own"]
+    count: Float[Array, ""]
 
 
 class Information(eqx.Module):
@@ -138,7 +140,8 @@ def gather(
     extra: Float[Array, "row shared_column"],
     fixed_own: Bool[Array, "case own"],
     fixed_shared: Bool[Array, " parameter"],
-    profile_rows: Float[Array, "case row column"] | None = None,
+    profile_rows: Float[Array, "case channel free"] | None = None,
+    count: Float[Array, ""] | None = None,
 ) -> Information:
     """Eliminate the own unknowns of each record and sum the remaining information.
 
@@ -148,16 +151,18 @@ def gather(
         fixed_own, fixed_shared: unknowns that may not move now (they stand on a bound), whose
             columns are left out.
         profile_rows: from `AbstractNoise.profile_rows`; none by default.
+        count: smallest number of valid samples of a channel, for `profile_rows`.
     """
-    count = fixed_own.shape[1]
+    n_own = fixed_own.shape[1]
     if profile_rows is None:
         profile_rows = jnp.zeros((triangles.shape[0], 0, triangles.shape[-1] - 1))
     profile = Profile(
-        jnp.sum(profile_rows[..., count:], axis=0) * ~fixed_shared[None],
-        profile_rows[..., :count] * ~fixed_own[:, None],
+        jnp.sum(profile_rows[..., n_own:], axis=0) * ~fixed_shared[None],
+        profile_rows[..., :n_own] * ~fixed_own[:, None],
+        jnp.zeros(()) if count is None else count,
     )
     keep = jnp.concatenate([~fixed_shared, jnp.array([True])])
-    own, remainders = jax.vmap(lambda factor, fixed: _eliminate(factor, fixed, keep, count))(
+    own, remainders = jax.vmap(lambda factor, fixed: _eliminate(factor, fixed, keep, n_own))(
         triangles, fixed_own
     )
     factor = stack_factors(remainders)

@@ -78,7 +78,10 @@ class Differentiation(NamedTuple):
         return cls(function, family, (rows, x.size, u.size), subset, by_input, many)
 
     def linearise(self, leaves: Leaves, t, x, u):
-        """Return the values of the function at many points, and its linearisations there."""
+        """Return the values of the function at many points, and its linearisations there.
+
+        The linearisation of a linear function holds no array, so the times of the points are added.
+        """
         own = tuple(leaves[index] for index in self.subset)
 
         def of(t, x, u, own):
@@ -101,21 +104,24 @@ class Differentiation(NamedTuple):
                 by_leaves = jax.linearize(lambda own: of(t, x, u, own), own)[1]
             return value, (by_state, by_input, by_leaves)
 
-        return jax.vmap(backward if self.reverse else forward)(t, x, u)
+        value, linear = jax.vmap(backward if self.reverse else forward)(t, x, u)
+        return value, (linear, t)
 
     def apply(self, linear) -> Jacobians:
         """Return the Jacobians from the linearisations at many points."""
         rows, states, inputs = self.sizes
+        linear, t = linear
         if self.reverse:
-            pull = jax.vmap(lambda row: jax.vmap(lambda back: back(row))(linear), out_axes=1)
+            pull = jax.vmap(lambda row: jax.vmap(lambda back, _: back(row))(linear, t), out_axes=1)
             A, *B_u, own = pull(jnp.eye(rows))
             B_u = B_u[0] if B_u else None
             B = self.family.select(flattened(own, 2), self.subset) if own else None
         else:
             by_state, by_input, by_leaves = linear
-            A = _push(by_state, jnp.eye(states))
-            B_u = None if by_input is None else _push(by_input, jnp.eye(inputs))
-            B = None if by_leaves is None else _push(by_leaves, self.family.tangents(self.subset))
+            tangents = self.family.tangents(self.subset)
+            A = _push(by_state, t, jnp.eye(states))
+            B_u = None if by_input is None else _push(by_input, t, jnp.eye(inputs))
+            B = None if by_leaves is None else _push(by_leaves, t, tangents)
         if B is None:
             B = jnp.zeros((*A.shape[:2], self.family.n_columns))
         return Jacobians(A, B_u, B)
@@ -162,13 +168,13 @@ def by_elements(function: Callable[..., Any], leaves: Leaves, acting: tuple[int,
     return push(unit_elements(own))
 
 
-def _push(linear, directions) -> Float[Array, "point row direction"]:
+def _push(linear, t, directions) -> Float[Array, "point row direction"]:
     """Return the images of directions under linear functions, one function per point.
 
     Points are the last axis of all operations, which is long and contiguous.
     """
 
     def image(direction):
-        return jax.vmap(lambda function: function(direction), out_axes=-1)(linear)
+        return jax.vmap(lambda function, _: function(direction), out_axes=-1)(linear, t)
 
     return jnp.moveaxis(jax.vmap(image, out_axes=1)(directions), -1, 0)

@@ -203,7 +203,7 @@ def _step(A, B, length):
 
     `M_s` is the derivative of the state after the step by the rate of stage s.
     """
-    h, eye = length[:, None, None], jnp.eye(A.shape[-1])
+    h, eye = length[:, None, None], jnp.eye(A.shape[-1])[None]
     M, Phi, G = h / 6 * eye, eye, 0.0
     for stage in (3, 2, 1, 0):
         product = M @ A[stage]

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax.core import Tracer
 
 from .._foundation.checks import InputError, require, require_float64
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Float, Numbers
 from ..models.base import AbstractModel, as_float, canonical
 from ..models.equation_shapes import check_equations
@@ -82,7 +83,7 @@ def simulate(
     return _cases(model, t, u, initial_state, between, integrator)
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def _cases(model, t, u, initial_state, hold, stepper) -> Solution:
     """Return the solution of one case or, with leading axes, of many.
 

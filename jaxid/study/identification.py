@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..data.stack import stack
@@ -240,7 +241,7 @@ class _AtStart(NamedTuple):
     F: Float[Array, " parameter"]
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def _at_start(problem: Problem) -> _AtStart:
     initial = initial_parameters(problem.model, problem.positions, problem.records)
     cost, linearised = problem.evaluate(initial)

@@ -1,0 +1,153 @@
+"""Sensitivities by linearised steps equal those by forward mode through the whole simulation."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from small_spring import Spring
+
+from jaxid import OutputError, record
+from jaxid._foundation.compiler import fast_compile_jit
+from jaxid._foundation.dependence import depends_on, returns_argument
+from jaxid.effects import Augmented, general_effects
+from jaxid.estimation.estimate import as_stack
+from jaxid.estimation.likelihoods import forward_sensitivities
+from jaxid.estimation.problem import Problem
+from jaxid.models import Free, Parameters, free
+from jaxid.models.free_model import FreeModel
+from jaxid.models.names import parameter_names
+from jaxid.sensitivity import jacobians
+from jaxid.simulation import RK4, BandLimited, Cubic, Linear, ZeroOrder
+
+TOLERANCE = 1e-10  # of the largest entry of each column
+
+
+class TwoSensors(Spring):
+    """The spring with an accelerometer, whose output depends on the rate of the state."""
+
+    outputs = ("x", "a")
+
+    def output(self, t, x, u):
+        return self.output_given(t, x, u, self.rhs(t, x, u))
+
+    def output_given(self, t, x, u, dx):
+        return jnp.stack([x[0], dx[1]])
+
+
+def a_record(model, samples=150, inputs=("force",)):
+    rng = np.random.default_rng(3)
+    t = 0.1 * np.arange(samples)
+    u = np.convolve(rng.normal(size=samples), np.ones(8) / 2.5, "same")[:samples, None]
+    z = rng.normal(size=(samples, len(model.outputs)))
+    z[rng.random(z.shape) < 0.2] = np.nan
+    return record(t, u, z, inputs=inputs, outputs=model.outputs)
+
+
+def with_library(gain):
+    """The spring with its whole library, all gains of the same size."""
+    spring = TwoSensors(1.5, 0.2)
+    effects = general_effects(spring, ("v",))
+    scaled = tuple(eqx.tree_at(lambda e: e.gain, effect, jnp.array(gain)) for effect in effects)
+    return Augmented(spring, scaled)
+
+
+def difference(model, names, likelihood, rec):
+    """Largest difference of both sensitivities, relative to the largest entry of each column."""
+    chosen = Free(tuple(names), ("initial_state.x", "initial_state.v"))
+    problem = Problem.of(model, chosen, as_stack(rec), likelihood)
+    flat, case = jax.tree.map(lambda leaf: leaf[0], problem.cases())
+    family = FreeModel(problem.model, flat, problem.positions)
+    theta = jnp.concatenate([jnp.array([0.3, -0.1]), flat[problem.positions.shared]])
+
+    @fast_compile_jit
+    def both(family, theta, case):
+        return problem.likelihood.sensitivities(family, theta, case), forward_sensitivities(
+            problem.likelihood, family, theta, case
+        )
+
+    (y, S), (expected_y, expected) = both(family, theta, case)
+    np.testing.assert_allclose(y, expected_y, rtol=1e-12, atol=1e-12)
+    scale = jnp.max(jnp.abs(expected), axis=(0, 1))
+    assert jnp.count_nonzero(scale) > 2
+    error = jnp.max(jnp.abs(S - expected), axis=(0, 1)) / jnp.where(scale > 0, scale, 1.0)
+    return dict(zip((*chosen.per_record, *names), np.asarray(error), strict=True))
+
+
+@pytest.mark.parametrize(
+    "hold", [Linear(), ZeroOrder(), Cubic(), BandLimited()], ids=lambda hold: type(hold).__name__
+)
+def test_whole_library_equals_forward_mode(hold):
+    """All columns at once: reverse mode over the equations."""
+    model = with_library(0.003)
+    names = [name for name in parameter_names(model)]
+    errors = difference(
+        model, names, OutputError(hold=hold, stepper=RK4(unrolled=False)), a_record(model)
+    )
+    assert max(errors.values()) < TOLERANCE, max(errors, key=errors.__getitem__)
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("reverse_from", [0, 10**6], ids=["reverse", "forward"])
+@pytest.mark.parametrize("samples", [2, 63, 64, 130])
+def test_modes_substeps_and_blocks_equal_forward_mode(monkeypatch, samples, reverse_from, substeps):
+    monkeypatch.setattr(jacobians, "REVERSE_FROM", reverse_from)
+    model = TwoSensors(1.5, 0.2)
+    rec = a_record(model, samples)
+    errors = difference(model, ["k", "c"], OutputError(stepper=RK4(substeps)), rec)
+    assert max(errors.values()) < TOLERANCE
+
+
+def test_positions_beyond_the_model_are_columns_of_zeros():
+    """A selection of the same size with a parameter switched off shares the compiled program."""
+    model = TwoSensors(1.5, 0.2)
+    chosen = free(model, "k", "c")
+    problem = Problem.of(model, chosen, as_stack(a_record(model)), OutputError())
+    beyond = eqx.tree_at(
+        lambda p: p.positions.shared, problem, jnp.array([0, 10**6], problem.positions.shared.dtype)
+    )
+    at = Parameters(jnp.array([1.5, 0.0]), jnp.zeros((1, 0)))
+    _, S = beyond.sensitivities(at)
+    _, complete = problem.sensitivities(Parameters(jnp.array([1.5, 0.2]), jnp.zeros((1, 0))))
+    assert jnp.all(S[..., 1] == 0.0)
+    np.testing.assert_allclose(S[..., 0], complete[..., 0], rtol=1e-12)
+
+
+def test_records_in_batches_give_same_information(monkeypatch):
+    """Sensitivities of a few records at a time are folded into the same triangles."""
+    model = TwoSensors(1.5, 0.2)
+    records = as_stack([a_record(model) for _ in range(6)])
+    problem = Problem.of(model, free(model, "k", "c"), records, OutputError())
+    at = Parameters(jnp.array([1.4, 0.25]), jnp.zeros((6, 0)))
+    together = problem.linearise(at)
+    monkeypatch.setattr("jaxid.estimation.problem.KEPT_BYTES", 3 * 150 * 2 * 2 * 8)
+    assert problem.batch == 3
+    in_batches = problem.linearise(at)
+    assert in_batches.S is None
+    assert together.S is not None
+    np.testing.assert_allclose(
+        in_batches.information.factor, together.information.factor, rtol=1e-10, atol=1e-10
+    )
+    np.testing.assert_allclose(
+        problem.score_covariance(at, in_batches),
+        problem.score_covariance(at, together),
+        rtol=1e-9,
+    )
+
+
+def test_dependence_follows_calls_and_arithmetic():
+    def function(a, b, c):
+        inner = jax.jit(lambda x, y: (x + 1.0, y * 2.0))
+        first, _ = inner(a, b)
+        return first, c.shape[0] * 1.0
+
+    arguments = (jnp.ones(2), jnp.ones(2), jnp.ones(2))
+    assert depends_on(function, arguments) == (True, False, False)
+    assert depends_on(
+        lambda a, b: jax.lax.scan(lambda x, y: (x + y, y), a, b)[0], (1.0, jnp.ones(3))
+    ) == (True, True)
+
+
+def test_unchanged_argument_is_recognised():
+    assert returns_argument(lambda y: y, jnp.ones(3))
+    assert not returns_argument(lambda y: y + 0.0, jnp.ones(3))

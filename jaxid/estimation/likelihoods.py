@@ -80,7 +80,8 @@ class OutputError(AbstractLikelihood):
         return run(model, record.t, record.u, initial_state, self.hold, self.stepper)
 
     def sensitivities(self, family, theta, record):
-        if not (theta.size and family.model.states and isinstance(self.stepper, RK4)):
+        linearised = isinstance(self.stepper, RK4) and self.stepper.unrolled
+        if not (linearised and theta.size and family.model.states):
             return forward_sensitivities(self, family, theta, record)
         model, initial_state = family(theta)
         solution = self.solve(model, record, initial_state)

@@ -81,9 +81,7 @@ def test_whole_library_equals_forward_mode(hold):
     """All columns at once: reverse mode over the equations."""
     model = with_library(0.003)
     names = [name for name in parameter_names(model)]
-    errors = difference(
-        model, names, OutputError(hold=hold, stepper=RK4(unrolled=False)), a_record(model)
-    )
+    errors = difference(model, names, OutputError(hold=hold), a_record(model))
     assert max(errors.values()) < TOLERANCE, max(errors, key=errors.__getitem__)
 
 

@@ -119,12 +119,13 @@ def fit_problem(
     problem: Problem,
     begin: Parameters,
     solver: GaussNewton,
+    S: Float[Array, "case time output column"] | None = None,
 ) -> Fit:
     """Return the fit of a problem: the jitted core of `estimate`, compiled once for each shape.
 
     The arguments are those of `minimise`.
     """
-    parameters, state = minimise(problem, begin, solver)
+    parameters, state = minimise(problem, begin, solver, S)
     linearised, policy = state.linearised, solver.policy
     information, v = linearised.information, linearised.v
     svd = (

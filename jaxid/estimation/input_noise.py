@@ -88,7 +88,7 @@ def added_covariance(
         covariance: of the shared parameters.
         sigma: standard deviation of the white noise of each input.
     """
-    linearised = problem.linearise(parameters)
+    linearised = problem.informed(*problem.sensitivities(parameters), parameters)
     weights = problem.projected(linearised) @ jnp.where(jnp.isfinite(covariance), covariance, 0.0)
 
     def estimated(u):

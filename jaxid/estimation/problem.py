@@ -172,20 +172,28 @@ class Problem(eqx.Module):
         bounds. If a simulation fails, the information of all records is zero.
         """
         if self.batch == self.records.n_cases:
-            v, S = self.sensitivities(parameters)
-            L = self.likelihood.noise.cholesky(v, self.records.mask)
-            triangles, profile = self._fold(S, v, self.records.mask, L)
-        else:
-            v, S = self.residuals(parameters), None
-            L = self.likelihood.noise.cholesky(v, self.records.mask)
+            return self.informed(*self.sensitivities(parameters), parameters)
+        v = self.residuals(parameters)
+        L = self.likelihood.noise.cholesky(v, self.records.mask)
 
-            def fold(batch):
-                rows, cases, v = batch
-                _, S = self._sensitivities(rows, parameters.shared, cases)
-                return self._fold(S, v, cases[1].mask, L)
+        def fold(batch):
+            rows, cases, v = batch
+            _, S = self._sensitivities(rows, parameters.shared, cases)
+            return self._fold(S, v, cases[1].mask, L)
 
-            triangles, profile = self._by_batch(fold, (parameters.rows, self.cases(), v))
-        return Linearised(v, S, self._gather(parameters, triangles, profile))
+        folded = self._by_batch(fold, (parameters.rows, self.cases(), v))
+        return Linearised(v, None, self._gather(parameters, *folded))
+
+    def informed(
+        self,
+        v: Float[Array, "case time output"],
+        S: Float[Array, "case time output column"],
+        parameters: Parameters,
+    ) -> "Linearised":
+        """Return the linearised problem of given residuals and sensitivities of all records."""
+        L = self.likelihood.noise.cholesky(v, self.records.mask)
+        folded = self._fold(S, v, self.records.mask, L)
+        return Linearised(v, S, self._gather(parameters, *folded))
 
     def score_covariance(
         self, parameters: Parameters, linearised: "Linearised"
@@ -225,10 +233,15 @@ class Problem(eqx.Module):
 
     def _by_batch(self, function, arguments):
         """Return the results of a function of some records, for all records."""
-        size = self.batch
-        batches = jax.tree.map(lambda leaf: leaf.reshape(-1, size, *leaf.shape[1:]), arguments)
-        results = jax.lax.map(function, batches)
-        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), results)
+        n_cases, size = self.records.n_cases, self.batch
+
+        def split(leaf):
+            return leaf.reshape(n_cases // size, size, *leaf.shape[1:])
+
+        def join(leaf):
+            return leaf.reshape(leaf.shape[0] * leaf.shape[1], *leaf.shape[2:])
+
+        return jax.tree.map(join, jax.lax.map(function, jax.tree.map(split, arguments)))
 
     def _fold(self, S, v, mask, L):
         """Return the triangles of some records, and their rows of the noise's curvature."""

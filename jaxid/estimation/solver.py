@@ -28,8 +28,12 @@ SMALLEST_STEP = 2.0**-24
 GIVE_UP = 2.0**-10
 # Rounding of a cost, which is a sum over many samples, relative to its size.
 COST_ROUNDING = 64 * float(jnp.finfo(jnp.float64).eps)
+# Distance in tolerances within which sensitivities at other parameters are reused; chosen.
+REUSE_DISTANCE = 100.0
 # In tolerances: a parameter this close to its bound, in standard errors, is set to it; chosen.
 ON_BOUND = 1e-3
+# Reused sensitivities after which more than this share of the step remains are renewed; chosen.
+REFRESH_SHARE = 0.25
 
 
 class Evaluation(optx.FunctionInfo.EvalGradHessian):
@@ -45,6 +49,11 @@ class State(eqx.Module):
         trial: parameters of the next evaluation of the likelihood.
         cost, linearised: cost and linearised problem at the last accepted parameters.
         decrement: length of the full step at the last accepted parameters [standard errors].
+        drift: upper bound of the distance from the parameters at which the sensitivities were
+            computed [standard errors].
+        renew: True if the next evaluation computes the sensitivities; its trial then is the last
+            accepted point.
+        ending: True if the iteration ends once the sensitivities are renewed.
         search, descent: states of the search and of the descent.
         first: True before the first evaluation.
         converged, stuck, diverged: the reason for which the iteration ended.
@@ -56,6 +65,9 @@ class State(eqx.Module):
     cost: Float[Array, ""]
     linearised: Linearised
     decrement: Float[Array, ""]
+    drift: Float[Array, ""]
+    renew: Bool[Array, ""]
+    ending: Bool[Array, ""]
     search: Any
     descent: Any
     first: Bool[Array, ""]
@@ -78,6 +90,14 @@ class GaussNewton(eqx.Module):
             (zero: never). Where a model has corners, steps stay short, and the last thousandth of a
             unit of log-likelihood is not worth them.
         max_steps: largest number of evaluations of the likelihood.
+        chord: reuse the sensitivities for more than one step. A trial is then simulated for its
+            residuals alone, at a small part of the cost of the sensitivities. Sensitivities from
+            more than 100 tolerances away are computed again when a step is refused, when the step
+            remaining after it is longer than a quarter of the previous one, or before the iteration
+            ends. This compiles one more simulation, and under `vmap` it saves nothing. (The chord
+            method between Newton's steps: V. E. Shamanskii, Ukrainian Mathematical Journal 19,
+            1967; C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations, SIAM 1995,
+            section 5.4.)
     """
 
     policy: AbstractPolicy = eqx.field(default_factory=Clip)
@@ -87,6 +107,7 @@ class GaussNewton(eqx.Module):
     tolerance: float = eqx.field(static=True, default=1e-6)
     least_fall: float = eqx.field(static=True, default=0.0)
     max_steps: int = eqx.field(static=True, default=200)
+    chord: bool = eqx.field(static=True, default=False)
 
 
 class Minimiser(optx.AbstractMinimiser):
@@ -97,21 +118,28 @@ class Minimiser(optx.AbstractMinimiser):
     tolerance: float = eqx.field(static=True)
     least_fall: float = eqx.field(static=True)
     max_steps: int = eqx.field(static=True)
+    chord: bool = eqx.field(static=True)
     rtol: float = eqx.field(static=True, default=0.0)
     atol: float = eqx.field(static=True, default=0.0)
     norm: Callable = eqx.field(static=True, default=optx.max_norm)
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
         problem: Problem = args
-        structure = jax.eval_shape(lambda y: _evaluate(problem, y)[1], y)
+        structure = jax.eval_shape(partial(self._linearise, problem), y)
         empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), structure)
         evaluation = _evaluation(jnp.zeros(()), empty.information)
+        known = options.get("S")
+        if known is not None:
+            empty = eqx.tree_at(lambda linearised: linearised.S, empty, known)
         true, false, history = jnp.array(True), jnp.array(False), jnp.full(self.max_steps, jnp.nan)
         return State(
             trial=problem.project(y),
             cost=jnp.array(jnp.inf),
             linearised=empty,
             decrement=jnp.array(jnp.inf),
+            drift=jnp.array(0.0),
+            renew=true if known is None else ~jnp.all(jnp.isfinite(known)),
+            ending=false,
             search=self.search.init(y, evaluation),
             descent=self.descent.init(y, evaluation),
             first=true,
@@ -125,7 +153,7 @@ class Minimiser(optx.AbstractMinimiser):
 
     def step(self, fn, y, args, options, state, tags):
         problem: Problem = args
-        cost, trial = _evaluate(problem, state.trial)
+        cost, trial = self._evaluate(problem, state)
         # Costs that differ by rounding count as equal; otherwise the last, smallest steps would be
         # refused at random.
         slack = jnp.where(jnp.isfinite(cost), COST_ROUNDING * jnp.abs(cost), 0.0)
@@ -134,8 +162,8 @@ class Minimiser(optx.AbstractMinimiser):
         step_size, accept, _, search = self.search.step(
             state.first, y, state.trial, before, trial_evaluation, state.search
         )
-        accept = state.first | (accept & jnp.isfinite(cost))
-        moved, optional = accept & ~state.first, state.descent[2]
+        accept = state.first | state.renew | (accept & jnp.isfinite(cost))
+        moved, optional = accept & ~state.first & ~state.renew, state.descent[2]
 
         choose = partial(jax.tree.map, partial(jnp.where, accept))
         y, new_cost, linearised = choose(
@@ -143,20 +171,34 @@ class Minimiser(optx.AbstractMinimiser):
         )
         decrement = self.descent.decrement(linearised.information)
         small_gain = moved & ~optional & (jnp.abs(state.cost - cost) < self.least_fall)
-        done = (decrement < self.tolerance) | small_gain
+        close = REUSE_DISTANCE * self.tolerance
+        # An old direction can be poor and gain little, so it does not end the iteration.
+        small_gain_ends = small_gain & (state.drift <= close)
+        done = (decrement < self.tolerance) | small_gain_ends
+        drift = self._drift(state, moved)
+        near = drift <= close
+        renew = ~near & (
+            ~accept
+            | done
+            | small_gain
+            | (decrement < close)
+            | (decrement > REFRESH_SHARE * state.decrement)
+        )
 
-        turn = ~accept & state.descent[4] & (step_size < SMALLEST_STEP)
-        skip = ~accept & optional & (step_size < GIVE_UP) & ~turn
+        refused = ~accept & ~renew
+        turn = refused & state.descent[4] & (step_size < SMALLEST_STEP)
+        skip = refused & optional & (step_size < GIVE_UP) & ~turn
         evaluation = _evaluation(new_cost, linearised.information)
         query = self.descent.query(y, evaluation, state.descent)
         turned = self.descent.turn(evaluation, state.descent)
         descent = jax.tree.map(partial(jnp.where, accept | skip), query, state.descent)
         descent = jax.tree.map(partial(jnp.where, turn), turned, descent)
         skip = skip | turn
-        search = jax.tree.map(partial(jnp.where, skip), self.search.init(y, before), search)
-        step_size = jnp.where(skip, 1.0, step_size)
-        difference, _ = self.descent.step(step_size, descent)
-        row = jnp.where(accept, state.accepted, self.max_steps)
+        search = jax.tree.map(partial(jnp.where, skip | renew), self.search.init(y, before), search)
+        step_size = jnp.where(skip | renew, 1.0, step_size)
+        difference, _ = self.descent.step(jnp.where(renew, 0.0, step_size), descent)
+        repeated = state.renew & ~state.first  # the accepted parameters, evaluated again
+        row = jnp.where(accept, state.accepted - repeated, self.max_steps)
         new = State(
             trial=problem.project(
                 jax.tree.map(jnp.add, y, difference),
@@ -166,17 +208,51 @@ class Minimiser(optx.AbstractMinimiser):
             cost=new_cost,
             linearised=linearised,
             decrement=decrement,
+            drift=drift,
+            renew=renew,
+            ending=small_gain_ends,
             search=search,
             descent=descent,
             first=jnp.array(False),
-            converged=accept & done & jnp.isfinite(new_cost),
+            converged=accept & near & (done | state.ending) & jnp.isfinite(new_cost),
             stuck=step_size < SMALLEST_STEP,
             diverged=state.first & ~jnp.isfinite(cost),
-            accepted=state.accepted + accept,
+            accepted=state.accepted + (accept & ~repeated),
             costs=state.costs.at[row].set(new_cost, mode="drop"),
             decrements=state.decrements.at[row].set(decrement, mode="drop"),
         )
         return y, new, None
+
+    def _drift(self, state: State, moved: Bool[Array, ""]) -> Float[Array, ""]:
+        """Return the distance from the parameters of the sensitivities after a trial.
+
+        It is an upper bound [standard errors].
+        """
+        if not self.chord:
+            return state.drift
+        return jnp.where(state.renew, 0.0, state.drift + jnp.where(moved, state.decrement, 0.0))
+
+    def _evaluate(self, problem: Problem, state: State) -> tuple[Float[Array, ""], Linearised]:
+        """Return the trial's cost and linearised problem.
+
+        With `chord`, the sensitivities are computed only when `state.renew` is true.
+        """
+        if not self.chord:
+            linearised = self._linearise(problem, state.trial)
+            return problem.cost_of(linearised.v, state.trial), linearised
+        v, S = jax.lax.cond(
+            state.renew,
+            lambda trial: _sensitivities(problem, trial),
+            lambda trial: (problem.residuals(trial), state.linearised.S),
+            state.trial,
+        )
+        return problem.cost_of(v, state.trial), problem.informed(v, S, state.trial)
+
+    def _linearise(self, problem: Problem, y: Parameters) -> Linearised:
+        """Return the linearised problem; `chord` keeps the sensitivities of all records."""
+        if self.chord:
+            return problem.informed(*_sensitivities(problem, y), y)
+        return _linearise(problem, y)
 
     def terminate(self, fn, y, args, options, state, tags):
         return state.converged | state.stuck | state.diverged, optx.RESULTS.successful
@@ -185,13 +261,19 @@ class Minimiser(optx.AbstractMinimiser):
         return y, aux, {}
 
 
-def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[Parameters, State]:
+def minimise(
+    problem: Problem,
+    begin: Parameters,
+    solver: GaussNewton,
+    S: Float[Array, "case time output column"] | None = None,
+) -> tuple[Parameters, State]:
     """Return the best parameters of a problem and the last state of the solver.
 
     Args:
         problem: the estimation problem.
         begin: the initial parameters.
         solver: options of the iteration.
+        S: sensitivities at the initial parameters, used by a solver with `chord`; NaN if unknown.
     """
     minimiser = Minimiser(  # pyright: ignore[reportCallIssue]  (as in effects/library.py)
         SpectrumDescent(
@@ -204,12 +286,14 @@ def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[
         solver.tolerance,
         solver.least_fall,
         solver.max_steps,
+        solver.chord,
     )
     solution = optx.minimise(
         lambda y, problem: jnp.zeros(()),  # for its shape; the minimiser evaluates the problem
         minimiser,
         begin,
         args=problem,
+        options={"S": S},
         max_steps=solver.max_steps,
         throw=False,
     )
@@ -217,9 +301,15 @@ def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[
 
 
 @eqx.filter_jit
-def _evaluate(problem: Problem, y: Parameters):
-    """Return cost and linearised problem; a separate function, so that it is traced once."""
-    return problem.evaluate(y)
+def _sensitivities(problem: Problem, y: Parameters):
+    """Return residuals and sensitivities; a separate function, so that it is traced once."""
+    return problem.sensitivities(y)
+
+
+@eqx.filter_jit
+def _linearise(problem: Problem, y: Parameters) -> Linearised:
+    """Return the linearised problem; a separate function, so that it is traced once."""
+    return problem.linearise(y)
 
 
 def _evaluation(cost, information: Information) -> Evaluation:

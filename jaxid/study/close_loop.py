@@ -45,7 +45,7 @@ from .workbench import Workbench
 
 # The tolerance is in standard errors; a decision needs no smaller one. Effects with corners make
 # the solver reject steps, hence the number of steps.
-SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100)
+SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
 Records = Record | Sequence[Record]
 
 

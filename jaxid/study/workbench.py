@@ -229,7 +229,7 @@ class Workbench(LoopProblem):
             from_declared: True if the search for the noise model starts from the values of the fit
                 and from the declared values, instead of the default start.
         """
-        problem, parameters, _ = self._fit_arguments(
+        problem, parameters, *_ = self._fit_arguments(
             fitted.effects, fitted.values, fitted.fit.parameters.rows, reduced=True
         )
         values, chosen = np.array(fitted.values), [*fitted.columns]
@@ -281,7 +281,26 @@ class Workbench(LoopProblem):
         if rows is None:
             rows = initial_parameters(problem.model, problem.positions, problem.records).rows
         parameters = Parameters(shared, rows)
-        return problem, parameters, self.solver
+        return (
+            problem,
+            parameters,
+            self.solver,
+            self._known_sensitivities(problem, chosen, values, parameters),
+        )
+
+    def _known_sensitivities(
+        self, problem: Problem, chosen: Sequence[int], values, parameters: Parameters
+    ):
+        """Sensitivities of the latest pass if a fit starts at its parameters, else NaN."""
+        records, width = problem.records, parameters.shared.size
+        if self.latest_pass is not None:
+            fitted, (at_problem, at, (_, S)) = self.latest_pass
+            same = np.array_equal(fitted.values, values) and at.rows is parameters.rows
+            if same and at_problem.records is records:
+                own, padding = len(self.rows), width - len(chosen)
+                columns = np.r_[np.arange(own), own + np.array(chosen, int)]
+                return jnp.pad(S[..., columns], ((0, 0), (0, 0), (0, 0), (0, padding)))
+        return jnp.full((*records.z.shape, len(self.rows) + width), jnp.nan, float)
 
     def _signals(self, fitted: Fitted):
         """Signals of the model over all training records, and the valid samples of the measured

@@ -2,6 +2,7 @@
 three others.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -17,8 +18,10 @@ from reference_estimation import (
 )
 
 from jaxid.data import record, stack
-from jaxid.estimation import OutputError, estimate
+from jaxid.estimation import GaussNewton, OutputError, estimate
+from jaxid.estimation import solver as solver_of_estimation
 from jaxid.estimation.problem import Limits, Problem
+from jaxid.estimation.solver import minimise
 from jaxid.models import DiagonalNoise, FixedNoise, FullNoise, Parameters, free
 from jaxid.models.base import canonical
 from jaxid.simulation import RK4, ZeroOrder
@@ -54,8 +57,12 @@ def predict_joint(made):
     return predict
 
 
+SOLVERS = {"every step": GaussNewton(), "chord": GaussNewton(chord=True)}
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("case", NOISES)
-def test_estimate_equals_scipy_least_squares(case, seed):
+def test_estimate_equals_scipy_least_squares(case, solver, seed):
     noise, gaps, covariance = NOISES[case]
     made = pendulum_records(np.random.default_rng(seed), gaps)
     begin = np.array([3.5, 0.2, 1.2, 0.3, 0.1, -0.1, 0.8])
@@ -64,7 +71,9 @@ def test_estimate_equals_scipy_least_squares(case, seed):
     )
     model = Pendulum(stiffness=3.5, damping=0.2, torque=1.2)
     chosen = free(model, "stiffness", "damping", "torque", per_record=("initial_state",))
-    ours = estimate(model, chosen, as_records(made, model), OutputError(noise=noise))
+    ours = estimate(
+        model, chosen, as_records(made, model), OutputError(noise=noise), solver=SOLVERS[solver]
+    )
     assert bool(ours.successful), ours.status
     np.testing.assert_allclose(ours.values, theirs.theta[:3], rtol=1e-6)
     np.testing.assert_allclose(ours.own.reshape(-1), theirs.theta[3:], rtol=1e-6, atol=1e-8)
@@ -80,6 +89,37 @@ def problem_of(model, chosen, records, likelihood):
     return Problem(
         model, chosen.positions(model), records, likelihood, Limits.of(chosen, records.n_cases)
     )
+
+
+def test_known_sensitivities_save_first_pass_and_change_nothing(seed, monkeypatch):
+    """With NaN for them they are made; with those of the start, none are made before the first
+    step; the answer is one.
+    """
+    made = pendulum_records(np.random.default_rng(seed), gaps=True)
+    model = Pendulum(stiffness=3.5, damping=0.2, torque=1.2)
+    chosen = free(model, "stiffness", "damping", "torque", per_record=("initial_state",))
+    problem = problem_of(model, chosen, as_records(made, model), OutputError())
+    begin = Parameters(jnp.array([3.5, 0.2, 1.2]), jnp.array([[0.3, 0.1], [-0.1, 0.8]]))
+    solver = GaussNewton(chord=True)
+    _, S = problem.sensitivities(begin)
+    passes, results = [], []
+
+    def counted(problem, y):
+        jax.debug.callback(lambda: passes.append(1))
+        return problem.sensitivities(y)
+
+    monkeypatch.setattr(solver_of_estimation, "_sensitivities", counted)
+    for known in (jnp.full(S.shape, jnp.nan, float), S):
+        passes.clear()
+        ours, state = minimise(problem, begin, solver, known)
+        jax.effects_barrier()
+        assert bool(state.converged)
+        assert len(passes) < int(state.accepted), "old sensitivities served for no step"
+        results.append((ours, state.linearised.S, len(passes)))
+    (ours, final, count), (theirs, also, fewer) = results
+    assert fewer == count - 1
+    np.testing.assert_allclose(theirs.shared, ours.shared, rtol=1e-12)
+    np.testing.assert_allclose(also, final, rtol=1e-9, atol=1e-12)
 
 
 def test_sensitivities_equal_complex_steps_and_finite_differences(seed):

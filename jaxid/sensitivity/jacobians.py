@@ -14,9 +14,10 @@ from .._foundation.dependence import depends_on
 from .._foundation.types import Array, Float
 from ..models.free_model import FreeModel, Leaves, flattened, unit_elements
 
-# Columns per equation from which reverse mode is faster (measured on aircraft with 9 to 17 states:
-# equal at three columns per equation without effects, 1.3 times as fast at two with 60 effects).
-REVERSE_FROM = 3
+# Columns per equation from which reverse mode is used. Measured: half as fast as forward mode at
+# three columns per equation where each parameter is an element taken from a vector, equal there
+# where parameters are multiplied as a vector, 1.3 times as fast at three with 60 effects.
+REVERSE_FROM = 6
 # Elements per column in the leaves beyond which reverse mode computes too much for nothing: a
 # table with one free element (chosen).
 WASTE = 4

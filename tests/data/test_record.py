@@ -149,7 +149,7 @@ def test_invalid_arguments_are_refused_with_channel_and_remedy(case):
 
 
 def test_single_precision_is_refused():
-    with jax.enable_x64(False), pytest.raises(InputError, match=r"float32.*jax_enable_x64"):
+    with jax.enable_x64(False), pytest.raises(InputError, match=r"float32.*jaxid\.configure\(\)"):
         simple()
 
 

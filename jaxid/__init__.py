@@ -1,10 +1,11 @@
 """Differentiable system identification: estimate, find the effect that the model lacks, add it.
 
-Work in float64: `jax.config.update("jax_enable_x64", True)` before the first array is made.
+Call `configure()` before the first array is made: jaxid computes in float64.
 """
 
 from . import data, diagnosis, effects, models, structure, study
 from ._foundation.checks import InputError
+from ._foundation.configuration import configure
 from .data import (
     Record,
     from_xarray,
@@ -37,6 +38,8 @@ from .simulation import RK4, Adaptive, hold, simulate
 from .study import Identification, LoopOptions, Outcome, Study, close_loop, consistency, identify
 
 __all__ = [  # noqa: RUF022 (grouped by subject)
+    # Set-up
+    "configure",
     # Modules: the rest of the library, by subject
     "data",
     "diagnosis",

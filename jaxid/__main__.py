@@ -1,7 +1,6 @@
 """Command line: find the effect that a model lacks, add it, and report the errors."""
 
 import dataclasses
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -15,23 +14,16 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-jax.config.update("jax_enable_x64", True)
-# A second run reuses the compiled functions.
-CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "jaxid"
-jax.config.update(
-    "jax_compilation_cache_dir", os.environ.get("JAX_COMPILATION_CACHE_DIR", str(CACHE))
-)
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
-
-from ._foundation.checks import InputError  # noqa: E402
-from ._foundation.types import Array  # noqa: E402
-from .aircraft import model_of  # noqa: E402
-from .aircraft.flight.coupled_flight import coupled_flight  # noqa: E402
-from .aircraft.flight.longitudinal_flight import longitudinal_flight  # noqa: E402
-from .aircraft.flight.simulated_flight import SimulatedFlight, realised_noise  # noqa: E402
-from .data.io.study import read_study  # noqa: E402
-from .estimation import OutputError  # noqa: E402
-from .measured import emps, silverbox, tanks  # noqa: E402
+from ._foundation.checks import InputError
+from ._foundation.configuration import configure
+from ._foundation.types import Array
+from .aircraft import model_of
+from .aircraft.flight.coupled_flight import coupled_flight
+from .aircraft.flight.longitudinal_flight import longitudinal_flight
+from .aircraft.flight.simulated_flight import SimulatedFlight, realised_noise
+from .data.io.study import read_study
+from .estimation import OutputError
+from .measured import emps, silverbox, tanks
 
 try:
     from .report import require_new, write_json, write_study
@@ -44,8 +36,8 @@ except ModuleNotFoundError as missing:
         file=sys.stderr,
     )
     raise SystemExit(2) from None
-from .study import Study, close_loop  # noqa: E402
-from .study.from_file import BuiltIn, case_of  # noqa: E402
+from .study import Study, close_loop
+from .study.from_file import BuiltIn, case_of
 
 app = typer.Typer(add_completion=False, no_args_is_help=False, pretty_exceptions_enable=False)
 console = Console(stderr=True)
@@ -246,6 +238,7 @@ def _deliver(study: Study, title: str, json: Path | None, out: Path | None) -> N
 def main() -> None:
     """Run the command line; invalid input gives one sentence instead of a traceback."""
     try:
+        configure()
         app()
     except InputError as error:
         console.print(f"[bold red]jaxid:[/] {error}", soft_wrap=True)

@@ -46,6 +46,7 @@ DISTRICTS = {  # of a domain, from the lowest to the highest
     ),
 }
 ENTRY = "__main__.py"
+CONFIGURATION = "_foundation/configuration.py"  # `configure`, which the user calls
 
 HOMES = {
     "diffrax": ("simulation/*",),
@@ -70,7 +71,7 @@ SOLVERS = {"diffrax", "optimistix", "lineax"}
 PUBLIC_ONLY = {"diffrax", "equinox", "jax", "jaxlib", "lineax", "optimistix"}
 
 MEMORY = "_foundation/memory.py"  # reads the memory of this process; no user's file
-FILE_HOMES = ("data/io*", "data/datasets*", "report/*", ENTRY, MEMORY)
+FILE_HOMES = ("data/io*", "data/datasets*", "report/*", ENTRY, MEMORY, CONFIGURATION)
 FILE_METHODS = {
     *(
         "open",
@@ -306,15 +307,18 @@ def public_interfaces(source: Source) -> Iterator[Finding]:
 
 
 def no_config(source: Source) -> Iterator[Finding]:
-    """Settings belong to the user; the check for float64 may read one."""
-    if source.place == ENTRY:
+    """Settings belong to the user: one file changes them, and the check for float64 reads one."""
+    if source.place == CONFIGURATION:
         return
     for line, dotted in _used(source):
         reads_x64 = (
             source.place == "_foundation/checks.py" and dotted == "jax.config.jax_enable_x64"
         )
         touches = dotted == "jax.config" or dotted.startswith(
-            ("jax.config.", "jax.enable_x64", "jax.experimental.enable_")
+            (
+                *("jax.config.", "jax.enable_x64", "jax.experimental.enable_"),
+                "jax.experimental.compilation_cache",
+            )
         )
         if touches and not reads_x64:
             yield line, f"{dotted}: library code leaves JAX's settings alone"

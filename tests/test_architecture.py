@@ -48,12 +48,15 @@ def test_counted_words_are_rare_in_documents():
 CLEAN = {
     "__init__.py": '"""A package."""\n\n'
     'from .study.identify import identify\n\n__all__ = ["identify"]\n',
-    "__main__.py": "import jax\n\n"
+    "__main__.py": "from ._foundation.configuration import configure\n"
     "from .aircraft.flight.fly import fly\nfrom .report.table import table\n\n"
-    'jax.config.update("jax_enable_x64", True)\n'
+    "configure()\n"
     'print(table(fly()))\nopen("out.txt", "w").close()\n',
     "_foundation/__init__.py": "",
     "_foundation/checks.py": "import jax\n\n\ndef wide():\n    return jax.config.jax_enable_x64\n",
+    "_foundation/configuration.py": "import os\n\nimport jax\n\n\n"
+    "def configure():\n"
+    '    os.makedirs("cache")\n    jax.config.update("jax_enable_x64", True)\n',
     "_foundation/results.py": "import optimistix as optx\n\nRESULTS = optx.RESULTS\n",
     "data/__init__.py": "",
     "data/record.py": "import numpy as np\n\n\n"
@@ -322,6 +325,18 @@ PLANTS = [
         "_foundation/checks.py",
         "jax.config.jax_enable_x64 = True",
         "leaves JAX's settings alone",
+    ),
+    Plant(
+        "no_config",
+        "__main__.py",
+        'import jax\njax.config.update("jax_enable_x64", True)',
+        "jax.config.update: library",
+    ),
+    Plant(
+        "no_config",
+        "study/identify.py",
+        "from jax.experimental.compilation_cache import compilation_cache",
+        "jax.experimental.compilation_cache.compilation_cache: library",
     ),
     Plant(
         "no_config",

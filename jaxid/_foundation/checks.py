@@ -31,10 +31,9 @@ def require_float64() -> None:
     """
     require(
         bool(jax.config.jax_enable_x64),  # pyright: ignore[reportAttributeAccessIssue]
-        "jaxid computes in float64, and JAX is set to float32. Switch it on before the first array "
-        "is made: "
-        'jax.config.update("jax_enable_x64", True), or set the environment variable '
-        "JAX_ENABLE_X64=1.",
+        "jaxid computes in float64, and JAX is set to float32. Call `jaxid.configure()` before the "
+        "first array is made; to change only the precision, "
+        '`jax.config.update("jax_enable_x64", True)` or the environment variable JAX_ENABLE_X64=1.',
     )
 
 

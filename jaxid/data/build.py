@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require, require_float64, require_known, require_unique
+from .._foundation.host import to_device
+from .._foundation.types import Array
 from .record import Record
 from .units import to_si
 
@@ -75,10 +76,10 @@ def record(
             "it out of `outputs`."
         )
     return Record(
-        t=jnp.asarray(time),
-        u=jnp.asarray(u_si),
-        z=jnp.asarray(np.where(mask, z_si, 0.0)),
-        mask=jnp.asarray(mask),
+        t=to_device(np.array(time)),  # a copy: `time` may be the user's array
+        u=to_device(np.array(u_si)),
+        z=to_device(np.where(mask, z_si, 0.0)),
+        mask=to_device(mask),
         constants={
             key: _constant(key, value, units.get(key, ""), where)
             for key, value in constants.items()
@@ -234,7 +235,7 @@ def _require_numbers(array: np.ndarray, names: Sequence[str], where: str) -> Non
         )
 
 
-def _constant(key: str, value: Any, unit: str, where: str) -> jnp.ndarray:
+def _constant(key: str, value: Any, unit: str, where: str) -> Array:
     """One constant of the record in SI."""
     number = _numbers(value, [key], where)
     require(
@@ -245,4 +246,4 @@ def _constant(key: str, value: Any, unit: str, where: str) -> jnp.ndarray:
         bool(np.isfinite(number)),
         f"{where}: constant {key!r} is {number}. Give a finite number, or leave it out.",
     )
-    return jnp.asarray(to_si(number, unit, key)[0])
+    return to_device(np.array(to_si(number, unit, key)[0]))

@@ -7,12 +7,12 @@ from typing import SupportsIndex
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
 from .._foundation.checks import require, require_known
 from .._foundation.grid import holes
+from .._foundation.host import on_host
 from .._foundation.types import Array, Bool, Float, Int
 
 
@@ -64,7 +64,7 @@ class Record(eqx.Module):
     @property
     def samples(self) -> Int[Array, "*case"]:
         """Number of rows of each case without its padding, shape (*case,)."""
-        return 1 + jnp.sum(jnp.diff(self.t, axis=-1) > 0, axis=-1)
+        return _samples(self.t)
 
     def anonymous(self) -> "Record":
         """The same record without its name, so that a function compiled for it can be used for
@@ -86,9 +86,8 @@ class Record(eqx.Module):
         """
         require_known("channel", [name], (*self.inputs, *self.outputs))
         if name in self.inputs:
-            return self.u[..., self.inputs.index(name)]
-        k = self.outputs.index(name)
-        return jnp.where(self.mask[..., k], self.z[..., k], jnp.nan)
+            return _column(self.u, None, index=self.inputs.index(name))
+        return _column(self.z, self.mask, index=self.outputs.index(name))
 
     def window(self, start: int, stop: int | None = None) -> "Record":
         """Rows `start` to `stop - 1` of a single record, with their times unchanged.
@@ -134,8 +133,8 @@ class Record(eqx.Module):
             -count <= index < count,
             f"There is no case {index} in a stack of {count}. Choose 0 to {count - 1}.",
         )
-        leaves = {key: getattr(self, key)[index] for key in ("t", "u", "z", "mask")}
-        constants = {key: value[index] for key, value in self.constants.items()}
+        leaves = {key: _case(getattr(self, key), index=index) for key in ("t", "u", "z", "mask")}
+        constants = {key: _case(value, index=index) for key, value in self.constants.items()}
         case = _replace(self, **leaves, constants=constants, names=(self.names[index],))
         return case if isinstance(case.t, Tracer) else _rows(case, 0, int(case.samples))
 
@@ -159,9 +158,33 @@ def _replace(record: Record, **changes: object) -> Record:
 
 def _rows(record: Record, start: int, stop: int) -> Record:
     """Rows of a single record."""
+    keys = ("t", "u", "z", "mask")
     return _replace(
-        record, **{key: getattr(record, key)[start:stop] for key in ("t", "u", "z", "mask")}
+        record, **{key: _slice(getattr(record, key), start=start, stop=stop) for key in keys}
     )
+
+
+@on_host
+def _samples(xp, t):
+    """Return the number of rows of each case without its padding, which repeats the last time."""
+    return 1 + xp.sum(xp.diff(t, axis=-1) > 0, axis=-1)
+
+
+@on_host
+def _column(xp, values, mask, index: int):
+    """Return one channel, NaN where there is no valid sample."""
+    column = values[..., index]
+    return column if mask is None else xp.where(mask[..., index], column, xp.nan)
+
+
+@on_host
+def _case(xp, values, index: int):
+    return values[index]
+
+
+@on_host
+def _slice(xp, values, start: int, stop: int):
+    return values[start:stop]
 
 
 def _describe(record: Record) -> str:

@@ -8,11 +8,10 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
-from .._foundation.types import Array
+from .._foundation.host import on_host
 from .record import Record
 
 
@@ -67,11 +66,11 @@ def _padded_stack(records: tuple[Record, ...], rows: int) -> Record:
     """The stack of records with the same layout, padded to a number of rows."""
     first = records[0]
     return Record(
-        t=jnp.stack([_pad(r.t, rows, repeat=True) for r in records]),
-        u=jnp.stack([_pad(r.u, rows, repeat=True) for r in records]),
-        z=jnp.stack([_pad(r.z, rows) for r in records]),
-        mask=jnp.stack([_pad(r.mask, rows) for r in records]),
-        constants={key: jnp.stack([r.constants[key] for r in records]) for key in first.constants},
+        t=_padded([r.t for r in records], rows=rows, mode="edge"),
+        u=_padded([r.u for r in records], rows=rows, mode="edge"),
+        z=_padded([r.z for r in records], rows=rows, mode="constant"),
+        mask=_padded([r.mask for r in records], rows=rows, mode="constant"),
+        constants={key: _stacked([r.constants[key] for r in records]) for key in first.constants},
         inputs=first.inputs,
         outputs=first.outputs,
         input_units=first.input_units,
@@ -208,10 +207,16 @@ def segment(record: Record, seconds: float | int) -> tuple[Record, ...]:
     )
 
 
-def _pad(array: Array, rows: int, repeat: bool = False) -> Array:
-    """Append rows up to a number of rows: copies of the last row (repeat), or zeros."""
-    width = [(0, rows - array.shape[0])] + [(0, 0)] * (array.ndim - 1)
-    return jnp.pad(array, width, mode="edge") if repeat else jnp.pad(array, width)
+@on_host
+def _padded(xp, arrays, rows: int, mode: str):
+    """Stack arrays, each padded to a number of rows by its last row (`edge`) or by zeros."""
+    widths = ([(0, rows - len(array))] + [(0, 0)] * (array.ndim - 1) for array in arrays)
+    return xp.stack([xp.pad(*pair, mode=mode) for pair in zip(arrays, widths, strict=True)])
+
+
+@on_host
+def _stacked(xp, arrays):
+    return xp.stack(arrays)
 
 
 def _require_same_layout(first: Record, other: Record, i: int) -> None:

@@ -5,10 +5,12 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import on_host
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
@@ -191,9 +193,14 @@ def _no_spectrum() -> Spectrum:
 def as_stack(records: Record | Sequence[Record]) -> Record:
     """Return one record or a sequence of records as a stack."""
     if isinstance(records, Record):
-        return records if records.is_stack else jax.tree.map(lambda leaf: leaf[None], records)
+        return records if records.is_stack else jax.tree.map(_with_case_axis, records)
     require(len(records) > 0, "There is no record to estimate from. Give at least one.")
     return stack(list(records))
+
+
+@on_host
+def _with_case_axis(xp, leaf):
+    return xp.expand_dims(leaf, 0)
 
 
 def check_channels(model: AbstractModel, records: Record) -> None:
@@ -236,7 +243,7 @@ def check_samples(records: Record) -> None:
     Raises:
         InputError: with the name of the output.
     """
-    observed = jnp.any(records.mask, axis=(0, 1))
+    observed = np.any(np.asarray(records.mask), axis=(0, 1))
     for name, valid in zip(records.outputs, observed, strict=True):
         require(
             bool(valid),

@@ -9,10 +9,12 @@ import math
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from .._foundation.host import on_host
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
-from ..models.base import AbstractModel, canonical
+from ..models.base import AbstractModel, as_float, canonical
 from ..models.free import Free, Parameters, Positions, flat_vectors, insert
 from ..models.free_model import FreeModel
 from ..models.noise import whiten
@@ -48,17 +50,18 @@ class Limits(eqx.Module):
     def of(cls, free: Free, n_cases: int) -> "Limits":
         """Return the limits of the free parameters, those per record repeated `n_cases` times."""
 
-        def repeated(vector):
-            return jnp.broadcast_to(vector, (n_cases, vector.size))
+        @on_host
+        def repeated(xp, vector):
+            return xp.broadcast_to(vector, (n_cases, vector.size))
 
         shared, per_record = free.bounds("shared"), free.bounds("per_record")
-        nan, inf = jnp.asarray(jnp.nan), jnp.asarray(jnp.inf)
+        priors = [free.prior.get(name, (0.0, np.inf)) for name in free.shared]
         return cls(
             Parameters(shared[0], repeated(per_record[0])),
             Parameters(shared[1], repeated(per_record[1])),
-            jnp.array([free.scale.get(name, nan) for name in free.shared], float),
-            jnp.array([free.prior.get(name, (0.0, inf))[0] for name in free.shared], float),
-            jnp.array([free.prior.get(name, (0.0, inf))[1] for name in free.shared], float),
+            as_float([free.scale.get(name, np.nan) for name in free.shared]),
+            as_float([mean for mean, _ in priors]),
+            as_float([deviation for _, deviation in priors]),
         )
 
 

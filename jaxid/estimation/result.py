@@ -1,10 +1,11 @@
 """`Estimate`: parameter estimates with standard errors and diagnostics."""
 
 import equinox as eqx
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 from .._foundation.checks import require
+from .._foundation.host import on_host
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
@@ -82,28 +83,26 @@ class Estimate(eqx.Module):
     ) -> "Estimate":
         """Return the estimate of a fit, with names."""
         positions = free.positions(model)
-        flat = flat_vectors(model, records)[0]
+        flat = flat_vectors(model, records)
         units = model.units()
-        deviation = jnp.sqrt(jnp.diagonal(fit.covariance))
-        deviation = jnp.where(fit.shared_on_bound, jnp.nan, deviation)
+        deviation = _deviations(fit.covariance, fit.shared_on_bound)
         lower, upper = free.bounds("shared")
-        distance = jnp.minimum(fit.parameters.shared - lower, upper - fit.parameters.shared)
-        own_deviation = jnp.sqrt(jnp.diagonal(fit.own_covariance, axis1=-2, axis2=-1))
+        own = _first(fit.parameters.rows)
         return cls(
-            model=insert(model, flat, positions, fit.parameters.shared, fit.parameters.rows[0])[0],
+            model=insert(model, _first(flat), positions, fit.parameters.shared, own)[0],
             free=free,
             names=free.shared,
             units=tuple(units.get(name, "") for name in free.shared),
             values=fit.parameters.shared,
             standard_errors=deviation,
-            corrected_errors=jnp.where(
-                fit.shared_on_bound, jnp.nan, jnp.sqrt(jnp.diagonal(fit.robust_covariance))
-            ),
+            corrected_errors=_deviations(fit.robust_covariance, fit.shared_on_bound),
             covariance=fit.covariance,
             on_bound=fit.shared_on_bound,
-            near_bound=~fit.shared_on_bound & (distance < NEAR_BOUND * deviation),
+            near_bound=_near_bound(
+                fit.parameters.shared, lower, upper, deviation, fit.shared_on_bound
+            ),
             own=fit.parameters.rows,
-            own_errors=jnp.where(fit.own_on_bound, jnp.nan, own_deviation),
+            own_errors=_deviations(fit.own_covariance, fit.own_on_bound),
             noise=fit.noise,
             cost=fit.cost,
             information=fit.information,
@@ -121,23 +120,23 @@ class Estimate(eqx.Module):
     @property
     def successful(self) -> Bool[Array, "*batch"]:
         """True where the iteration converged, on a bound or not."""
-        return (self.result == RESULTS.successful) | (self.result == RESULTS.at_bound)
+        (codes,) = jax.tree.leaves(self.result)
+        return _is_one_of(codes, jax.tree.leaves((RESULTS.successful, RESULTS.at_bound)))
 
     @property
     def status(self) -> str:
         """Outcome and remedy in one sentence."""
-        return "converged" if bool(self.result == RESULTS.successful) else RESULTS[self.result]
+        return RESULTS[self.result] or "converged"  # the sentence of success is empty
 
     @property
     def F(self) -> Float[Array, "*batch parameter"]:
         """F-values `(value / standard error)^2` (Eq. 6.7)."""
-        return (self.values / self.standard_errors) ** 2
+        return _squared_ratio(self.values, self.standard_errors)
 
     @property
     def correlation(self) -> Float[Array, "*batch parameter parameter"]:
         """Correlations between the shared parameters."""
-        deviation = jnp.sqrt(jnp.diagonal(self.covariance, axis1=-2, axis2=-1))
-        return self.covariance / (deviation[..., :, None] * deviation[..., None, :])
+        return _correlation(self.covariance)
 
     @property
     def weak_directions(self) -> tuple[str, ...]:
@@ -149,8 +148,9 @@ class Estimate(eqx.Module):
         if not inside.size:
             return ()
         names = tuple(self.names[index] for index in inside)
-        scale = 1.0 / self.spectrum.scale[inside]
-        svd = spectrum(self.information.triangle[:, inside], self.information.rhs, scale)
+        scale = 1.0 / np.asarray(self.spectrum.scale)[inside]
+        factor = np.asarray(self.information.factor)  # [T r]
+        svd = spectrum(factor[:, inside], factor[:, -1], scale)
         return weak_directions(names, np.asarray(self.values)[inside], svd, self.threshold)
 
     @property
@@ -159,10 +159,9 @@ class Estimate(eqx.Module):
 
         It is infinite where R is known.
         """
-        samples = jnp.sum(self.mask, axis=(-3, -2, -1))
-        shared = jnp.sum(~self.on_bound, axis=-1)
-        own = jnp.sum(~jnp.isnan(self.own_errors), axis=(-2, -1))
-        return jnp.where(self.noise_known, jnp.inf, (samples - shared - own) * 1.0)
+        return _degrees_of_freedom(
+            self.mask, self.on_bound, self.own_errors, noise_known=self.noise_known
+        )
 
     def interval(
         self, level: float = 0.95, *, coloured: bool = False
@@ -200,23 +199,22 @@ class Estimate(eqx.Module):
         upper = 0.5 * (1.0 + level)
         errors = self.corrected_errors if coloured else self.standard_errors
         if self.noise_known:
-            width = float(ndtri(upper)) * errors
+            factor = np.asarray(ndtri(upper))
         else:
             nu = np.asarray(self.degrees_of_freedom)
             enough = nu > 0
             safe = np.where(enough, nu, 1.0)
             samples = np.sum(np.asarray(self.mask), axis=(-3, -2, -1))
             factor = np.where(enough, stdtrit(safe, upper) * np.sqrt(samples / safe), np.nan)
-            width = jnp.asarray(factor)[..., None] * errors
-        return jnp.stack([self.values - width, self.values + width], axis=-1)
+        return _interval(self.values, errors, factor)
 
     def value(self, name: str) -> float:
         """Return the value of one shared parameter, by name."""
-        return float(self.values[self.names.index(name)])
+        return float(np.asarray(self.values)[self.names.index(name)])
 
     def standard_error(self, name: str) -> float:
         """Return the standard error of one shared parameter, by name."""
-        return float(self.standard_errors[self.names.index(name)])
+        return float(np.asarray(self.standard_errors)[self.names.index(name)])
 
     @property
     def parameters(self) -> Parameters:
@@ -225,7 +223,7 @@ class Estimate(eqx.Module):
 
     def __str__(self) -> str:
         if self.values.ndim > 1:
-            good = int(jnp.sum(self.successful))
+            good = int(np.sum(np.asarray(self.successful)))
             names = ", ".join(self.names)
             return f"Estimate of {self.values.shape[0]} cases, {good} successful: {names}"
         width = max([len(name) for name in self.names] + [9])
@@ -233,15 +231,8 @@ class Estimate(eqx.Module):
             f"{'parameter':<{width}} {'value':>13} {'std. error':>11} {'coloured':>11} "
             f"{'F':>10}  unit"
         ]
-        rows = zip(
-            self.names,
-            self.values,
-            self.standard_errors,
-            self.corrected_errors,
-            self.F,
-            self.units,
-            strict=True,
-        )
+        columns = (self.values, self.standard_errors, self.corrected_errors, self.F)
+        rows = zip(self.names, *map(np.asarray, columns), self.units, strict=True)
         for name, value, error, coloured, F, unit in rows:
             lines.append(
                 f"{name:<{width}} {value:>13.6g} {error:>11.3g} {coloured:>11.3g} "
@@ -287,3 +278,57 @@ class Estimate(eqx.Module):
                 "with it can cover less than they state."
             )
         return lines
+
+
+@on_host
+def _first(xp, rows):
+    """Return the first row."""
+    return rows[0]
+
+
+@on_host
+def _deviations(xp, covariance, on_bound):
+    """Return the standard deviations of a covariance, NaN for parameters on a bound."""
+    deviation = xp.sqrt(xp.diagonal(covariance, axis1=-2, axis2=-1))
+    return xp.where(on_bound, xp.nan, deviation)
+
+
+@on_host
+def _near_bound(xp, values, lower, upper, deviation, on_bound):
+    """True for parameters inside their bounds within `NEAR_BOUND` standard errors of one."""
+    distance = xp.minimum(values - lower, upper - values)
+    return ~on_bound & (distance < NEAR_BOUND * deviation)
+
+
+@on_host
+def _is_one_of(xp, codes, options):
+    """True for codes that are equal to one of the options."""
+    return xp.any(xp.stack([codes == option for option in options]), axis=0)
+
+
+@on_host
+def _squared_ratio(xp, values, errors):
+    return xp.square(values / errors)
+
+
+@on_host
+def _correlation(xp, covariance):
+    """Return the correlations of a covariance."""
+    deviation = xp.sqrt(xp.diagonal(covariance, axis1=-2, axis2=-1))
+    return covariance / (deviation[..., :, None] * deviation[..., None, :])
+
+
+@on_host
+def _degrees_of_freedom(xp, mask, on_bound, own_errors, noise_known: bool):
+    """Return the number of valid measurements less that of the free parameters, or infinity."""
+    samples = xp.sum(mask, axis=(-3, -2, -1))
+    shared = xp.sum(~on_bound, axis=-1)
+    own = xp.sum(~xp.isnan(own_errors), axis=(-2, -1))
+    return xp.where(noise_known, xp.inf, (samples - shared - own) * 1.0)
+
+
+@on_host
+def _interval(xp, values, errors, factor):
+    """Return the ends `values -/+ factor errors` along a new last axis."""
+    width = factor[..., None] * errors
+    return xp.stack([values - width, values + width], axis=-1)

@@ -297,11 +297,12 @@ def canonical(tree):
 def as_float(numbers):
     """Return numbers as one array of JAX's widest float, strongly typed.
 
-    Concrete numbers are converted by NumPy, which needs no compilation.
+    Concrete numbers are converted by NumPy, which needs no compilation. They are copied, as JAX
+    would use the memory of a NumPy array, which the user may change later.
     """
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(numbers))
     known = isinstance(numbers, jax.Array) and numbers.dtype == float and not numbers.weak_type
-    return jnp.asarray(numbers if traced or known else np.asarray(numbers, float), float)
+    return jnp.asarray(numbers if traced or known else np.array(numbers, float), float)
 
 
 def _is_number(leaf) -> bool:

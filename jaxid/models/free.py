@@ -1,5 +1,6 @@
 """`Free`: selection of free parameters, shared or one per record; `Parameters`: their values."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
@@ -9,9 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require, require_known, require_unique
+from .._foundation.host import on_host
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
-from .base import AbstractModel, canonical
+from .base import AbstractModel, as_float, canonical
 from .names import array_leaves, flatten, parameter_names, with_array_leaves
 
 INITIAL_STATE = "initial_state"
@@ -75,8 +77,8 @@ class Free(eqx.Module):
         require_known("parameter", self.shared + self.per_record, available)
         shared, rows = ([index[name] for name in names] for names in (self.shared, self.per_record))
         return Positions(
-            jnp.array(shared, int),
-            jnp.array(rows, int),
+            jnp.asarray(np.array(shared, int), int),
+            jnp.asarray(np.array(rows, int), int),
             leaves_at(model, np.array(shared + rows, int)),
         )
 
@@ -85,8 +87,8 @@ class Free(eqx.Module):
     ) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
         """Lower and upper bounds as vectors, infinite for parameters without bounds."""
         names = getattr(self, which)
-        lower = jnp.array([self.lower.get(name, -jnp.inf) for name in names], float)
-        return lower, jnp.array([self.upper.get(name, jnp.inf) for name in names], float)
+        lower = as_float([self.lower.get(name, -np.inf) for name in names])
+        return lower, as_float([self.upper.get(name, np.inf) for name in names])
 
 
 def free(
@@ -144,9 +146,13 @@ def initial_parameters(model: AbstractModel, positions: Positions, records: Reco
     """Starting values: the values of the model, and initial states from `model.initial_state` of
     each record.
     """
-    flat = flat_vectors(model, records)
-    shared = flat[0][positions.shared] if positions.shared.size else jnp.zeros(0)
-    return Parameters(shared, flat[:, positions.rows])
+    return Parameters(*_selected(flat_vectors(model, records), positions.shared, positions.rows))
+
+
+@on_host
+def _selected(xp, flat, shared, rows):
+    """Return the values at the positions `shared` of the first vector and `rows` of all."""
+    return xp.take(flat[0], shared, mode="clip"), xp.take(flat, rows, axis=1, mode="clip")
 
 
 def flat_vectors(model: AbstractModel, records: Record) -> Float[Array, "case flat"]:
@@ -197,16 +203,42 @@ def insert(
     """Return the model and the initial state of a record's flat vector, with the given values at
     the positions of the free parameters.
     """
-    filled = (
-        flat.at[positions.rows].set(rows, mode="drop").at[positions.shared].set(shared, mode="drop")
+    shapes = tuple(leaf.shape for leaf in array_leaves(model))
+    *leaves, initial_state = _inserted(
+        flat,
+        (positions.rows, positions.shared),
+        (rows, shared),
+        shapes=shapes,
+        changed=positions.leaves,
     )
-    leaves, at = [], 0
-    for number, leaf in enumerate(array_leaves(model)):
-        source = filled if number in positions.leaves else flat
-        leaves.append(source[at : at + leaf.size].reshape(leaf.shape))
-        at += leaf.size
-    initial_state = (filled if len(leaves) in positions.leaves else flat)[at:]
     return with_array_leaves(model, leaves), initial_state
+
+
+@on_host
+def _inserted(xp, flat, positions, values, shapes: tuple[tuple[int, ...], ...], changed):
+    """Return the leaves of a flat vector with values inserted, and the rest of the vector.
+
+    Args:
+        xp: NumPy or `jax.numpy`.
+        flat: the flat vector.
+        positions: positions of the values; those beyond the vector are ignored.
+        values: for each vector of positions, its values.
+        shapes: shapes of the leaves.
+        changed: indices of the leaves with positions in them; the last is the rest of the vector.
+    """
+    filled = flat.copy() if xp is np else flat
+    for at, new in zip(positions, values, strict=True):
+        if xp is np:
+            inside = at < flat.size
+            filled[at[inside]] = new[inside]
+        else:
+            filled = jnp.asarray(filled).at[at].set(new, mode="drop")
+    leaves, begin = [], 0
+    for number, shape in enumerate(shapes):
+        end = begin + math.prod(shape)
+        leaves.append((filled if number in changed else flat)[begin:end].reshape(shape))
+        begin = end
+    return *leaves, (filled if len(shapes) in changed else flat)[begin:]
 
 
 def with_values(
@@ -248,8 +280,8 @@ def _require_positive(option: str, values: Mapping[str, float], names: tuple[str
 def _checked_bounds(model: AbstractModel, bounds: Mapping, names: tuple[str, ...]):
     """Bounds as two dictionaries; empty bounds or bounds without the model's value are refused."""
     require_known("free parameter (in `bounds`)", bounds, names)
-    model = canonical(model)
-    current = dict(zip(parameter_names(model), np.asarray(flatten(model)[0]), strict=True))
+    values = [np.ravel(leaf) for leaf in array_leaves(canonical(model))]
+    current = dict(zip(parameter_names(model), np.concatenate([*values, np.zeros(0)]), strict=True))
     lower: dict[str, Array] = {}
     upper: dict[str, Array] = {}
     for name, (low, high) in bounds.items():
@@ -261,5 +293,5 @@ def _checked_bounds(model: AbstractModel, bounds: Mapping, names: tuple[str, ...
                 f"The starting value of {name!r}, {float(value):g}, lies outside its bounds "
                 f"({low:g}, {high:g}). Start inside."
             )
-        lower[name], upper[name] = jnp.asarray(low, float), jnp.asarray(high, float)
+        lower[name], upper[name] = as_float(low), as_float(high)
     return lower, upper

@@ -7,10 +7,13 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.linalg import solve_triangular
 
 from .._foundation.checks import require
+from .._foundation.host import on_host
 from .._foundation.types import Array, Bool, Float
+from .base import as_float
 
 
 class AbstractNoise(eqx.Module):
@@ -76,8 +79,8 @@ class FixedNoise(AbstractNoise):
     is_known: ClassVar[bool] = True
 
     def __init__(self, R):
-        R = jnp.asarray(R, float)
-        self.R = jnp.diag(R) if R.ndim == 1 else R
+        R = as_float(R)
+        self.R = _diagonal(R) if R.ndim == 1 else R
 
     def cholesky(self, v, mask):
         return jnp.linalg.cholesky(self.R)
@@ -94,12 +97,18 @@ class FixedNoise(AbstractNoise):
             f"({', '.join(outputs)}).",
         )
         require(
-            bool(jnp.all(jnp.isfinite(jnp.linalg.cholesky(self.R)))),
+            _is_positive_definite(np.asarray(self.R)),
             "R is not positive definite. Give variances, not standard deviations, and none of them "
             "zero.",
         )
-        off_diagonal = bool(jnp.any(jnp.diag(jnp.diagonal(self.R)) != self.R))
+        R = np.asarray(self.R)
+        off_diagonal = bool(np.any(np.diag(np.diagonal(R)) != R))
         require(not off_diagonal or not _gaps(mask), _GAPS.format(where=_gap_names(mask, outputs)))
+
+
+@on_host
+def _diagonal(xp, variances):
+    return xp.diag(variances)
 
 
 class DiagonalNoise(AbstractNoise):
@@ -195,12 +204,22 @@ _GAPS = (
 )
 
 
+def _is_positive_definite(R: Float[np.ndarray, "output output"]) -> bool:
+    try:
+        factor = np.linalg.cholesky(0.5 * (R + R.T))
+    except np.linalg.LinAlgError:
+        return False
+    return bool(np.all(np.isfinite(factor)))
+
+
 def _gaps(mask) -> bool:
-    return bool(jnp.any(jnp.any(mask, axis=-1) & ~jnp.all(mask, axis=-1)))
+    mask = np.asarray(mask)
+    return bool(np.any(np.any(mask, axis=-1) & ~np.all(mask, axis=-1)))
 
 
 def _gap_names(mask, outputs) -> str:
-    gaps = jnp.sum(jnp.any(mask, axis=-1)[..., None] & ~mask, axis=(0, 1))
+    mask = np.asarray(mask)
+    gaps = np.sum(np.any(mask, axis=-1)[..., None] & ~mask, axis=(0, 1))
     return ", ".join(
         f"{name}: {int(count)} missing" for name, count in zip(outputs, gaps, strict=True) if count
     )

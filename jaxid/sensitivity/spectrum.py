@@ -4,7 +4,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.types import Array, Bool, Float
+from .._foundation.host import on_host
+from .._foundation.types import Array, Bool, Float, Numbers
 
 
 class Spectrum(eqx.Module):
@@ -30,7 +31,7 @@ class Spectrum(eqx.Module):
 
     def weak(self, threshold: float) -> Bool[Array, " parameter"]:
         """Which directions have an eigenvalue below `threshold` times the largest (Eq. 4.28)."""
-        return self.eigenvalues < threshold * self.eigenvalues[:1]
+        return _is_weak(self.singular_values, threshold=threshold)
 
     def step(self, weights: Float[Array, " parameter"]) -> Float[Array, " parameter"]:
         """Return the step whose component along each scaled direction is `weights * turned`."""
@@ -53,14 +54,21 @@ class Spectrum(eqx.Module):
         return covariance + jnp.diag(jnp.where(undetermined, jnp.inf, 0.0))
 
 
+@on_host
+def _is_weak(xp, singular_values, threshold: float):
+    """True for eigenvalues below `threshold` times the largest."""
+    eigenvalues = xp.square(singular_values)
+    return eigenvalues < threshold * eigenvalues[:1]
+
+
 # a share in a weak direction below this is rounding of the singular vectors, not participation
 SHARE = 1e-3
 
 
 def spectrum(
-    triangle: Float[Array, "row parameter"],
-    rhs: Float[Array, " row"],
-    scale: Float[Array, " parameter"] | None = None,
+    triangle: Float[Numbers, "row parameter"],
+    rhs: Float[Numbers, " row"],
+    scale: Float[Numbers, " parameter"] | None = None,
 ) -> Spectrum:
     """Decompose a triangle `T` with its right-hand side after scaling its columns (fixes a and b of
     section 4.3.1).
@@ -71,12 +79,23 @@ def spectrum(
         scale: typical sizes of the parameters, NaN where the column's own length serves; None for
             all.
     """
-    length = jnp.linalg.norm(triangle, axis=0)
-    length = jnp.where(length > 0, length, 1.0)
+    return Spectrum(*_decompose(triangle, rhs, scale))
+
+
+@on_host
+def _decompose(xp, triangle, rhs, scale):
+    """Return the fields of a `Spectrum`; NaN where the triangle is not finite."""
+    length = xp.linalg.norm(triangle, axis=0)
+    length = xp.where(length > 0, length, 1.0)
     if scale is not None:
-        length = jnp.where(jnp.isnan(scale), length, 1.0 / scale)
-    U, s, Vt = jnp.linalg.svd(triangle / length[None], full_matrices=False)
-    return Spectrum(s, Vt, length, U.T @ rhs)
+        length = xp.where(xp.isnan(scale), length, 1.0 / scale)
+    scaled = triangle / length[None]
+    if xp is np and not np.all(np.isfinite(scaled)):  # NumPy raises an error, JAX returns NaN
+        count = min(scaled.shape)
+        nan = np.full((count, scaled.shape[1] + 1), np.nan)
+        return nan[:, 0], nan[:, 1:], length, nan[:, 0]
+    U, s, Vt = xp.linalg.svd(scaled, full_matrices=False)
+    return s, Vt, length, U.T @ rhs
 
 
 def weak_directions(

@@ -10,6 +10,7 @@ from record_strategies import records
 
 from jaxid._foundation.checks import InputError
 from jaxid.data import Record, record, stack
+from jaxid.models.base import as_float
 
 
 def simple(**changes):
@@ -148,8 +149,29 @@ def test_invalid_arguments_are_refused_with_channel_and_remedy(case):
         assert word in str(caught.value), f"{word!r} is not in: {caught.value}"
 
 
+def aligned(numbers) -> np.ndarray:
+    """Copy of numbers in memory that JAX can use without a copy of its own: a multiple of 64."""
+    numbers = np.asarray(numbers, float)
+    buffer = np.zeros(numbers.nbytes + 64, np.uint8)
+    begin = -buffer.ctypes.data % 64
+    copy = buffer[begin : begin + numbers.nbytes].view(float).reshape(numbers.shape)
+    copy[...] = numbers
+    return copy
+
+
+def test_record_does_not_follow_later_changes_of_the_arrays():
+    t, x = aligned(0.1 * np.arange(64)), aligned(np.ones((64, 1)))
+    made = record(t, x, x, inputs=("u",), outputs=("x",))
+    parameter = as_float(t)
+    t[:], x[:] = -1.0, -1.0
+    np.testing.assert_array_equal(made.t, 0.1 * np.arange(64))
+    np.testing.assert_array_equal(made.u, np.ones((64, 1)))
+    np.testing.assert_array_equal(made.z, np.ones((64, 1)))
+    np.testing.assert_array_equal(parameter, 0.1 * np.arange(64))
+
+
 def test_single_precision_is_refused():
-    with jax.enable_x64(False), pytest.raises(InputError, match=r"float32.*jax_enable_x64"):
+    with jax.enable_x64(False), pytest.raises(InputError, match=r"float32.*jaxid\.configure\(\)"):
         simple()
 
 

@@ -257,7 +257,7 @@ def test_wrong_shapes_are_refused_with_channel_names(monkeypatch, u, start, mess
 
 def test_single_precision_is_refused_with_remedy():
     t, u, start = pendulum_case(5)
-    with jax.enable_x64(False), pytest.raises(InputError, match='"jax_enable_x64", True'):
+    with jax.enable_x64(False), pytest.raises(InputError, match=r"`jaxid\.configure\(\)`"):
         simulate(Pendulum(1.0, 0.1), t, u, start)
 
 

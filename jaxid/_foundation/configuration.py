@@ -1,0 +1,92 @@
+"""`configure`: the settings of JAX that jaxid recommends, made by one call."""
+
+import os
+from pathlib import Path
+
+import jax
+from jax.experimental.compilation_cache import compilation_cache
+
+from .checks import InputError
+
+# Thresholds of JAX's persistent compilation cache at which it stores every program. A first
+# estimate of a small model compiles dozens of programs, each far below JAX's default of one second.
+STORE_EVERY_PROGRAM = {
+    "jax_persistent_cache_min_compile_time_secs": 0.0,
+    "jax_persistent_cache_min_entry_size_bytes": -1,
+}
+
+
+def configure(*, cache: bool | str | Path = True, float64: bool = True) -> None:
+    """Set JAX to 64 bit, and store compiled programs on disk for the next process.
+
+    Call it once, after the imports and before the first array is made; arrays made earlier keep
+    their precision. Importing jaxid changes no setting, and a second call is allowed.
+
+    Args:
+        cache: folder of JAX's persistent compilation cache, made if it does not exist. True keeps a
+            folder that JAX already has (from `JAX_COMPILATION_CACHE_DIR` or `jax.config`), else
+            takes `jaxid` in the user's cache folder (`XDG_CACHE_HOME`, by default `~/.cache`).
+            False leaves JAX's settings of the cache unchanged. The cache stores every program; a
+            threshold in an environment variable, such as
+            `JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS`, is kept. JAX runs the stored programs, so
+            the folder must be writable only by trusted users.
+        float64: True switches on 64 bit, without which jaxid refuses to compute; False leaves the
+            precision unchanged.
+
+    Raises:
+        InputError: when the folder cannot be made or written to.
+    """
+    if cache is not False:
+        _use_cache(_default_folder() if cache is True else str(cache))
+    if float64:
+        jax.config.update("jax_enable_x64", True)
+
+
+def _default_folder() -> str:
+    """Return the folder that JAX already has, or that of the user's cache."""
+    return (
+        _folder_in_use()
+        or os.environ.get("JAX_COMPILATION_CACHE_DIR")
+        or str(Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "jaxid")
+    )
+
+
+def _folder_in_use() -> str | None:
+    return jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _use_cache(folder: str) -> None:
+    """Set the folder of the persistent compilation cache, and its thresholds."""
+    if "://" not in folder:  # JAX also accepts addresses such as gs://bucket/folder
+        folder = str(_writable(Path(folder)))
+    if folder != _folder_in_use():
+        jax.config.update("jax_compilation_cache_dir", folder)
+        # JAX opens the cache at its first compilation, and would keep an earlier folder
+        compilation_cache.reset_cache()
+    for setting, value in STORE_EVERY_PROGRAM.items():
+        if setting.upper() not in os.environ:
+            jax.config.update(setting, value)
+
+
+def _writable(folder: Path) -> Path:
+    """Return the folder, made if needed, with the home folder in place of `~`.
+
+    Raises:
+        InputError: when it cannot be made or written to.
+    """
+    try:
+        folder = folder.expanduser()
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError) as error:  # RuntimeError: the home folder is unknown
+        raise InputError(_refusal(folder, str(error))) from error
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(_refusal(folder, "permission denied"))
+    return folder
+
+
+def _refusal(folder: Path, reason: str) -> str:
+    return (
+        f"The folder {str(folder)!r} of the compilation cache cannot be written to ({reason}). "
+        "Name another one, by `jaxid.configure(cache=FOLDER)` or the environment variable "
+        "JAX_COMPILATION_CACHE_DIR, or leave the cache off: `jaxid.configure(cache=False)`."
+    )

@@ -1,0 +1,48 @@
+"""Small array functions on the host: NumPy for known arrays, `jax.numpy` for traced ones.
+
+Outside `jit`, every operation of `jax.numpy` compiles one program per shape, 10 to 30 ms each.
+Operations on a few numbers are therefore left to NumPy.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+
+def on_host(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `function(xp, *arrays, **options)` as a function of the arrays and options.
+
+    The namespace `xp` is NumPy if all arrays are known, and `jax.numpy` if one of them is traced or
+    stands on a device that the user chose. The results are JAX arrays in both cases. A division by
+    zero or an invalid value gives inf or NaN without a warning, as in JAX.
+
+    Args:
+        function: a function of a namespace, of trees of arrays, and of options that are not arrays.
+    """
+
+    @functools.wraps(function)
+    def call(*arrays, **options):
+        if not all(map(_is_known, jax.tree.leaves(arrays))):
+            return function(jnp, *arrays, **options)
+        with np.errstate(all="ignore"):
+            return to_device(function(np, *jax.tree.map(np.asarray, arrays), **options))
+
+    return call
+
+
+def to_device(tree):
+    """Return a tree with its NumPy arrays as JAX arrays of the same type, without compilation.
+
+    `jnp.asarray` compiles a program for a NumPy scalar, and without a type. JAX may use the memory
+    of the NumPy array, so that a user's array must be copied before.
+    """
+    return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf), leaf.dtype), tree)
+
+
+def _is_known(leaf) -> bool:
+    return not isinstance(leaf, Tracer) and not getattr(leaf, "committed", False)

@@ -1,0 +1,118 @@
+"""`jaxid.configure`: float64 and the persistent compilation cache, set by one call.
+
+Each call runs in a new process, so that its settings do not reach other tests.
+"""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+SETTINGS = (
+    "jax_enable_x64",
+    "jax_compilation_cache_dir",
+    "jax_persistent_cache_min_compile_time_secs",
+    "jax_persistent_cache_min_entry_size_bytes",
+)
+REPORT = f"""
+import json
+print(json.dumps([jax.config.values[name] for name in {SETTINGS}]))
+"""
+
+
+@pytest.fixture
+def new_environment(user_environment, tmp_path):
+    """Environment without JAX's variables of the cache, whose user cache is a temporary folder."""
+    environment = {
+        name: value
+        for name, value in user_environment.items()
+        if "CACHE" not in name.upper() or not name.startswith("JAX_")
+    }
+    return environment | {"XDG_CACHE_HOME": str(tmp_path / "user cache")}
+
+
+def run(code: str, environment: dict[str, str]) -> subprocess.CompletedProcess:
+    """Return the finished process of a program that imports jax and jaxid."""
+    command = [sys.executable, "-W", "error", "-c", f"import jax, jaxid\n{code}"]
+    return subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+
+
+def settings(code: str, environment: dict[str, str]) -> list:
+    """Return the values of `SETTINGS` after a program."""
+    done = run(code + REPORT, environment)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_default_is_float64_and_the_user_cache(new_environment, tmp_path):
+    folder = tmp_path / "user cache" / "jaxid"
+    assert settings("jaxid.configure()\njaxid.configure()", new_environment) == [
+        *(True, str(folder), 0.0, -1)
+    ]
+    assert folder.is_dir()
+
+
+def test_default_without_xdg_is_below_the_home_folder(new_environment, tmp_path):
+    environment = new_environment | {"HOME": str(tmp_path), "XDG_CACHE_HOME": ""}
+    folder = settings("jaxid.configure()", environment)[1]
+    assert folder == str(tmp_path / ".cache" / "jaxid")
+
+
+def test_folder_and_threshold_of_the_environment_are_kept(new_environment, tmp_path):
+    environment = new_environment | {
+        "JAX_COMPILATION_CACHE_DIR": str(tmp_path / "chosen"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
+    }
+    assert settings("jaxid.configure()", environment) == [
+        *(True, str(tmp_path / "chosen"), 0.5, -1)
+    ]
+
+
+def test_false_leaves_settings_unchanged(new_environment, tmp_path):
+    assert settings("jaxid.configure(cache=False, float64=False)", new_environment) == (
+        settings("", new_environment)
+    )
+    assert not (tmp_path / "user cache").exists()
+
+
+def test_every_program_is_stored_also_after_a_compilation(new_environment, tmp_path):
+    """JAX opens its cache once: a folder named after the first compilation would have no effect."""
+    first, second = tmp_path / "first", tmp_path / "second"
+    code = f"""
+import pathlib
+for number, folder in enumerate(({str(first)!r}, pathlib.Path({str(second)!r}))):
+    jaxid.configure(cache=folder)
+    jax.jit(lambda x: x + number)(1.0).block_until_ready()
+"""
+    settings(code, new_environment)
+    assert list(first.glob("*-cache"))
+    assert list(second.glob("*-cache"))
+
+
+def test_folder_that_cannot_be_written_to_is_refused_with_remedy(new_environment, tmp_path):
+    file = tmp_path / "file"
+    file.touch()
+    done = run(f"jaxid.configure(cache={str(file / 'cache')!r})", new_environment)
+    assert done.returncode != 0
+    for words in ("InputError", str(file / "cache"), "cache=FOLDER", "cache=False"):
+        assert words in done.stderr
+
+
+def test_command_line_names_a_folder_that_cannot_be_written_to(new_environment, tmp_path):
+    file = tmp_path / "file"
+    file.touch()
+    command = [sys.executable, "-m", "jaxid", "dataset", "emps"]
+    done = subprocess.run(
+        command,
+        env=new_environment | {"JAX_COMPILATION_CACHE_DIR": str(file)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert str(file) in done.stderr

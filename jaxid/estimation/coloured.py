@@ -43,7 +43,7 @@ def score_covariance_under(
 ) -> Float[Array, "parameter parameter"]:
     """Return the covariance of the score for a given autocovariance of the residuals.
 
-    That of several records is the sum over the records.
+    The covariance of several records is the sum over the records.
 
     Args:
         S: whitened sensitivities, zero at missing samples.

@@ -25,7 +25,7 @@ def profiled_step(
 
         d = (M - C'C)^-1 b = d_0 + P C' (I - C P C')^-1 C d_0,    d_0 = P b,    P = M^-1
 
-    With R re-estimated beside the parameters, `d_0` alone converges linearly, the more slowly the
+    With R re-estimated at each step, `d_0` alone converges linearly, the more slowly the
     more the gradients of single channels differ at the minimum, where only their sum is zero. Along
     weak directions P follows the policy.
 

@@ -80,12 +80,14 @@ class OutputError(AbstractLikelihood):
         return run(model, record.t, record.u, initial_state, self.hold, self.stepper)
 
     def sensitivities(self, family, theta, record):
-        linearised = isinstance(self.stepper, RK4) and self.stepper.unrolled
-        if not (linearised and theta.size and family.model.states):
+        stepper = self.stepper
+        if not (isinstance(stepper, RK4) and stepper.unrolled):
+            return forward_sensitivities(self, family, theta, record)
+        if not (theta.size and family.model.states):
             return forward_sensitivities(self, family, theta, record)
         model, initial_state = family(theta)
         solution = self.solve(model, record, initial_state)
-        trajectory = Trajectory(record.t, record.u, solution.x, self.hold, self.stepper)
+        trajectory = Trajectory(record.t, record.u, solution.x, self.hold, stepper)
         return solution.y, trajectory_sensitivities(family, theta, trajectory)
 
     def compact(self):

@@ -28,8 +28,8 @@ from .likelihoods import AbstractLikelihood
 ROUNDING = 8 * float(jnp.finfo(jnp.float64).eps)
 
 
-# Largest size of the sensitivities of all records that are kept in memory at once (chosen). Those
-# of longer stacks are computed for some records at a time and folded into triangles.
+# Largest size of the sensitivities of all records that are kept in memory at once (chosen). Of
+# a longer stack they are computed for some records at a time and folded into triangles.
 KEPT_BYTES = 16_000_000
 
 
@@ -283,9 +283,11 @@ class Problem(eqx.Module):
         coloured residuals and for noise of the inputs must not include it.
 
         Args:
-            linearised: the problem at one set of parameters, with its sensitivities.
+            linearised: the problem at one set of parameters, from `informed`.
         """
-        return self._projected(self.whiten(linearised.v, linearised.S), linearised.information.own)
+        v, S = linearised.v, linearised.S
+        assert S is not None, "projected needs the sensitivities of all records"
+        return self._projected(self.whiten(v, S), linearised.information.own)
 
     def _projected(self, white, own):
         count = self.positions.rows.size

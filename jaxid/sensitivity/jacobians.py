@@ -1,7 +1,7 @@
 """Jacobians of a function at many points, forward for few columns and reverse for many.
 
 The linearisation at the points and its application are separate loops: in one loop XLA would
-evaluate the sines and roots of the function anew in each operation that uses them.
+evaluate the sines and roots of the function again in each operation that uses them.
 """
 
 from collections.abc import Callable

@@ -28,10 +28,10 @@ from ..simulation.steppers import RK4, rate, substeps_of
 from .jacobians import Differentiation, by_elements
 
 # Samples linearised at once (chosen): the arrays of one block stay in the processor's cache.
-BLOCK = 64
+SAMPLES_AT_ONCE = 64
 # Groups into which the samples of a block are divided for the outputs, as the stages divide the
 # equations: a loop over them separates the linearisation from its application.
-GROUPS = 4
+OUTPUT_GROUPS = 4
 # Runge-Kutta stages: fraction of the step, weight of the rate, and index of the input in
 # `AbstractInputSignal.stages`.
 NODES, WEIGHTS, INPUTS = (0.0, 0.5, 0.5, 1.0), (1.0, 2.0, 2.0, 1.0), np.array([0, 1, 1, 2])
@@ -82,7 +82,7 @@ def trajectory_sensitivities(
     """
     leaves, t = family.leaves(theta), trajectory.t
     substeps = trajectory.stepper.substeps
-    size = min(BLOCK, GROUPS * -(-t.size // GROUPS))
+    size = min(SAMPLES_AT_ONCE, OUTPUT_GROUPS * -(-t.size // OUTPUT_GROUPS))
     n_blocks = -(-t.size // size)
     acting, inputs = _inputs(family, leaves, trajectory)
     begin, length = substeps_of(jnp.append(t, t[-1]), substeps)
@@ -217,7 +217,7 @@ def _output_columns(outputs: Differentiation, leaves: Leaves, samples, inputs: I
     """Return the outputs at the samples of a block, and their sensitivities."""
     t, states, X = samples
     points = (t, states, inputs.at_samples)
-    groups = jax.tree.map(lambda leaf: leaf.reshape(GROUPS, -1, *leaf.shape[1:]), points)
+    groups = jax.tree.map(lambda leaf: leaf.reshape(OUTPUT_GROUPS, -1, *leaf.shape[1:]), points)
     y, linear = jax.lax.map(lambda group: outputs.linearise(leaves, *group), groups)
     y, jacobians = jax.tree.map(
         lambda leaf: leaf.reshape(t.size, *leaf.shape[2:]),

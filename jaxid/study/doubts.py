@@ -12,7 +12,7 @@ from ..diagnosis.localise import LocalisationResult
 from ..effects.base import Effect
 from .fit import Fitted
 from .kin import near_kin
-from .rounds import Rival, Round
+from .rounds import Alternative, Round
 from .thresholds import SETTLED
 from .workbench import Workbench
 
@@ -88,7 +88,7 @@ def doubts_about(
     bench: Workbench,
     found: Fitted,
     rounds: tuple[Round, ...],
-    contenders: tuple[Rival, ...],
+    contenders: tuple[Alternative, ...],
     where: LocalisationResult,
     inflation: float,
 ) -> Doubts:
@@ -165,14 +165,14 @@ def act_between(effects: tuple[Effect, ...]) -> bool:
     return alike and len(locations) == len(effects) > 1 and in_equations
 
 
-def unsettled(contenders: tuple[Rival, ...], rounds: tuple[Round, ...]) -> tuple[str, ...]:
+def unsettled(contenders: tuple[Alternative, ...], rounds: tuple[Round, ...]) -> tuple[str, ...]:
     """Names of the contenders that these records do not refute, although they are of another shape.
 
     A faint effect is fitted to within the noise by whatever resembles it. Where the library's
     nearest other shape is not clearly worse, a shape that the library lacks could be the cause as
     well.
     """
-    falls = {one.came_in: one.winner.cost_fall for one in rounds if one.winner}
+    falls = {one.added_effects: one.winner.cost_fall for one in rounds if one.winner}
     return tuple(
         one.name
         for one in contenders

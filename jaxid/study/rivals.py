@@ -28,7 +28,7 @@ def discrimination(study: Study, plan: Record) -> dict[str, float]:
     An input that makes the smallest of them large is one to fly next.
 
     Args:
-        study: with rivals.
+        study: with alternatives.
         plan: time, inputs and, for the initial state, its first outputs; the other outputs are not
             looked at.
 
@@ -37,9 +37,12 @@ def discrimination(study: Study, plan: Record) -> dict[str, float]:
         pp. 57-70.)
 
     Raises:
-        InputError: when the study has no rivals, or the plan other channels than its records.
+        InputError: when the study has no alternatives, or the plan other channels than its records.
     """
-    require(len(study.rivals) > 0, "The study has no rivals: there is nothing to tell apart.")
+    require(
+        len(study.alternatives) > 0,
+        "The study has no alternatives: there is nothing to distinguish.",
+    )
     plan = as_stack(plan)
     check_channels(study.after.model, plan)
     check_sampling(study.after.model, plan, study.likelihood)
@@ -57,7 +60,7 @@ def discrimination(study: Study, plan: Record) -> dict[str, float]:
         lambda one: one.z, plan, jnp.where(plan.mask, named.outputs(begin), plan.z)
     )
     found = {}
-    for rival in study.rivals:
+    for rival in study.alternatives:
         problem, begin = problem_of(rival.model, rival.free, expected)
         left = float(
             unexplained_chi_square(

@@ -41,7 +41,6 @@ class Decision(enum.Enum):
     ALTERNATIVE = "fits as well as the one added"
     WORSE = "fits worse than the one added"
     PASSED_OVER = "another search path started from its family"
-    RIVAL = ALTERNATIVE  # former name, until `search.py` uses the new one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,9 +61,6 @@ class Alternative:
     chi_square: float
     model: AbstractModel
     free: Free
-
-
-Rival = Alternative  # former name, until `doubts.py`, `search.py` and `verdict.py` use the new one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,11 +102,6 @@ class Candidate:
     def place(self) -> str:
         """The locations in words."""
         return " and ".join(map(str, self.locations))
-
-    @property
-    def sentence(self) -> str:
-        """Former name of `description`, until `search.py` uses the new one."""
-        return self.description
 
     @property
     def acceptable(self) -> bool:
@@ -185,11 +176,6 @@ class Round:
     def added_effects(self) -> tuple[str, ...]:
         """Names of the effects that were added: none, one, or a pair."""
         return self.winner.parts if self.winner else ()
-
-    @property
-    def came_in(self) -> tuple[str, ...]:
-        """Former name of `added_effects`, until `search.py` and `doubts.py` use the new one."""
-        return self.added_effects
 
     def contenders(self, margin: float) -> tuple[Candidate, ...]:
         """Return the candidates that fit about as well as the one that was added.

@@ -14,7 +14,7 @@ from .fit import Fitted
 from .judge import Judge
 from .not_finite import refusal
 from .pairs import pairs_of
-from .rounds import Candidate, Decision, Rival, Round
+from .rounds import Alternative, Candidate, Decision, Round
 from .shortlist import shortlist
 from .thresholds import INSEPARABLE
 from .tried import Tried
@@ -236,7 +236,9 @@ class Search:
             kept = {name: one for name, one in told.items() if one.acceptable}
             winner, rivals = self.choose(kept, refits)
         rivals += tuple(name for name, same in tried.twins.items() if same == winner)
-        decisions = dict.fromkeys(kept, Decision.WORSE) | dict.fromkeys(rivals, Decision.RIVAL)
+        decisions = dict.fromkeys(kept, Decision.WORSE) | dict.fromkeys(
+            rivals, Decision.ALTERNATIVE
+        )
         decisions = {name: decisions[name] for name in kept} | {winner: Decision.ADDED}
         told |= {
             name: dataclasses.replace(told[name], decision=decision)
@@ -478,13 +480,13 @@ class Search:
 
     def contenders(
         self, fitted: Fitted, rounds: tuple[Round, ...], margin: float
-    ) -> tuple[Rival, ...]:
+    ) -> tuple[Alternative, ...]:
         """What fits worse by less than a margin, now that all is in, in the place of what came in
         in a round.
         """
         found = []
         for one in rounds:
-            out = one.came_in
+            out = one.added_effects
             if not out or not set(out) <= set(fitted.effects):
                 continue
             for candidate in one.contenders(margin):
@@ -495,7 +497,9 @@ class Search:
                 worse = 2.0 * (refit.cost - fitted.cost)
                 if worse < margin:
                     model, free = self.bench.model_and_free(refit)
-                    found.append(Rival(candidate.name, candidate.sentence, out, worse, model, free))
+                    found.append(
+                        Alternative(candidate.name, candidate.description, out, worse, model, free)
+                    )
         return tuple(found)
 
 

@@ -162,11 +162,6 @@ class Study:
     tests: dict[str, Record]
 
     @property
-    def rivals(self) -> tuple[Alternative, ...]:
-        """Former name of `alternatives`, until `rivals.py` uses the new one."""
-        return self.alternatives
-
-    @property
     def runaways(self) -> tuple[str, ...]:
         """Descriptions of the test records on which a simulation diverges, for each model; they
         have no error.

@@ -17,7 +17,7 @@ from .check import difference_error, mean_log, mean_log_of, of_channel, seen, un
 from .doubts import Doubts, doubts_about
 from .fit import Fitted
 from .outcome import Outcome
-from .rounds import Rival, Round
+from .rounds import Alternative, Round
 from .search import Search
 from .study import ColouredNoise, RandomForces, Side
 from .thresholds import INSEPARABLE, SETTLED
@@ -44,7 +44,7 @@ class Conclusion(NamedTuple):
     outcome: Outcome
     process_noise: RandomForces | None = None
     coloured_noise: ColouredNoise | None = None
-    contenders: tuple[Rival, ...] = ()
+    contenders: tuple[Alternative, ...] = ()
     doubts: Doubts = Doubts()
 
 
@@ -152,7 +152,7 @@ def _above_known_noise(found: Fitted, bench: Workbench, level: float) -> bool:
 def verdict(
     conclusion: Conclusion,
     sentences: tuple[str, ...],
-    rivals: tuple[Rival, ...],
+    rivals: tuple[Alternative, ...],
     left: LocalisationResult,
 ) -> str:
     """The outcome in a sentence or two.

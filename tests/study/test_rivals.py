@@ -74,5 +74,5 @@ def test_larger_input_increases_discrimination(study):
 
 
 def test_refusals(study):
-    with pytest.raises(InputError, match="no rivals"):
+    with pytest.raises(InputError, match="no alternatives"):
         discrimination(partial_study(alternatives=()), plan(1.0))

@@ -22,7 +22,15 @@ from .data import (
 )
 from .diagnosis import predict, prediction_bands, residual_tests
 from .effects import Augmented, Effect
-from .estimation import Estimate, GaussNewton, OutputError, estimate
+from .estimation import (
+    Estimate,
+    FilterError,
+    FirstOrder,
+    Fixed,
+    GaussNewton,
+    OutputError,
+    estimate,
+)
 from .estimation import spectrum_policy as spectrum
 from .models import (
     AbstractModel,
@@ -82,6 +90,9 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     "estimate",
     "Estimate",
     "OutputError",
+    "FilterError",
+    "FirstOrder",
+    "Fixed",
     "GaussNewton",
     # Diagnosis
     "predict",

@@ -1,7 +1,9 @@
 """Likelihoods, the Gauss-Newton solver with the report's eigenvalue fixes, and `estimate`."""
 
 from .estimate import estimate
+from .filter_error import FilterError
 from .likelihoods import OutputError
+from .noise_options import FirstOrder, Fixed
 from .result import Estimate
 from .solver import GaussNewton
 from .spectrum_policy import Clip, Plain, Truncate, TwoStep
@@ -9,6 +11,9 @@ from .spectrum_policy import Clip, Plain, Truncate, TwoStep
 __all__ = [
     "Clip",
     "Estimate",
+    "FilterError",
+    "FirstOrder",
+    "Fixed",
     "GaussNewton",
     "OutputError",
     "Plain",

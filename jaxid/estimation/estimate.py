@@ -86,6 +86,7 @@ def estimate(
     check_channels(model, records)
     model, free = canonical(model), canonical(free)
     _check_known(model, records, likelihood)
+    model, free = canonical(likelihood.prepared(model, free, records))
     problem = Problem.of(model, free, records, likelihood)
     solver = solver or GaussNewton()
     fit = fit_problem(
@@ -121,7 +122,7 @@ def fit_problem(
     problem: Problem,
     begin: Parameters,
     solver: GaussNewton,
-    S: Float[Array, "case time output column"] | None = None,
+    S: Float[Array, "case time sensitive column"] | None = None,
 ) -> Fit:
     """Return the fit of a problem: the jitted core of `estimate`, compiled once for each shape.
 
@@ -140,7 +141,7 @@ def fit_problem(
     on_bound = jax.tree.map(
         lambda x, low, high: (x <= low) | (x >= high), parameters, limits.lower, limits.upper
     )
-    noise = problem.likelihood.noise.cholesky(v, problem.records.mask)
+    model, _ = problem.model_of(parameters, 0)
     return Fit(
         parameters=parameters,
         cost=state.cost,
@@ -151,8 +152,8 @@ def fit_problem(
             jnp.where(jnp.isfinite(covariance), covariance, 0.0)
         ),
         robust_covariance=_robust_covariance(problem, parameters, linearised, covariance),
-        noise=noise @ noise.T,
-        residuals=v,
+        noise=problem.likelihood.measurement_covariance(model, v, problem.records.mask),
+        residuals=problem.likelihood.residuals(v, problem.records.mask),
         shared_on_bound=on_bound.shared,
         own_on_bound=on_bound.rows,
         result=_result(state, jnp.any(on_bound.shared) | jnp.any(on_bound.rows)),

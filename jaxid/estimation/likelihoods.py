@@ -3,11 +3,13 @@
 import abc
 
 import equinox as eqx
+import jax.numpy as jnp
 from equinox import AbstractVar
 
-from .._foundation.types import Array, Float
+from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
+from ..models.free import Free
 from ..models.free_model import FreeModel
 from ..models.noise import AbstractNoise, DiagonalNoise
 from ..sensitivity.jacobian import value_and_jacobian
@@ -21,6 +23,11 @@ from ..simulation.steppers import RK4, AbstractStepper
 class AbstractLikelihood(eqx.Module):
     """A measure of misfit, with a noise model.
 
+    For each record a likelihood returns rows of misfit and their sensitivities; the solver folds
+    them into a triangle. The rows of output error are the residuals, which the noise model weights
+    by a pooled R. Another likelihood may return rows that are whitened already, followed by columns
+    without sensitivities.
+
     Attributes:
         noise: the noise model by which the residuals are weighted.
     """
@@ -33,12 +40,47 @@ class AbstractLikelihood(eqx.Module):
     ) -> Solution:
         """Return the states of one record and the model's outputs at its samples."""
 
+    def prepared(
+        self, model: AbstractModel, free: Free, records: Record
+    ) -> tuple[AbstractModel, Free]:
+        """Return the model and the free parameters with those of the likelihood added.
+
+        By default a likelihood has no parameters.
+        """
+        return model, free
+
+    def rows(
+        self, model: AbstractModel, record: Record, initial_state: Float[Array, " state"]
+    ) -> Float[Array, "time row"]:
+        """Return the rows of misfit of one record: `z - y`, zero at missing samples."""
+        return _residuals(record, self.solve(model, record, initial_state).y)
+
+    def row_mask(self, mask: Bool[Array, "*case time output"]) -> Bool[Array, "*case time row"]:
+        """Return the valid elements of the rows."""
+        return mask
+
+    def residuals(
+        self, rows: Float[Array, "*case time row"], mask: Bool[Array, "*case time output"]
+    ) -> Float[Array, "*case time output"]:
+        """Return the residuals in the units of the outputs from the rows."""
+        return rows
+
+    def measurement_covariance(
+        self,
+        model: AbstractModel,
+        rows: Float[Array, "case time row"],
+        mask: Bool[Array, "case time output"],
+    ) -> Float[Array, "output output"]:
+        """Return the covariance R of the measurement noise, as given or as estimated."""
+        L = self.noise.cholesky(rows, mask)
+        return L @ L.T
+
     def sensitivities(
         self, family: FreeModel, theta: Float[Array, " column"], record: Record
-    ) -> tuple[Float[Array, "time output"], Float[Array, "time output column"]]:
-        """Return the outputs of one record and their sensitivities to the free parameters.
+    ) -> tuple[Float[Array, "time row"], Float[Array, "time sensitive column"]]:
+        """Return the rows of one record and `-d rows/d theta`, of the first rows if not of all.
 
-        By default `solve` is differentiated in forward mode.
+        By default `rows` is differentiated in forward mode.
 
         Args:
             family: the model as a function of its free parameters.
@@ -88,7 +130,7 @@ class OutputError(AbstractLikelihood):
         model, initial_state = family(theta)
         solution = self.solve(model, record, initial_state)
         trajectory = Trajectory(record.t, record.u, solution.x, self.hold, stepper)
-        return solution.y, trajectory_sensitivities(family, theta, trajectory)
+        return _residuals(record, solution.y), trajectory_sensitivities(family, theta, trajectory)
 
     def compact(self):
         return OutputError(self.noise, self.hold, self.stepper.compact())
@@ -106,15 +148,21 @@ def forward_sensitivities(
     family: FreeModel,
     theta: Float[Array, " column"],
     record: Record,
-) -> tuple[Float[Array, "time output"], Float[Array, "time output column"]]:
-    """Return the outputs and sensitivities of one record by forward mode through `solve`.
+) -> tuple[Float[Array, "time row"], Float[Array, "time row column"]]:
+    """Return the rows and sensitivities of one record by forward mode through `rows`.
 
     It serves every likelihood, stepper and model, at the cost of pushing each column through the
     whole simulation.
     """
 
-    def outputs(theta):
+    def rows(theta):
         model, initial_state = family(theta)
-        return likelihood.solve(model, record, initial_state).y
+        return likelihood.rows(model, record, initial_state)
 
-    return value_and_jacobian(outputs, theta)
+    value, jacobian = value_and_jacobian(rows, theta)
+    return value, -jacobian
+
+
+def _residuals(record: Record, y: Float[Array, "time output"]) -> Float[Array, "time output"]:
+    # A NaN of the model output at a masked sample would make sums over samples NaN.
+    return jnp.where(record.mask, record.z - y, 0.0)

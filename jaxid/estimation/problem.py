@@ -69,15 +69,15 @@ class Linearised(eqx.Module):
     """A problem linearised at one set of parameters.
 
     Attributes:
-        v: residuals, zero where there is no valid sample.
-        S: sensitivities of the outputs, not whitened. The first columns belong to the per-record
+        v: rows of misfit; for output error the residuals, zero where there is no valid sample.
+        S: sensitivities of the rows, not whitened. The first columns belong to the per-record
             parameters, the last ones to the shared parameters. None for a stack of records that
             exceeds `KEPT_BYTES`.
         information: square-root information on the parameters.
     """
 
-    v: Float[Array, "case time output"]
-    S: Float[Array, "case time output column"] | None
+    v: Float[Array, "case time row"]
+    S: Float[Array, "case time sensitive column"] | None
     information: Information
 
 
@@ -127,9 +127,22 @@ class Problem(eqx.Module):
             parameters.rows, self.cases()
         )
 
-    def residuals(self, parameters: Parameters) -> Float[Array, "case time output"]:
-        """Return the residuals `v = z - y`, zero where there is no valid sample."""
-        return self._residuals(self.outputs(parameters))
+    def residuals(self, parameters: Parameters) -> Float[Array, "case time row"]:
+        """Return the rows of misfit: for output error `v = z - y`, zero where there is no valid
+        sample.
+        """
+
+        def of_case(own, case):
+            flat, record = case
+            model, initial_state = insert(self.model, flat, self.positions, parameters.shared, own)
+            return self.likelihood.rows(model, record, initial_state)
+
+        return jax.vmap(of_case)(parameters.rows, self.cases())
+
+    @property
+    def row_mask(self) -> Bool[Array, "case time row"]:
+        """Valid elements of the rows of misfit."""
+        return self.likelihood.row_mask(self.records.mask)
 
     def cost(self, parameters: Parameters) -> Float[Array, ""]:
         """Return the negative log-likelihood with priors; infinite where the simulation fails."""
@@ -140,26 +153,23 @@ class Problem(eqx.Module):
         linearised = self.linearise(parameters)
         return self.cost_of(linearised.v, parameters), linearised
 
-    def cost_of(
-        self, v: Float[Array, "case time output"], parameters: Parameters
-    ) -> Float[Array, ""]:
+    def cost_of(self, v: Float[Array, "case time row"], parameters: Parameters) -> Float[Array, ""]:
         """Return the negative log-likelihood of given residuals, with priors."""
-        cost = self.likelihood.noise.cost(v, self.records.mask) + self.prior_cost(parameters)
+        cost = self.likelihood.noise.cost(v, self.row_mask) + self.prior_cost(parameters)
         return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
 
     def sensitivities(
         self, parameters: Parameters
-    ) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
-        """Return the residuals and the sensitivities `S = dy/dtheta`, not whitened.
+    ) -> tuple[Float[Array, "case time row"], Float[Array, "case time sensitive column"]]:
+        """Return the rows of misfit `v` and `S = -dv/dtheta`, not whitened.
 
         The first columns belong to the per-record parameters, the last ones to the shared
         parameters.
         """
-        y, S = self._sensitivities(parameters.rows, parameters.shared, self.cases())
-        return self._residuals(y), S
+        return self._sensitivities(parameters.rows, parameters.shared, self.cases())
 
     def _sensitivities(self, rows, shared, cases):
-        """Return outputs and sensitivities of some records."""
+        """Return rows and sensitivities of some records."""
 
         def of_case(own, case):
             flat, record = case
@@ -177,25 +187,25 @@ class Problem(eqx.Module):
         if self.batch == self.records.n_cases:
             return self.informed(*self.sensitivities(parameters), parameters)
         v = self.residuals(parameters)
-        L = self.likelihood.noise.cholesky(v, self.records.mask)
+        L = self.likelihood.noise.cholesky(v, self.row_mask)
 
         def fold(batch):
             rows, cases, v = batch
             _, S = self._sensitivities(rows, parameters.shared, cases)
-            return self._fold(S, v, cases[1].mask, L)
+            return self._fold(S, v, self.likelihood.row_mask(cases[1].mask), L)
 
         folded = self._by_batch(fold, (parameters.rows, self.cases(), v))
         return Linearised(v, None, self._gather(parameters, *folded))
 
     def informed(
         self,
-        v: Float[Array, "case time output"],
-        S: Float[Array, "case time output column"],
+        v: Float[Array, "case time row"],
+        S: Float[Array, "case time sensitive column"],
         parameters: Parameters,
     ) -> "Linearised":
         """Return the linearised problem of given residuals and sensitivities of all records."""
-        L = self.likelihood.noise.cholesky(v, self.records.mask)
-        folded = self._fold(S, v, self.records.mask, L)
+        L = self.likelihood.noise.cholesky(v, self.row_mask)
+        folded = self._fold(S, v, self.row_mask, L)
         return Linearised(v, S, self._gather(parameters, *folded))
 
     def score_covariance(
@@ -208,12 +218,14 @@ class Problem(eqx.Module):
             linearised: the problem at these parameters.
         """
         v, own = linearised.v, linearised.information.own
-        mask = self.records.mask
+        mask = self.row_mask
         L = self.likelihood.noise.cholesky(v, mask)
         covariance = tapered_covariance(whiten(L, v, mask), mask)
 
         def of_records(S, own, mask):
-            return score_covariance_under(self._projected(whiten(L, S, mask), own), covariance)
+            n = S.shape[2]
+            white = whiten(L[:n, :n], S, mask[..., :n])
+            return score_covariance_under(self._projected(white, own), covariance[:, :n])
 
         if linearised.S is not None:
             return of_records(linearised.S, own, mask)
@@ -221,7 +233,7 @@ class Problem(eqx.Module):
         def of_batch(batch):
             rows, cases, own = batch
             _, S = self._sensitivities(rows, parameters.shared, cases)
-            return of_records(S, own, cases[1].mask)[None]
+            return of_records(S, own, self.likelihood.row_mask(cases[1].mask))[None]
 
         return jnp.sum(self._by_batch(of_batch, (parameters.rows, self.cases(), own)), axis=0)
 
@@ -248,6 +260,8 @@ class Problem(eqx.Module):
 
     def _fold(self, S, v, mask, L):
         """Return the triangles of some records, and their rows of the noise's curvature."""
+        sensitive = S.shape[2]
+        v, mask, L = v[..., :sensitive], mask[..., :sensitive], L[:sensitive, :sensitive]
         white_v, white_S = whiten(L, v, mask), whiten(L, S, mask)
         count = self.positions.rows.size
         triangles = record_triangles(white_S[..., :count], white_S[..., count:], white_v)
@@ -255,7 +269,7 @@ class Problem(eqx.Module):
 
     def _gather(self, parameters: Parameters, triangles, profile) -> Information:
         """Return the information of all records and priors, parameters on bounds held fixed."""
-        mask = self.records.mask
+        mask = self.row_mask
         finite = jnp.all(jnp.isfinite(triangles))
         triangles = jnp.where(finite, triangles, 0.0)
         weights = jnp.sqrt(self.likelihood.noise.profile_weights(mask))
@@ -266,16 +280,16 @@ class Problem(eqx.Module):
         return gather(triangles, prior, held.rows, held.shared, profile, count)
 
     def whiten(
-        self, v: Float[Array, "case time output"], rows: Float[Array, "case time output *column"]
+        self, v: Float[Array, "case time row"], rows: Float[Array, "case time sensitive *column"]
     ):
         """Return `rows` divided by the square root of the noise covariance.
 
         With an estimated noise covariance, `v` is the residual from which it is estimated.
         """
-        mask = self.records.mask
-        return whiten(self.likelihood.noise.cholesky(v, mask), rows, mask)
+        mask, n = self.row_mask, rows.shape[2]
+        return whiten(self.likelihood.noise.cholesky(v, mask)[:n, :n], rows, mask[..., :n])
 
-    def projected(self, linearised: "Linearised") -> Float[Array, "case time output parameter"]:
+    def projected(self, linearised: "Linearised") -> Float[Array, "case time sensitive parameter"]:
         """Return the whitened sensitivities to the shared parameters, orthogonal to the others.
 
         The projection on the sensitivities to the per-record parameters is subtracted. It carries
@@ -347,6 +361,13 @@ class Problem(eqx.Module):
             [jnp.diag(weight), weight * (self.limits.prior_mean - parameters.shared)]
         )
 
+    def model_of(
+        self, parameters: Parameters, case: int
+    ) -> tuple[AbstractModel, Float[Array, " state"]]:
+        """Return the model and the initial state of one record."""
+        flat = self.cases()[0][case]
+        return insert(self.model, flat, self.positions, parameters.shared, parameters.rows[case])
+
     def solve_one(self, own, shared, case) -> tuple[Solution, AbstractModel]:
         """Return the solution of one record, and the model with the parameters of this record."""
         flat, record = case
@@ -356,10 +377,6 @@ class Problem(eqx.Module):
     def cases(self) -> tuple[Float[Array, "case flat"], Record]:
         """Return the flat vector of parameter values of each record, and the stack of records."""
         return flat_vectors(self.model, self.records), self.records
-
-    def _residuals(self, y):
-        # A NaN of the model output at a masked sample would make sums over samples NaN.
-        return jnp.where(self.records.mask, self.records.z - y, 0.0)
 
     def _held(self, parameters: Parameters, triangles) -> Parameters:
         """Return a mask of the parameters on a bound whose descent direction leaves the bounds."""

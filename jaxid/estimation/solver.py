@@ -265,7 +265,7 @@ def minimise(
     problem: Problem,
     begin: Parameters,
     solver: GaussNewton,
-    S: Float[Array, "case time output column"] | None = None,
+    S: Float[Array, "case time sensitive column"] | None = None,
 ) -> tuple[Parameters, State]:
     """Return the best parameters of a problem and the last state of the solver.
 

@@ -178,6 +178,31 @@ class FullNoise(AbstractNoise):
         require(not _gaps(mask), _GAPS.format(where=_gap_names(mask, outputs)))
 
 
+class InnovationNoise(AbstractNoise):
+    """Noise of rows that are whitened already, with the log-determinant of their covariance.
+
+        J = sum_i ( 1/2 w_i' w_i + log det L_i )
+
+    The rows of a sample with m outputs are `w` (m), `I - w w'` (m (m + 1)/2), `log det L` (1) and
+    the innovations (m), as `FilterError` computes them. Q and R are parameters of the model.
+    """
+
+    is_known: ClassVar[bool] = True
+
+    def cholesky(self, v, mask):
+        return jnp.eye(v.shape[-1])
+
+    def cost(self, v, mask):
+        m = n_outputs_of(v.shape[-1])
+        log_det = v[..., m * (m + 3) // 2]
+        return 0.5 * jnp.sum(v[..., :m] ** 2) + jnp.sum(log_det)
+
+
+def n_outputs_of(width: int) -> int:
+    """Return the number m of outputs for the width `2 m + m (m + 1)/2 + 1` of their rows."""
+    return int((np.sqrt(17 + 8 * width) - 5) / 2 + 1e-9)
+
+
 def whiten(
     L: Float[Array, "output output"],
     rows: Float[Array, "case time output *column"],

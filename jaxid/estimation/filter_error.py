@@ -1,0 +1,315 @@
+"""`FilterError`: the likelihood of models with process noise, by an extended Kalman filter."""
+
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.linalg import solve_triangular
+
+from .._foundation.checks import require, require_known
+from .._foundation.dependence import returns_argument
+from .._foundation.types import Array, Float
+from ..data.record import Record
+from ..models.base import AbstractModel, as_float
+from ..models.free import INITIAL_STATE, Free
+from ..models.noise import InnovationNoise
+from ..models.stochastic import StochasticModel
+from ..sensitivity.jacobian import value_and_jacobian
+from ..simulation.hold import AbstractHold, Linear
+from ..simulation.solution import Solution
+from ..simulation.steppers import RK4
+from .kalman import Filtered, kalman_filter
+from .likelihoods import AbstractLikelihood
+from .noise_options import (
+    FirstOrder,
+    Fixed,
+    Number,
+    check_number,
+    check_option,
+    number,
+    value_of,
+)
+
+# Chosen: bounds of an estimated deviation or correlation time, relative to its start.
+LOWEST_SHARE, HIGHEST_SHARE = 1e-4, 1e4
+# Chosen: start of a sensor's deviation where its record shows no noise, relative to its range.
+LEAST_NOISE = 1e-3
+
+
+class FilterError(AbstractLikelihood):
+    r"""Filter error: part of the misfit is process noise, which moves the states.
+
+        J = 1/2 sum_i ( v_i' B_i^-1 v_i + log det B_i )     (Eq. A.15)
+
+    with the innovations `v_i = z_i - y(i|i-1)` of an extended Kalman filter and their covariance
+    `B_i` (A.16 to A.25). The standard deviations of process noise, sensors and initial state are
+    parameters like all others: with bounds, standard errors and names, such as `process.w`,
+    `sensor.alpha`. The rows of the information are, with `B = L L'` and `w = L^-1 v`,
+
+        L^-1 dv beside w,    vec(L^-1 dB L^-T)/sqrt(2) beside vec(I - w w')/sqrt(2)
+
+    which give the gradient (4.17) and the Fisher matrix (4.18). A number is the start of an
+    estimate; `Fixed(number)` is a known value.
+
+    Args:
+        process: process noise by state, white in its equation [unit of the state per sqrt(s)], or
+            by disturbance input of `model.with_disturbance_inputs()`, white [its unit times
+            sqrt(s)] or with memory, as `FirstOrder(deviation, correlation_time)`.
+        noise: standard deviation of the white noise of each sensor, by output [its unit]. A
+            sensor that is not named is estimated, from a start by the second differences of its
+            record.
+        initial: standard deviation of the initial state, by state [its unit]. A state that is not
+            named starts as the model (or the free initial state) has it, without error.
+        hold: interpolation of the inputs between their samples.
+        stepper: the integration of the state from sample to sample.
+        steady: start in statistical steady state (A.45 to A.49), for time-invariant models; it
+            replaces `initial`.
+        updates: number of linearisations of the outputs at each sample; more than one iterates
+            the update for strongly nonlinear outputs.
+    """
+
+    process: dict[str, Number | FirstOrder]
+    sensors: dict[str, Number]
+    initial: dict[str, Number]
+    hold: AbstractHold
+    stepper: RK4
+    steady: bool = eqx.field(static=True)
+    updates: int = eqx.field(static=True)
+    noise: InnovationNoise
+
+    def __init__(
+        self,
+        process: Mapping | None = None,
+        noise: Mapping | None = None,
+        initial: Mapping | None = None,
+        *,
+        hold: AbstractHold | None = None,
+        stepper: RK4 | None = None,
+        steady: bool = False,
+        updates: int = 1,
+    ):
+        self.process = {
+            name: option if isinstance(option, FirstOrder) else number(option)
+            for name, option in (process or {}).items()
+        }
+        self.sensors = {name: number(option) for name, option in (noise or {}).items()}
+        self.initial = {name: number(option) for name, option in (initial or {}).items()}
+        self.hold, self.stepper = hold or Linear(), stepper or RK4()
+        self.steady, self.updates, self.noise = steady, updates, InnovationNoise()
+        require(
+            isinstance(self.stepper, RK4),
+            "FilterError needs the derivative of a fixed step. Use `stepper=RK4(substeps)`.",
+        )
+        require(updates >= 1, f"updates is {updates}; at least one update is needed.")
+        require(
+            not (steady and self.initial),
+            "A filter in steady state has the covariance of the Riccati equation at its start. "
+            "Leave out `initial`, or `steady`.",
+        )
+        self._check_numbers()
+
+    def prepared(
+        self, model: AbstractModel, free: Free, records: Record
+    ) -> tuple[AbstractModel, Free]:
+        if isinstance(model, StochasticModel):
+            return model, free
+        self._check_names(model, free)
+        known = model.states if not self._disturbances(model) else None
+        wide = model if known else model.with_disturbance_inputs()
+        with_memory = {k: v for k, v in self.process.items() if isinstance(v, FirstOrder)}
+        starts = _sensor_starts(records)
+        options = {
+            f"sensor.{name}": self.sensors.get(name, start)
+            for name, start in zip(model.outputs, starts, strict=True)
+        }
+        options |= {f"initial.{name}": option for name, option in self.initial.items()}
+        for name, option in self.process.items():
+            deviation = option.deviation if isinstance(option, FirstOrder) else option
+            options[f"process.{name}"] = deviation
+        options |= {f"correlation_time.{k}": v.correlation_time for k, v in with_memory.items()}
+
+        def group(kind):
+            mark = f"{kind}."
+            return {
+                name.removeprefix(mark): value_of(option)
+                for name, option in options.items()
+                if name.startswith(mark)
+            }
+
+        stochastic = StochasticModel(
+            wide,
+            group("process"),
+            group("correlation_time"),
+            group("sensor"),
+            group("initial"),
+            model.inputs,
+        )
+        estimated = {k: v for k, v in options.items() if not isinstance(v, Fixed)}
+        lower = free.lower | {k: LOWEST_SHARE * value_of(v) for k, v in estimated.items()}
+        upper = free.upper | {k: HIGHEST_SHARE * value_of(v) for k, v in estimated.items()}
+        shared = (*free.shared, *estimated)
+        return stochastic, Free(shared, free.per_record, lower, upper, free.scale, free.prior)
+
+    def filter(
+        self, model: AbstractModel, record: Record, initial_state: Float[Array, " state"]
+    ) -> Filtered:
+        """Return the filter's states and innovations for one record."""
+        assert isinstance(model, StochasticModel), "a model from `prepared`"
+        substeps, options = self.stepper.substeps, {"updates": self.updates, "steady": self.steady}
+        return kalman_filter(model, record, initial_state, self.hold, substeps, **options)
+
+    def solve(self, model, record, initial_state):
+        filtered = self.filter(model, record, initial_state)
+        x, y = filtered.x_predicted, filtered.y
+        return Solution(record.t, x, y, jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y)))
+
+    def rows(self, model, record, initial_state):
+        filtered = self.filter(model, record, initial_state)
+        log_det = jnp.sum(jnp.log(jnp.diagonal(filtered.L, axis1=-2, axis2=-1)), axis=-1)
+        pairs = _pairs(jnp.eye(record.z.shape[-1])[None] - _outer(filtered.w), record.mask)
+        return jnp.concatenate([filtered.w, pairs, log_det[:, None], filtered.v], axis=-1)
+
+    def sensitivities(self, family, theta, record):
+        def parts(theta):
+            model, initial_state = family(theta)
+            filtered = self.filter(model, record, initial_state)
+            return filtered.v, filtered.L
+
+        (v, L), (dv, dL) = _value_and_columns(parts, theta)
+        inverse = _inverse(L)
+        rows_v = -jnp.einsum("tij,tjp->tip", inverse, dv)
+        half = jnp.einsum("tij,tjkp->tikp", inverse, dL)
+        # L^-1 dB L^-T = X + X' with X = L^-1 dL, as B = L L'
+        G = half + jnp.swapaxes(half, 1, 2)
+        columns = _pairs(jnp.moveaxis(G, -1, 0), record.mask)
+        rows_B = -jnp.moveaxis(columns, 0, -1)
+        w = jnp.einsum("tij,tj->ti", inverse, v)
+        log_det = jnp.sum(jnp.log(jnp.diagonal(L, axis1=-2, axis2=-1)), axis=-1)
+        pairs = _pairs(jnp.eye(v.shape[-1])[None] - _outer(w), record.mask)
+        values = jnp.concatenate([w, pairs, log_det[:, None], v], axis=-1)
+        return values, jnp.concatenate([rows_v, rows_B], axis=1)
+
+    def row_mask(self, mask):
+        first, second = np.triu_indices(mask.shape[-1])
+        both = mask[..., first] & mask[..., second]
+        return jnp.concatenate([mask, both, jnp.ones_like(mask[..., :1]), mask], axis=-1)
+
+    def residuals(self, rows, mask):
+        return rows[..., -mask.shape[-1] :]
+
+    def measurement_covariance(self, model, rows, mask):
+        return jnp.diag(model.sensor_deviations() ** 2)
+
+    def check(self, model, records):
+        self.check_times(records.t)
+        one = jnp.zeros((records.t.shape[-1], len(model.outputs)))
+        t = records.t.reshape(-1, records.t.shape[-1])[0]
+        require(
+            returns_argument(lambda y: model.observe(t, y), one),
+            "The model has effects on its sampled outputs (`observe`: a sensor's lag or delay), "
+            "which have a memory that the filter does not carry. Use OutputError, or remove them.",
+        )
+
+    def check_times(self, t):
+        self.hold.check(t)
+
+    def _disturbances(self, model: AbstractModel) -> tuple[str, ...]:
+        """Return the names of the disturbance inputs with process noise."""
+        return tuple(name for name in self.process if name not in model.states)
+
+    def _check_numbers(self) -> None:
+        for name, option in self.process.items():
+            check_option(option, f"The process noise of {name!r}", (Array, Fixed, FirstOrder))
+            if isinstance(option, FirstOrder):
+                check_number(option.deviation, f"The deviation of {name!r}", zero=True)
+                time = f"The correlation time of {name!r}"
+                check_number(option.correlation_time, time, zero=False)
+            else:
+                check_number(option, f"The process noise of {name!r}", zero=True)
+        for name, option in self.sensors.items():
+            check_number(option, f"The noise of sensor {name!r}", zero=False)
+        for name, option in self.initial.items():
+            check_number(option, f"The deviation of the initial state {name!r}", zero=True)
+
+    def _check_names(self, model: AbstractModel, free: Free) -> None:
+        """Refuse noises of states, disturbances and sensors that do not exist."""
+        require(
+            bool(model.states),
+            f"{type(model).__name__} has no states, so that no noise can drive them. "
+            "Use OutputError().",
+        )
+        gusts = model.with_disturbance_inputs().inputs[len(model.inputs) :]
+        require_known("state or disturbance (in `process`)", self.process, (*model.states, *gusts))
+        for name in self.process:
+            require(
+                name in gusts or not isinstance(self.process[name], FirstOrder),
+                f"{name!r} is a state. FirstOrder describes a disturbance input "
+                f"({', '.join(gusts) or 'this model has none'}); the noise of an equation is "
+                "white: give a number.",
+            )
+        require_known("output (in `noise`)", self.sensors, model.outputs)
+        require_known("state (in `initial`)", self.initial, model.states)
+        for name in self.initial:
+            require(
+                f"{INITIAL_STATE}.{name}" not in (*free.shared, *free.per_record),
+                f"The initial state {name!r} is free and has a deviation in `initial`. Either "
+                "estimate it (leave it out of `initial`) or describe its spread (leave it out of "
+                "the free parameters).",
+            )
+
+
+def _value_and_columns(parts, theta):
+    """Return `(v, L)` and their derivatives, the parameter as last axis."""
+    flat, derivative = value_and_jacobian(lambda theta: _joined(*parts(theta)), theta)
+    count = flat.shape[-1]
+    m = int((np.sqrt(1 + 4 * count) - 1) / 2)  # count = m + m^2
+    shape = (flat.shape[0], m, m)
+    return (flat[:, :m], flat[:, m:].reshape(shape)), (
+        derivative[:, :m],
+        derivative[:, m:].reshape(*shape, -1),
+    )
+
+
+def _joined(v, L):
+    return jnp.concatenate([v, L.reshape(L.shape[0], -1)], axis=-1)
+
+
+def _inverse(L):
+    """Return the inverses of lower triangular matrices."""
+    eye = jnp.broadcast_to(jnp.eye(L.shape[-1]), L.shape)
+    return solve_triangular(L, eye, lower=True)
+
+
+def _outer(w):
+    return w[..., :, None] * w[..., None, :]
+
+
+def _pairs(symmetric, mask):
+    """Return the weighted upper triangle of symmetric matrices, `vec(.)/sqrt(2)` without repeats.
+
+    Rows of missing samples are zero.
+    """
+    first, second = np.triu_indices(mask.shape[-1])
+    weight = np.where(first == second, np.sqrt(0.5), 1.0)
+    both = mask[..., first] & mask[..., second]
+    values = symmetric[..., first, second] * weight.reshape((1,) * (symmetric.ndim - 2) + (-1,))
+    return jnp.where(jnp.broadcast_to(both, values.shape), values, 0.0)
+
+
+def _sensor_starts(records: Record) -> Float[Array, " output"]:
+    """Return the start of each sensor's deviation from the second differences of its record.
+
+        sigma^2 = mean( (z_(i-1) - 2 z_i + z_(i+1))^2 ) / 6
+
+    exact for white noise on a straight line. At least 0.001 of the range of the record.
+    """
+    z, mask = records.z, records.mask
+    valid = mask[..., 2:, :] & mask[..., 1:-1, :] & mask[..., :-2, :]
+    second = jnp.where(valid, z[..., 2:, :] - 2.0 * z[..., 1:-1, :] + z[..., :-2, :], 0.0)
+    axes = tuple(range(z.ndim - 1))
+    count = jnp.maximum(jnp.sum(valid, axis=axes), 1)
+    deviation = jnp.sqrt(jnp.sum(second**2, axis=axes) / (6.0 * count))
+    size = jnp.max(jnp.where(mask, jnp.abs(z), 0.0), axis=axes)
+    least = LEAST_NOISE * jnp.where(size > 0, size, 1.0)
+    return as_float(jnp.maximum(deviation, least))

@@ -1,0 +1,139 @@
+"""`StochasticModel`: a model with the standard deviations of its noises as parameters."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .._foundation.types import Array, Float
+from .base import AbstractModel
+
+
+class StochasticModel(AbstractModel):
+    """A model driven by random forces and measured with noise.
+
+        dx = rhs(t, x, [u, d]) dt + diag(process) dw,
+        d_k = c_k dw_k/dt (white),    or    d(d_k) = -d_k/T_k dt + sqrt(2/T_k) s_k dw_k,
+        z_i = output(t_i, x_i, [u_i, d_i]) + e_i,    e_i ~ N(0, diag(sensor^2))
+
+    Its states are the states of the model followed by the disturbances with memory. Simulated, it
+    moves without noise.
+
+    Args:
+        model: the model; its inputs after `inputs` are disturbances.
+        process: by state or white disturbance, the square root of the spectral density [unit of
+            the state per sqrt(s); unit of the disturbance times sqrt(s)]; by disturbance with
+            memory, the standard deviation [unit of the disturbance].
+        correlation_time: by disturbance with memory [s].
+        sensor: standard deviation of the noise, by output [unit of the output].
+        initial: standard deviation of the initial state, by state [unit of the state]; zero if
+            missing.
+        inputs: names of the recorded inputs.
+    """
+
+    model: AbstractModel
+    process: dict[str, Float[Array, ""]]
+    correlation_time: dict[str, Float[Array, ""]]
+    sensor: dict[str, Float[Array, ""]]
+    initial: dict[str, Float[Array, ""]]
+    inputs: tuple[str, ...] = eqx.field(static=True)
+    transparent: ClassVar[tuple[str, ...]] = ("model",)
+
+    @property
+    def states(self):
+        return (*self.model.states, *self.with_memory)
+
+    @property
+    def outputs(self):
+        return self.model.outputs
+
+    @property
+    def with_memory(self) -> tuple[str, ...]:
+        """Names of the disturbances with memory, in the order of their states."""
+        return tuple(sorted(self.correlation_time))
+
+    @property
+    def white(self) -> tuple[str, ...]:
+        """Names of the states and disturbances driven by white noise, in order."""
+        return tuple(name for name in sorted(self.process) if name not in self.correlation_time)
+
+    def rhs(self, t, x, u):
+        own, disturbances = self._split(x)
+        times = self._vector(self.correlation_time, self.with_memory)
+        rates = self.model.rhs(t, own, self._inputs(u, disturbances))
+        return jnp.concatenate([rates, -disturbances / times])
+
+    def output(self, t, x, u):
+        return self.output_given(t, x, u, self.rhs(t, x, u))
+
+    def output_given(self, t, x, u, dx):
+        own, disturbances = self._split(x)
+        inputs = self._inputs(u, disturbances)
+        return self.model.output_given(t, own, inputs, dx[: len(self.model.states)])
+
+    def input_signal(self, path):
+        return self.model.input_signal(path)
+
+    def observe(self, t, y):
+        return self.model.observe(t, y)
+
+    def initial_state(self, record):
+        return jnp.concatenate([self.model.initial_state(record), jnp.zeros(len(self.with_memory))])
+
+    def units(self):
+        units = self.model.units()
+        noise = {f"sensor.{name}": units.get(name, "") for name in self.sensor}
+        noise |= {f"initial.{name}": units.get(name, "") for name in self.initial}
+        noise |= {f"correlation_time.{name}": "s" for name in self.correlation_time}
+        for name in self.process:
+            unit = units.get(name, "")
+            density = f"{unit}/sqrt(s)" if name in self.model.states else f"{unit}*sqrt(s)"
+            noise[f"process.{name}"] = unit if name in self.correlation_time else density
+        return units | noise
+
+    def diffusion(
+        self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
+    ) -> Float[Array, "state noise"]:
+        """Return the matrix `G` of `dx = rhs dt + G dw` with independent unit white noises."""
+        at, columns = self.states, []
+        for name in self.with_memory:
+            size = self.process[name] * jnp.sqrt(2.0 / self.correlation_time[name])
+            columns.append(jnp.zeros(len(at)).at[at.index(name)].set(size))
+        columns += [self._white_column(name, t, x, u) for name in self.white]
+        return jnp.stack(columns, axis=-1) if columns else jnp.zeros((len(at), 0))
+
+    def initial_covariance(self) -> Float[Array, "state state"]:
+        """Return the covariance of the initial state; disturbances start in steady state."""
+        own = [self.initial.get(name, jnp.zeros(())) for name in self.model.states]
+        disturbances = [self.process[name] for name in self.with_memory]
+        return jnp.diag(jnp.stack([*own, *disturbances]) ** 2)
+
+    def sensor_deviations(self) -> Float[Array, " output"]:
+        """Return the standard deviations of the measurement noise."""
+        return self._vector(self.sensor, self.outputs)
+
+    def _white_column(self, name, t, x, u):
+        if name in self.model.states:
+            at = self.states.index(name)
+            return jnp.zeros(len(self.states)).at[at].set(self.process[name])
+        own, disturbances = self._split(x)
+        inputs = self._inputs(u, disturbances)
+        unit = jnp.zeros(inputs.shape).at[self.model.inputs.index(name)].set(1.0)
+        _, image = jax.jvp(lambda u: self.model.rhs(t, own, u), (inputs,), (unit,))
+        return self.process[name] * jnp.pad(image, (0, len(self.with_memory)))
+
+    def _split(self, x):
+        count = len(self.model.states)
+        return x[:count], x[count:]
+
+    def _inputs(self, u, disturbances):
+        """Return all inputs of the model; a white disturbance has the mean zero."""
+        values = dict(zip(self.with_memory, disturbances, strict=True))
+        further = self.model.inputs[len(self.inputs) :]
+        zero = jnp.zeros(())
+        return jnp.concatenate([u, *(values.get(name, zero)[None] for name in further)])
+
+    @staticmethod
+    def _vector(values, names):
+        return jnp.stack([values[name] for name in names]) if names else jnp.zeros(0)

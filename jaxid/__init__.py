@@ -34,6 +34,7 @@ from .estimation import (
 from .estimation import spectrum_policy as spectrum
 from .models import (
     AbstractModel,
+    AutoregressiveNoise,
     DiagonalNoise,
     FixedNoise,
     Free,
@@ -76,6 +77,7 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     "Polynomial",
     "Free",
     "free",
+    "AutoregressiveNoise",
     "DiagonalNoise",
     "FixedNoise",
     "FullNoise",

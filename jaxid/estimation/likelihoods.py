@@ -137,6 +137,7 @@ class OutputError(AbstractLikelihood):
 
     def check(self, model, records):
         self.noise.check(records.mask, records.outputs)
+        self.noise.check_times(records.t)
         self.check_times(records.t)
 
     def check_times(self, t):

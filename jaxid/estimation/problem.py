@@ -17,7 +17,7 @@ from ..data.record import Record
 from ..models.base import AbstractModel, as_float, canonical
 from ..models.free import Free, Parameters, Positions, flat_vectors, insert
 from ..models.free_model import FreeModel
-from ..models.noise import whiten
+from ..models.noise import AbstractWhitening
 from ..sensitivity.information import Information, gather, record_triangles
 from ..simulation.solution import Solution
 from .coloured import score_covariance_under, tapered_covariance
@@ -187,12 +187,12 @@ class Problem(eqx.Module):
         if self.batch == self.records.n_cases:
             return self.informed(*self.sensitivities(parameters), parameters)
         v = self.residuals(parameters)
-        L = self.likelihood.noise.cholesky(v, self.row_mask)
+        whiten = self.likelihood.noise.whitening(v, self.row_mask)
 
         def fold(batch):
             rows, cases, v = batch
             _, S = self._sensitivities(rows, parameters.shared, cases)
-            return self._fold(S, v, self.likelihood.row_mask(cases[1].mask), L)
+            return self._fold(S, v, self.likelihood.row_mask(cases[1].mask), whiten)
 
         folded = self._by_batch(fold, (parameters.rows, self.cases(), v))
         return Linearised(v, None, self._gather(parameters, *folded))
@@ -204,8 +204,8 @@ class Problem(eqx.Module):
         parameters: Parameters,
     ) -> "Linearised":
         """Return the linearised problem of given residuals and sensitivities of all records."""
-        L = self.likelihood.noise.cholesky(v, self.row_mask)
-        folded = self._fold(S, v, self.row_mask, L)
+        whiten = self.likelihood.noise.whitening(v, self.row_mask)
+        folded = self._fold(S, v, self.row_mask, whiten)
         return Linearised(v, S, self._gather(parameters, *folded))
 
     def score_covariance(
@@ -219,13 +219,12 @@ class Problem(eqx.Module):
         """
         v, own = linearised.v, linearised.information.own
         mask = self.row_mask
-        L = self.likelihood.noise.cholesky(v, mask)
-        covariance = tapered_covariance(whiten(L, v, mask), mask)
+        whiten = self.likelihood.noise.whitening(v, mask)
+        covariance = tapered_covariance(whiten(v, mask), mask)
 
         def of_records(S, own, mask):
-            n = S.shape[2]
-            white = whiten(L[:n, :n], S, mask[..., :n])
-            return score_covariance_under(self._projected(white, own), covariance[:, :n])
+            white = self._projected(whiten(S, mask), own)
+            return score_covariance_under(white, covariance[:, : S.shape[2]])
 
         if linearised.S is not None:
             return of_records(linearised.S, own, mask)
@@ -258,11 +257,9 @@ class Problem(eqx.Module):
 
         return jax.tree.map(join, jax.lax.map(function, jax.tree.map(split, arguments)))
 
-    def _fold(self, S, v, mask, L):
+    def _fold(self, S, v, mask, whiten: AbstractWhitening):
         """Return the triangles of some records, and their rows of the noise's curvature."""
-        sensitive = S.shape[2]
-        v, mask, L = v[..., :sensitive], mask[..., :sensitive], L[:sensitive, :sensitive]
-        white_v, white_S = whiten(L, v, mask), whiten(L, S, mask)
+        white_v, white_S = whiten(v[:, :, : S.shape[2]], mask), whiten(S, mask)
         count = self.positions.rows.size
         triangles = record_triangles(white_S[..., :count], white_S[..., count:], white_v)
         return triangles, self.likelihood.noise.profile_rows(white_S, white_v, mask)
@@ -282,12 +279,12 @@ class Problem(eqx.Module):
     def whiten(
         self, v: Float[Array, "case time row"], rows: Float[Array, "case time sensitive *column"]
     ):
-        """Return `rows` divided by the square root of the noise covariance.
+        """Return `rows` in units of the noise, with its memory removed.
 
-        With an estimated noise covariance, `v` is the residual from which it is estimated.
+        With estimated noise, `v` is the residual from which it is estimated.
         """
-        mask, n = self.row_mask, rows.shape[2]
-        return whiten(self.likelihood.noise.cholesky(v, mask)[:n, :n], rows, mask[..., :n])
+        mask = self.row_mask
+        return self.likelihood.noise.whitening(v, mask)(rows, mask)
 
     def projected(self, linearised: "Linearised") -> Float[Array, "case time sensitive parameter"]:
         """Return the whitened sensitivities to the shared parameters, orthogonal to the others.

@@ -1,5 +1,6 @@
 """Models: abstract base class, free parameters, polynomials, tables, linear and noise models."""
 
+from .autoregressive_noise import AutoregressiveNoise
 from .base import AbstractModel
 from .free import Free, Parameters, free, with_values
 from .linear import LinearModel
@@ -12,6 +13,7 @@ from .tables import Extrapolation, Interpolation, Table, range_violations, requi
 
 __all__ = [
     "AbstractModel",
+    "AutoregressiveNoise",
     "DiagonalNoise",
     "Extrapolation",
     "FixedNoise",

@@ -16,8 +16,39 @@ from .._foundation.types import Array, Bool, Float
 from .base import as_float
 
 
+class AbstractWhitening(eqx.Module):
+    """Linear map of residuals and sensitivities to rows whose noise is white, of unit variance."""
+
+    @abc.abstractmethod
+    def __call__(
+        self, rows: Float[Array, "case time output *column"], mask: Bool[Array, "case time output"]
+    ) -> Float[Array, "case time output *column"]:
+        """Return the whitened rows, zero where there is no valid sample.
+
+        Args:
+            rows: residuals, or sensitivities with the parameter as last axis.
+            mask: valid samples.
+        """
+
+
+class Division(AbstractWhitening):
+    """Whitening of noise without memory: `L^-1 rows` at every sample.
+
+    Where only the first rows of misfit have sensitivities, their part of L whitens them.
+
+    Attributes:
+        L: Cholesky factor of the covariance.
+    """
+
+    L: Float[Array, "output output"]
+
+    def __call__(self, rows, mask):
+        count = rows.shape[2]
+        return whiten(self.L[:count, :count], rows, mask[..., :count])
+
+
 class AbstractNoise(eqx.Module):
-    """Covariance of white measurement noise, and the corresponding cost.
+    """Measurement noise: its covariance, its whitening, and the corresponding cost.
 
     A noise model computes from residuals `v` a Cholesky factor `L` of `R = L L'`, and the negative
     log-likelihood that a search minimises.
@@ -33,6 +64,12 @@ class AbstractNoise(eqx.Module):
         self, v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]
     ) -> Float[Array, "output output"]:
         """Cholesky factor of R for these residuals."""
+
+    def whitening(
+        self, v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]
+    ) -> AbstractWhitening:
+        """Return the whitening for these residuals; by default that of noise without memory."""
+        return Division(self.cholesky(v, mask))
 
     @abc.abstractmethod
     def cost(
@@ -65,6 +102,9 @@ class AbstractNoise(eqx.Module):
 
     def check(self, mask: Bool[Array, "case time output"], outputs: tuple[str, ...]) -> None:
         """Refuse data that this noise model does not support."""
+
+    def check_times(self, t: Float[Array, "*case time"]) -> None:
+        """Refuse sample times that this noise model does not support."""
 
 
 class FixedNoise(AbstractNoise):

@@ -30,6 +30,7 @@ from .estimation import (
     GaussNewton,
     OutputError,
     estimate,
+    smooth,
 )
 from .estimation import spectrum_policy as spectrum
 from .models import (
@@ -95,6 +96,7 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     "FilterError",
     "FirstOrder",
     "Fixed",
+    "smooth",
     "GaussNewton",
     # Diagnosis
     "predict",

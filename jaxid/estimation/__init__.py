@@ -5,6 +5,7 @@ from .filter_error import FilterError
 from .likelihoods import OutputError
 from .noise_options import FirstOrder, Fixed
 from .result import Estimate
+from .smoother import Smoothed, smooth
 from .solver import GaussNewton
 from .spectrum_policy import Clip, Plain, Truncate, TwoStep
 
@@ -17,7 +18,9 @@ __all__ = [
     "GaussNewton",
     "OutputError",
     "Plain",
+    "Smoothed",
     "Truncate",
     "TwoStep",
     "estimate",
+    "smooth",
 ]

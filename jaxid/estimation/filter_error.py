@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import solve_triangular
 
-from .._foundation.checks import require, require_known
+from .._foundation.checks import require
 from .._foundation.dependence import returns_argument
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from ..models.base import AbstractModel, as_float
-from ..models.free import INITIAL_STATE, Free
+from ..models.base import AbstractModel
+from ..models.free import Free
 from ..models.noise import InnovationNoise
 from ..models.stochastic import StochasticModel
 from ..sensitivity.jacobian import value_and_jacobian
@@ -21,20 +21,9 @@ from ..simulation.solution import Solution
 from ..simulation.steppers import RK4
 from .kalman import Filtered, kalman_filter
 from .likelihoods import AbstractLikelihood
-from .noise_options import (
-    FirstOrder,
-    Fixed,
-    Number,
-    check_number,
-    check_option,
-    number,
-    value_of,
-)
-
-# Chosen: bounds of an estimated deviation or correlation time, relative to its start.
-LOWEST_SHARE, HIGHEST_SHARE = 1e-4, 1e4
-# Chosen: start of a sensor's deviation where its record shows no noise, relative to its range.
-LEAST_NOISE = 1e-3
+from .noise_identifiability import check_noise_identifiable
+from .noise_options import FirstOrder, Number, number
+from .noise_parameters import check_names, check_values, with_noise_parameters
 
 
 class FilterError(AbstractLikelihood):
@@ -47,7 +36,7 @@ class FilterError(AbstractLikelihood):
     parameters like all others: with bounds, standard errors and names, such as `process.w`,
     `sensor.alpha`. The rows of the information are, with `B = L L'` and `w = L^-1 v`,
 
-        L^-1 dv beside w,    vec(L^-1 dB L^-T)/sqrt(2) beside vec(I - w w')/sqrt(2)
+        [ L^-1 dv,  w ],    [ vec(L^-1 dB L^-T)/sqrt(2),  vec(I - w w')/sqrt(2) ]
 
     which give the gradient (4.17) and the Fisher matrix (4.18). A number is the start of an
     estimate; `Fixed(number)` is a known value.
@@ -107,49 +96,19 @@ class FilterError(AbstractLikelihood):
             "A filter in steady state has the covariance of the Riccati equation at its start. "
             "Leave out `initial`, or `steady`.",
         )
-        self._check_numbers()
+        check_values(self.process, self.sensors, self.initial)
 
     def prepared(
         self, model: AbstractModel, free: Free, records: Record
     ) -> tuple[AbstractModel, Free]:
         if isinstance(model, StochasticModel):
             return model, free
-        self._check_names(model, free)
-        known = model.states if not self._disturbances(model) else None
-        wide = model if known else model.with_disturbance_inputs()
-        with_memory = {k: v for k, v in self.process.items() if isinstance(v, FirstOrder)}
-        starts = _sensor_starts(records)
-        options = {
-            f"sensor.{name}": self.sensors.get(name, start)
-            for name, start in zip(model.outputs, starts, strict=True)
-        }
-        options |= {f"initial.{name}": option for name, option in self.initial.items()}
-        for name, option in self.process.items():
-            deviation = option.deviation if isinstance(option, FirstOrder) else option
-            options[f"process.{name}"] = deviation
-        options |= {f"correlation_time.{k}": v.correlation_time for k, v in with_memory.items()}
-
-        def group(kind):
-            mark = f"{kind}."
-            return {
-                name.removeprefix(mark): value_of(option)
-                for name, option in options.items()
-                if name.startswith(mark)
-            }
-
-        stochastic = StochasticModel(
-            wide,
-            group("process"),
-            group("correlation_time"),
-            group("sensor"),
-            group("initial"),
-            model.inputs,
+        check_names(model, free, self.process, self.sensors, self.initial)
+        stochastic, chosen = with_noise_parameters(
+            model, free, records, self.process, self.sensors, self.initial
         )
-        estimated = {k: v for k, v in options.items() if not isinstance(v, Fixed)}
-        lower = free.lower | {k: LOWEST_SHARE * value_of(v) for k, v in estimated.items()}
-        upper = free.upper | {k: HIGHEST_SHARE * value_of(v) for k, v in estimated.items()}
-        shared = (*free.shared, *estimated)
-        return stochastic, Free(shared, free.per_record, lower, upper, free.scale, free.prior)
+        check_noise_identifiable(stochastic, chosen, records)
+        return stochastic, chosen
 
     def filter(
         self, model: AbstractModel, record: Record, initial_state: Float[Array, " state"]
@@ -199,6 +158,7 @@ class FilterError(AbstractLikelihood):
         return rows[..., -mask.shape[-1] :]
 
     def measurement_covariance(self, model, rows, mask):
+        assert isinstance(model, StochasticModel), "a model from `prepared`"
         return jnp.diag(model.sensor_deviations() ** 2)
 
     def check(self, model, records):
@@ -213,50 +173,6 @@ class FilterError(AbstractLikelihood):
 
     def check_times(self, t):
         self.hold.check(t)
-
-    def _disturbances(self, model: AbstractModel) -> tuple[str, ...]:
-        """Return the names of the disturbance inputs with process noise."""
-        return tuple(name for name in self.process if name not in model.states)
-
-    def _check_numbers(self) -> None:
-        for name, option in self.process.items():
-            check_option(option, f"The process noise of {name!r}", (Array, Fixed, FirstOrder))
-            if isinstance(option, FirstOrder):
-                check_number(option.deviation, f"The deviation of {name!r}", zero=True)
-                time = f"The correlation time of {name!r}"
-                check_number(option.correlation_time, time, zero=False)
-            else:
-                check_number(option, f"The process noise of {name!r}", zero=True)
-        for name, option in self.sensors.items():
-            check_number(option, f"The noise of sensor {name!r}", zero=False)
-        for name, option in self.initial.items():
-            check_number(option, f"The deviation of the initial state {name!r}", zero=True)
-
-    def _check_names(self, model: AbstractModel, free: Free) -> None:
-        """Refuse noises of states, disturbances and sensors that do not exist."""
-        require(
-            bool(model.states),
-            f"{type(model).__name__} has no states, so that no noise can drive them. "
-            "Use OutputError().",
-        )
-        gusts = model.with_disturbance_inputs().inputs[len(model.inputs) :]
-        require_known("state or disturbance (in `process`)", self.process, (*model.states, *gusts))
-        for name in self.process:
-            require(
-                name in gusts or not isinstance(self.process[name], FirstOrder),
-                f"{name!r} is a state. FirstOrder describes a disturbance input "
-                f"({', '.join(gusts) or 'this model has none'}); the noise of an equation is "
-                "white: give a number.",
-            )
-        require_known("output (in `noise`)", self.sensors, model.outputs)
-        require_known("state (in `initial`)", self.initial, model.states)
-        for name in self.initial:
-            require(
-                f"{INITIAL_STATE}.{name}" not in (*free.shared, *free.per_record),
-                f"The initial state {name!r} is free and has a deviation in `initial`. Either "
-                "estimate it (leave it out of `initial`) or describe its spread (leave it out of "
-                "the free parameters).",
-            )
 
 
 def _value_and_columns(parts, theta):
@@ -295,21 +211,3 @@ def _pairs(symmetric, mask):
     both = mask[..., first] & mask[..., second]
     values = symmetric[..., first, second] * weight.reshape((1,) * (symmetric.ndim - 2) + (-1,))
     return jnp.where(jnp.broadcast_to(both, values.shape), values, 0.0)
-
-
-def _sensor_starts(records: Record) -> Float[Array, " output"]:
-    """Return the start of each sensor's deviation from the second differences of its record.
-
-        sigma^2 = mean( (z_(i-1) - 2 z_i + z_(i+1))^2 ) / 6
-
-    exact for white noise on a straight line. At least 0.001 of the range of the record.
-    """
-    z, mask = records.z, records.mask
-    valid = mask[..., 2:, :] & mask[..., 1:-1, :] & mask[..., :-2, :]
-    second = jnp.where(valid, z[..., 2:, :] - 2.0 * z[..., 1:-1, :] + z[..., :-2, :], 0.0)
-    axes = tuple(range(z.ndim - 1))
-    count = jnp.maximum(jnp.sum(valid, axis=axes), 1)
-    deviation = jnp.sqrt(jnp.sum(second**2, axis=axes) / (6.0 * count))
-    size = jnp.max(jnp.where(mask, jnp.abs(z), 0.0), axis=axes)
-    least = LEAST_NOISE * jnp.where(size > 0, size, 1.0)
-    return as_float(jnp.maximum(deviation, least))

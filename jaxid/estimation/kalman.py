@@ -1,4 +1,4 @@
-r"""Extended Kalman filter of a `StochasticModel` for one record (A.16 to A.25), and its smoother.
+r"""Extended Kalman filter of a `StochasticModel` for one record (A.16 to A.25).
 
 Between samples the state runs through the Runge-Kutta steps of the simulation, and its covariance
 through their exact derivative `Phi`:
@@ -49,7 +49,7 @@ class Filtered(NamedTuple):
             each missing sample.
         x_predicted, P_predicted: state and covariance before the sample (A.19).
         x, P: state and covariance after the sample (A.24, A.25).
-        Phi: transition from each sample to the next.
+        Phi, Q: transition from each sample to the next, and the covariance of its noise.
     """
 
     y: Float[Array, "time output"]
@@ -61,6 +61,7 @@ class Filtered(NamedTuple):
     x: Float[Array, "time state"]
     P: Float[Array, "time state state"]
     Phi: Float[Array, "time state state"]
+    Q: Float[Array, "time state state"]
 
 
 class Sample(NamedTuple):
@@ -118,9 +119,10 @@ def kalman_filter(
         x, P = carry
         sample, steps = now
         update = _update(model, x, P, sample, deviations, updates)
-        x_next, P_next, Phi = _predict(model, update.x, update.P, steps)
-        return (x_next, P_next), Filtered(
-            update.y, update.v, update.w, update.L, x, P, update.x, update.P, Phi
+        x_next, Phi, Q = _predict(model, update.x, steps)
+        P_next = Phi @ update.P @ Phi.T + Q
+        return (x_next, (P_next + P_next.T) / 2), Filtered(
+            update.y, update.v, update.w, update.L, x, P, update.x, update.P, Phi, Q
         )
 
     return jax.lax.scan(interval, (initial_state, P), (samples, steps))[1]
@@ -168,20 +170,19 @@ def _gain(P, H, L):
     return solve_triangular(L, half, lower=True, trans=1).T
 
 
-def _predict(model, x, P, steps: Steps):
-    """Return state and covariance at the next sample, and the transition to it."""
+def _predict(model, x, steps: Steps):
+    """Return the state at the next sample, the transition to it and the covariance of its noise."""
 
     def substep(carry, now):
-        x, P, Phi = carry
+        x, Phi, Q = carry
         begin, h, u = now
         x_next, own = value_and_jacobian(lambda x: _step(model, x, begin, h, u), x)
         middle = (begin + h / 2, (x + x_next) / 2, u[1])
         _, A = value_and_jacobian(lambda x: model.rhs(middle[0], x, middle[2]), middle[1])
-        Q = _integral(A, model.diffusion(*middle), h)
-        P = own @ P @ own.T + Q
-        return (x_next, (P + P.T) / 2, own @ Phi), None
+        Q = own @ Q @ own.T + _integral(A, model.diffusion(*middle), h)
+        return (x_next, own @ Phi, (Q + Q.T) / 2), None
 
-    begin = (x, P, jnp.eye(x.size))
+    begin = (x, jnp.eye(x.size), jnp.zeros((x.size, x.size)))
     return jax.lax.scan(substep, begin, steps)[0]
 
 
@@ -211,8 +212,7 @@ def _steady_covariance(model, x, sample: Sample, steps: Steps, deviations):
     By the doubling algorithm (Anderson, International Journal of Control 28, 1978), which squares
     the transition at each iteration.
     """
-    zero = jnp.zeros((x.size, x.size))
-    _, Q, Phi = _predict(model, x, zero, steps)
+    _, Phi, Q = _predict(model, x, steps)
     _, H = value_and_jacobian(lambda x: model.output(sample.t, x, sample.u), x)
     white = H / deviations[:, None]
     eye = jnp.eye(x.size)
@@ -228,28 +228,3 @@ def _steady_covariance(model, x, sample: Sample, steps: Steps, deviations):
 
 
 DOUBLINGS = 30  # chosen: 2^30 samples
-
-
-def smooth(
-    filtered: Filtered,
-) -> tuple[Float[Array, "time state"], Float[Array, "time state column"]]:
-    """Return the states given all samples, with their covariances, by Rauch, Tung and Striebel.
-
-        C_i = P(i|i) Phi_i' P(i+1|i)^-1,    x_s(i) = x(i|i) + C_i (x_s(i+1) - x(i+1|i))
-
-    A singular `P(i+1|i)` is inverted on its range.
-    """
-
-    def back(carry, now):
-        x_later, P_later = carry
-        x, P, Phi, x_next, P_next = now
-        gain = P @ Phi.T @ jnp.linalg.pinv(P_next, hermitian=True)
-        x_smooth = x + gain @ (x_later - x_next)
-        P_smooth = P + gain @ (P_later - P_next) @ gain.T
-        return (x_smooth, P_smooth), (x_smooth, P_smooth)
-
-    before = (filtered.x[:-1], filtered.P[:-1], filtered.Phi[:-1])
-    ahead = (filtered.x_predicted[1:], filtered.P_predicted[1:])
-    last = (filtered.x[-1], filtered.P[-1])
-    _, (x, P) = jax.lax.scan(back, last, (*before, *ahead), reverse=True)
-    return jnp.concatenate([x, last[0][None]]), jnp.concatenate([P, last[1][None]])

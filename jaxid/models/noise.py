@@ -227,7 +227,7 @@ class InnovationNoise(AbstractNoise):
     the innovations (m), as `FilterError` computes them. Q and R are parameters of the model.
     """
 
-    is_known: ClassVar[bool] = True
+    is_known: ClassVar[bool] = False
 
     def cholesky(self, v, mask):
         return jnp.eye(v.shape[-1])

@@ -18,7 +18,8 @@ class StochasticModel(AbstractModel):
         z_i = output(t_i, x_i, [u_i, d_i]) + e_i,    e_i ~ N(0, diag(sensor^2))
 
     Its states are the states of the model followed by the disturbances with memory. Simulated, it
-    moves without noise.
+    moves without noise. An output that depends on the rate of a state contains no white noise of
+    its equation.
 
     Args:
         model: the model; its inputs after `inputs` are disturbances.
@@ -57,6 +58,11 @@ class StochasticModel(AbstractModel):
     def white(self) -> tuple[str, ...]:
         """Names of the states and disturbances driven by white noise, in order."""
         return tuple(name for name in sorted(self.process) if name not in self.correlation_time)
+
+    @property
+    def white_disturbances(self) -> tuple[str, ...]:
+        """Names of the disturbances without memory."""
+        return tuple(name for name in self.white if name not in self.model.states)
 
     def rhs(self, t, x, u):
         own, disturbances = self._split(x)
@@ -102,6 +108,21 @@ class StochasticModel(AbstractModel):
             columns.append(jnp.zeros(len(at)).at[at.index(name)].set(size))
         columns += [self._white_column(name, t, x, u) for name in self.white]
         return jnp.stack(columns, axis=-1) if columns else jnp.zeros((len(at), 0))
+
+    def feedthrough(
+        self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
+    ) -> Float[Array, "output white"]:
+        """Return the derivative of the outputs with respect to the disturbances without memory."""
+        at = [self.model.inputs.index(name) for name in self.white_disturbances]
+        if not at:
+            return jnp.zeros((len(self.outputs), 0))
+        own, disturbances = self._split(x)
+        inputs = self._inputs(u, disturbances)
+
+        def outputs(values):
+            return self.model.output(t, own, inputs.at[jnp.array(at)].set(values))
+
+        return jax.jacfwd(outputs)(jnp.zeros(len(at)))
 
     def initial_covariance(self) -> Float[Array, "state state"]:
         """Return the covariance of the initial state; disturbances start in steady state."""

@@ -12,8 +12,9 @@ from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
 from jaxid.data import record
 from jaxid.estimation import FilterError, OutputError
 from jaxid.estimation.estimate import as_stack
-from jaxid.estimation.kalman import kalman_filter, smooth
+from jaxid.estimation.kalman import kalman_filter
 from jaxid.estimation.problem import Problem
+from jaxid.estimation.smoother import smooth_filtered
 from jaxid.models import LinearModel, free
 from jaxid.models.base import canonical
 from jaxid.models.free import Parameters, initial_parameters
@@ -144,7 +145,8 @@ def test_filter_and_smoother_equal_posterior(case, gaps):
     problem, _ = problem_of(t, u, z, FilterError(**PARTS))
     values = THETA | CASES[case]
     filtered, _ = filter_of(problem, [values[name] for name in NAMES])
-    x, P = smooth(filtered)
+    x, factor = smooth_filtered(filtered)
+    P = factor @ jnp.swapaxes(factor, 1, 2)
     own, input_matrix, GG, P0, r = parts_of(values)
     mean, covariance = dense.joint(dense.discrete(own, input_matrix, GG, t, u), np.zeros(2), P0)
     residual, sigma, H = dense.measured(mean, covariance, C, r, z)

@@ -1,0 +1,166 @@
+"""Noise parameters of a filter: from the user's options to a `StochasticModel` and its `Free`."""
+
+from collections.abc import Mapping
+
+from .._foundation.checks import require, require_known
+from .._foundation.host import on_host
+from .._foundation.types import Array, Float
+from ..data.record import Record
+from ..models.base import AbstractModel
+from ..models.free import INITIAL_STATE, Free
+from ..models.stochastic import StochasticModel
+from .noise_options import FirstOrder, Fixed, Number, check_number, check_option, value_of
+
+# Chosen: bounds of an estimated deviation or correlation time, relative to its start.
+LOWEST_SHARE, HIGHEST_SHARE = 1e-4, 1e4
+# Chosen: start of a sensor's deviation where its record shows no noise, relative to its range.
+LEAST_NOISE = 1e-3
+
+Process = Mapping[str, Number | FirstOrder]
+
+
+def with_noise_parameters(
+    model: AbstractModel,
+    free: Free,
+    records: Record,
+    process: Process,
+    sensors: Mapping[str, Number],
+    initial: Mapping[str, Number],
+) -> tuple[StochasticModel, Free]:
+    """Return the model with its noises as parameters, and the free parameters with those of them
+    that are estimated.
+
+    Args:
+        model: the model without noise.
+        free: its free parameters.
+        records: a stack, from which the sensors without an option take their start.
+        process: noise by state or disturbance input.
+        sensors: noise by output.
+        initial: deviation of the initial state, by state.
+    """
+    wide = model
+    if any(name not in model.states for name in process):
+        wide = model.with_disturbance_inputs()
+    options: dict[str, Number] = {}
+    for name, start in zip(model.outputs, _split(sensor_starts(records)), strict=True):
+        options[f"sensor.{name}"] = sensors.get(name, start)
+    for name, option in initial.items():
+        options[f"initial.{name}"] = option
+    for name, option in process.items():
+        deviation = option.deviation if isinstance(option, FirstOrder) else option
+        options[f"process.{name}"] = deviation
+    for name, option in process.items():
+        if isinstance(option, FirstOrder):
+            options[f"correlation_time.{name}"] = option.correlation_time
+
+    def group(kind: str) -> dict[str, Array]:
+        mark = f"{kind}."
+        return {
+            name.removeprefix(mark): value_of(option)
+            for name, option in options.items()
+            if name.startswith(mark)
+        }
+
+    stochastic = StochasticModel(  # pyright: ignore[reportCallIssue]
+        wide,
+        group("process"),
+        group("correlation_time"),
+        group("sensor"),
+        group("initial"),
+        model.inputs,
+    )
+    starts = {k: value_of(v) for k, v in options.items() if not isinstance(v, Fixed)}
+    lower, upper = _bounds(starts)
+    return stochastic, Free(
+        (*free.shared, *starts),
+        free.per_record,
+        free.lower | lower,
+        free.upper | upper,
+        free.scale,
+        free.prior,
+    )
+
+
+@on_host
+def _bounds(xp, starts):
+    """Return the lower and the upper bounds of estimated noises, by name."""
+    lower = {name: xp.asarray(LOWEST_SHARE * start) for name, start in starts.items()}
+    return lower, {name: xp.asarray(HIGHEST_SHARE * start) for name, start in starts.items()}
+
+
+@on_host
+def _split(xp, vector):
+    """Return the elements of a vector."""
+    return [xp.asarray(vector[index]) for index in range(vector.shape[0])]
+
+
+def sensor_starts(records: Record) -> Float[Array, " output"]:
+    """Return the start of each sensor's deviation from the second differences of its record.
+
+        sigma^2 = mean( (z_(i-1) - 2 z_i + z_(i+1))^2 ) / 6
+
+    exact for white noise on a straight line. At least 0.001 of the range of the record.
+    """
+    return _sensor_starts(records.z, records.mask)
+
+
+@on_host
+def _sensor_starts(xp, z, mask):
+    valid = mask[..., 2:, :] & mask[..., 1:-1, :] & mask[..., :-2, :]
+    second = xp.where(valid, z[..., 2:, :] - 2.0 * z[..., 1:-1, :] + z[..., :-2, :], 0.0)
+    axes = tuple(range(z.ndim - 1))
+    count = xp.maximum(xp.sum(valid, axis=axes), 1)
+    deviation = xp.sqrt(xp.sum(second**2, axis=axes) / (6.0 * count))
+    size = xp.max(xp.where(mask, xp.abs(z), 0.0), axis=axes)
+    return xp.maximum(deviation, LEAST_NOISE * xp.where(size > 0, size, 1.0))
+
+
+def check_values(
+    process: Process, sensors: Mapping[str, Number], initial: Mapping[str, Number]
+) -> None:
+    """Refuse options that are no deviations or times."""
+    for name, option in process.items():
+        check_option(option, f"The process noise of {name!r}", (Array, Fixed, FirstOrder))
+        if isinstance(option, FirstOrder):
+            check_number(option.deviation, f"The deviation of {name!r}", zero=True)
+            time = f"The correlation time of {name!r}"
+            check_number(option.correlation_time, time, zero=False)
+        else:
+            check_number(option, f"The process noise of {name!r}", zero=True)
+    for name, option in sensors.items():
+        check_number(option, f"The noise of sensor {name!r}", zero=False)
+    for name, option in initial.items():
+        check_number(option, f"The deviation of the initial state {name!r}", zero=True)
+
+
+def check_names(
+    model: AbstractModel,
+    free: Free,
+    process: Process,
+    sensors: Mapping[str, Number],
+    initial: Mapping[str, Number],
+) -> None:
+    """Refuse noises of states, disturbances and sensors that do not exist."""
+    require(
+        bool(model.states),
+        f"{type(model).__name__} has no states, so that no noise can drive them. "
+        "Use OutputError().",
+    )
+    disturbances = model.with_disturbance_inputs().inputs[len(model.inputs) :]
+    require_known("state or disturbance (in `process`)", process, (*model.states, *disturbances))
+    for name, option in process.items():
+        require(
+            name in disturbances or not isinstance(option, FirstOrder),
+            f"{name!r} is a state. FirstOrder describes a disturbance input "
+            f"({', '.join(disturbances) or 'this model has none'}); the noise of an equation is "
+            "white: give a number.",
+        )
+    require_known("output (in `noise`)", sensors, model.outputs)
+    require_known("state (in `initial`)", initial, model.states)
+    for name in initial:
+        require(
+            f"{INITIAL_STATE}.{name}" not in (*free.shared, *free.per_record),
+            f"The initial state {name!r} is free and has a deviation in `initial`. Either "
+            "estimate it (leave it out of `initial`) or describe its spread (leave it out of "
+            "the free parameters).",
+        )

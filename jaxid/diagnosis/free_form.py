@@ -26,7 +26,7 @@ from .._foundation.types import Array, Float
 from ..estimation.likelihoods import OutputError
 from ..estimation.problem import Problem
 from ..models.base import AbstractModel
-from ..models.free import insert
+from ..models.free_model import insert
 from ..simulation.simulate import effective_input
 from ..simulation.steppers import rate
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from .._foundation.types import Array, Bool
 from ..models.base import AbstractModel, canonical, equations_of, right_hand_sides
-from ..models.free import Positions, insert, leaves_at
+from ..models.free import Positions, leaves_at
+from ..models.free_model import insert
 from ..models.names import flatten
 from ..models.polynomial import require_readable
 from ..models.signal_dependence import RANDOM_POINTS, absent_signals, differences, with_differences

@@ -15,8 +15,8 @@ from .._foundation.host import on_host
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..models.base import AbstractModel, as_float, canonical
-from ..models.free import Free, Parameters, Positions, flat_vectors, insert
-from ..models.free_model import FreeModel
+from ..models.free import Free, Parameters, Positions, flat_vectors
+from ..models.free_model import FreeModel, insert
 from ..models.noise import AbstractWhitening
 from ..sensitivity.information import Information, gather, record_triangles
 from ..simulation.solution import Solution

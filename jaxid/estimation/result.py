@@ -10,7 +10,8 @@ from .._foundation.results import RESULTS
 from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
 from ..models.base import AbstractModel
-from ..models.free import Free, Parameters, flat_vectors, insert
+from ..models.free import Free, Parameters, flat_vectors
+from ..models.free_model import insert
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum, weak_directions
 

@@ -1,6 +1,5 @@
 """`Free`: selection of free parameters, shared or one per record; `Parameters`: their values."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
@@ -14,7 +13,7 @@ from .._foundation.host import on_host
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
 from .base import AbstractModel, as_float, canonical
-from .names import array_leaves, flatten, parameter_names, with_array_leaves
+from .names import array_leaves, flatten, parameter_names
 
 INITIAL_STATE = "initial_state"
 
@@ -191,54 +190,6 @@ def leaves_at(model: AbstractModel, positions: Int[np.ndarray, " p"]) -> tuple[i
     return tuple(
         int(leaf) for leaf in np.unique(np.repeat(np.arange(len(sizes)), sizes)[positions])
     )
-
-
-def insert(
-    model: AbstractModel,
-    flat: Float[Array, " flat"],
-    positions: Positions,
-    shared: Float[Array, " p"],
-    rows: Float[Array, " r"],
-) -> tuple[AbstractModel, Float[Array, " state"]]:
-    """Return the model and the initial state of a record's flat vector, with the given values at
-    the positions of the free parameters.
-    """
-    shapes = tuple(leaf.shape for leaf in array_leaves(model))
-    *leaves, initial_state = _inserted(
-        flat,
-        (positions.rows, positions.shared),
-        (rows, shared),
-        shapes=shapes,
-        changed=positions.leaves,
-    )
-    return with_array_leaves(model, leaves), initial_state
-
-
-@on_host
-def _inserted(xp, flat, positions, values, shapes: tuple[tuple[int, ...], ...], changed):
-    """Return the leaves of a flat vector with values inserted, and the rest of the vector.
-
-    Args:
-        xp: NumPy or `jax.numpy`.
-        flat: the flat vector.
-        positions: positions of the values; those beyond the vector are ignored.
-        values: for each vector of positions, its values.
-        shapes: shapes of the leaves.
-        changed: indices of the leaves with positions in them; the last is the rest of the vector.
-    """
-    filled = flat.copy() if xp is np else flat
-    for at, new in zip(positions, values, strict=True):
-        if xp is np:
-            inside = at < flat.size
-            filled[at[inside]] = new[inside]
-        else:
-            filled = jnp.asarray(filled).at[at].set(new, mode="drop")
-    leaves, begin = [], 0
-    for number, shape in enumerate(shapes):
-        end = begin + math.prod(shape)
-        leaves.append((filled if number in changed else flat)[begin:end].reshape(shape))
-        begin = end
-    return *leaves, (filled if len(shapes) in changed else flat)[begin:]
 
 
 def with_values(

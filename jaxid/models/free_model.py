@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
+from .._foundation.host import on_host
 from .._foundation.types import Array, Float, Int
 from .base import AbstractModel
 from .free import Positions
@@ -34,24 +35,26 @@ class FreeModel(eqx.Module):
 
     def leaves(self, theta: Float[Array, " column"]) -> Leaves:
         """Return the leaves that hold free parameters, with the given values."""
-        at = jnp.concatenate([self.positions.rows, self.positions.shared])
-        filled = self.flat.at[at].set(theta, mode="drop")
-        shapes, offsets = self._shapes, self._offsets
-        return tuple(
-            filled[offsets[leaf] : offsets[leaf + 1]].reshape(shapes[leaf])
-            for leaf in self.positions.leaves
+        per_record = self.positions.rows.size
+        return self.fill(theta[:per_record], theta[per_record:])
+
+    def fill(self, rows: Float[Array, " row_parameter"], shared: Float[Array, " p"]) -> Leaves:
+        """Return the leaves that hold free parameters, with the values of this record and the
+        shared ones.
+        """
+        positions = (self.positions.rows, self.positions.shared)
+        chosen = self.positions.leaves
+        return _filled_leaves(
+            self.flat, positions, (rows, shared), shapes=self._shapes, chosen=chosen
         )
 
     def build(self, leaves: Leaves) -> tuple[AbstractModel, Float[Array, " state"]]:
         """Return the model and the initial state with the given leaves."""
-        given = dict(zip(self.positions.leaves, leaves, strict=True))
-        offsets = self._offsets
-        complete = [
-            given[number]
-            if number in given
-            else self.flat[offsets[number] : offsets[number + 1]].reshape(shape)
-            for number, shape in enumerate(self._shapes)
-        ]
+        shapes, given = self._shapes, self.positions.leaves
+        fixed = tuple(number for number in range(len(shapes)) if number not in given)
+        constants = _filled_leaves(self.flat, (), (), shapes=shapes, chosen=fixed)
+        values = dict(zip((*given, *fixed), (*leaves, *constants), strict=True))
+        complete = [values[number] for number in range(len(shapes))]
         return with_array_leaves(self.model, complete[:-1]), complete[-1]
 
     def __call__(self, theta: Float[Array, " column"]):
@@ -115,6 +118,43 @@ class FreeModel(eqx.Module):
     @property
     def _offsets(self) -> list[int]:
         return [0, *np.cumsum(self._sizes).tolist()]
+
+
+def insert(
+    model: AbstractModel,
+    flat: Float[Array, " flat"],
+    positions: Positions,
+    shared: Float[Array, " p"],
+    rows: Float[Array, " r"],
+) -> tuple[AbstractModel, Float[Array, " state"]]:
+    """Return the model and the initial state of a record's flat vector, with the given values at
+    the positions of the free parameters.
+    """
+    free_model = FreeModel(model, flat, positions)
+    return free_model.build(free_model.fill(rows, shared))
+
+
+@on_host
+def _filled_leaves(xp, flat, positions, values, shapes: tuple[tuple[int, ...], ...], chosen):
+    """Return some leaves of a flat vector after values have been inserted in it.
+
+    Args:
+        xp: NumPy or `jax.numpy`.
+        flat: the flat vector.
+        positions: positions of the values; those beyond the vector are ignored.
+        values: for each vector of positions, its values.
+        shapes: shapes of all leaves, in the order of the vector.
+        chosen: indices of the leaves to return.
+    """
+    filled = flat.copy() if xp is np else flat
+    for at, new in zip(positions, values, strict=True):
+        if xp is np:
+            inside = at < flat.size
+            filled[at[inside]] = new[inside]
+        else:
+            filled = jnp.asarray(filled).at[at].set(new, mode="drop")
+    offsets = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
+    return tuple(filled[offsets[leaf] : offsets[leaf + 1]].reshape(shapes[leaf]) for leaf in chosen)
 
 
 def flattened(arrays: Leaves, axes: int) -> Float[Array, "*axes element"]:

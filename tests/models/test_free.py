@@ -9,7 +9,8 @@ import pytest
 from jaxid._foundation.checks import InputError
 from jaxid.data import record, stack
 from jaxid.models import AbstractModel, LinearModel, Polynomial, free, with_values
-from jaxid.models.free import Positions, flat_vectors, initial_parameters, insert, leaves_at
+from jaxid.models.free import Positions, flat_vectors, initial_parameters, leaves_at
+from jaxid.models.free_model import insert
 from jaxid.models.names import flatten
 
 

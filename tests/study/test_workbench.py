@@ -38,13 +38,13 @@ def _workbench(monkeypatch, reduced: bool, solver=SOLVER) -> Workbench:
     return Workbench(model, chosen, LIBRARY, OutputError(), records, solver)
 
 
-def _both(monkeypatch, named):
+def _both(monkeypatch, named, solver=SOLVER):
     """For each of two starts: workbench and fit with the complete library, and with the reduced
     model.
     """
     fits = []
     for reduced in (False, True):
-        workbench = _workbench(monkeypatch, reduced)
+        workbench = _workbench(monkeypatch, reduced, solver)
         declared = workbench.set_shapes(workbench.base())
         workbench.score(declared)  # so that the fit reuses the sensitivities at its start
         values = np.array(declared.values)
@@ -72,13 +72,23 @@ def test_fit_in_reduced_model_equals_fit_in_complete_library(monkeypatch, named)
         np.testing.assert_allclose(fitted.fit.parameters.rows, rows, rtol=1e-6, atol=1e-9)
 
 
-def test_reduced_and_padded_fits_of_effect_with_corner_reach_same_cost(monkeypatch):
-    """Rounding decides which steps are rejected at a corner: from its two starts, one program
-    reaches costs that differ by 0.01. The limit is a tenth of `MIN_COST_FALL`, the smallest
-    fall for which a search continues a fit.
+def test_reduced_and_padded_fits_of_effect_with_corner_take_same_first_steps(monkeypatch):
+    """The two programs evaluate one function also at a corner.
+
+    Rounding decides which of the later steps are rejected there, so that the ends of two iterations
+    differ by more than rounding, on one processor less than on another.
     """
+    monkeypatch.setattr(fit, "MAX_CONTINUATIONS", 0)
+    first = dataclasses.replace(SOLVER, max_steps=8)
+    for (_, padded), (_, fitted) in _both(monkeypatch, (LIBRARY[3].name,), first):
+        np.testing.assert_allclose(fitted.cost, padded.cost, rtol=1e-9)
+        np.testing.assert_allclose(fitted.values, padded.values, rtol=1e-6, atol=1e-9)
+
+
+def test_reduced_and_padded_fits_of_effect_with_corner_end_at_equal_evidence(monkeypatch):
+    """The ends differ by less than the smallest fall for which a search continues a fit."""
     for (_, padded), (_, fitted) in _both(monkeypatch, (LIBRARY[3].name,)):
-        assert abs(fitted.cost - padded.cost) < 0.1 * fit.MIN_COST_FALL
+        assert abs(fitted.cost - padded.cost) < fit.MIN_COST_FALL
 
 
 def test_fit_stopped_by_its_iteration_limit_is_continued(monkeypatch):

@@ -130,7 +130,8 @@ class OutputError(AbstractLikelihood):
         model, initial_state = family(theta)
         solution = self.solve(model, record, initial_state)
         trajectory = Trajectory(record.t, record.u, solution.x, self.hold, stepper)
-        return _residuals(record, solution.y), trajectory_sensitivities(family, theta, trajectory)
+        S = trajectory_sensitivities(family, theta, trajectory)
+        return _residuals(record, solution.y), jnp.where(record.mask[..., None], S, 0.0)
 
     def compact(self):
         return OutputError(self.noise, self.hold, self.stepper.compact())

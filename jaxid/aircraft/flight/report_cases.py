@@ -49,6 +49,7 @@ class Case(NamedTuple):
         noise: level of the instruments' errors; None for error-free instruments.
         gust: standard deviation of the white disturbances of the vertical and horizontal velocity
             [m/s].
+        trim: stabilator at the start, less the one that balances the pitching moment [rad].
         choices: description of the settings that are our choice.
     """
 
@@ -61,7 +62,20 @@ class Case(NamedTuple):
     augmentation_on: float | None = None
     noise: NoiseLevel | None = BASE
     gust: float = 0.0
+    trim: float = 0.0
     choices: str = ""
+
+
+class Pull(NamedTuple):
+    """A ramp of the stabilator from the start, held at its end.
+
+    Attributes:
+        size_deg: at the end [deg].
+        seconds: length of the ramp [s].
+    """
+
+    size_deg: float
+    seconds: float
 
 
 def _deg(value: float) -> float:
@@ -81,6 +95,11 @@ def _stabilator_sine(amplitude_deg: float, period: float) -> Callable[[Array], A
     return lambda t: sine(t, 1.0 / period, _deg(amplitude_deg))
 
 
+def pull_signal(pull: Pull) -> Callable[[Array], Array]:
+    """Return a pull as a function of time [rad]."""
+    return lambda t: ramp(t, 0.0, pull.seconds, _deg(pull.size_deg))
+
+
 def _doublet(amplitude_deg: float, period: float) -> Callable[[Array], Array]:
     """Return a doublet from 0.5 s on, positive for the first half of the period."""
     level = _deg(amplitude_deg)
@@ -96,6 +115,11 @@ LATERAL_CHOICES = (
 )
 COUPLED_INPUTS = {**LATERAL_INPUTS, "stabilator": _stabilator_sine(-4.0, 4.0)}
 
+# chosen by `python -m benchmarks.report_choices`: least squares on the statistics of Figure 6.2
+LATERAL_TRIM, COUPLED_TRIM = _deg(-1.5), _deg(-0.5)
+LONGITUDINAL_1_TRIM, LONGITUDINAL_2_TRIM = _deg(0.1), _deg(-0.6)
+LATERAL_4_PULL = Pull(-4.0, 5.0)
+
 LATERAL_1 = Case(
     "Fig. 6.2a, section 6.2.1",
     10.0,
@@ -104,6 +128,7 @@ LATERAL_1 = Case(
     LATERAL_INPUTS,
     LATERAL_DESCRIPTION,
     7.5,
+    trim=LATERAL_TRIM,
     choices=LATERAL_CHOICES,
 )
 
@@ -121,9 +146,11 @@ CASES: dict[str, Case] = {
         10.0,
         445 * FOOT,
         _deg(17.5),
-        {**LATERAL_INPUTS, "stabilator": _stabilator_sine(-3.0, 5.0)},
-        LATERAL_DESCRIPTION + "; stabilator: sine of -3 deg, period 5 s",
-        choices=LATERAL_CHOICES + "; amplitude and period of the stabilator",
+        {**LATERAL_INPUTS, "stabilator": pull_signal(LATERAL_4_PULL)},
+        f"{LATERAL_DESCRIPTION}; stabilator: to {LATERAL_4_PULL.size_deg:g} deg in "
+        f"{LATERAL_4_PULL.seconds:g} s, held",
+        trim=LATERAL_TRIM,
+        choices=LATERAL_CHOICES + "; form, size and time of the stabilator",
     ),
     "longitudinal 1": Case(
         "Fig. 6.2b, section 6.2.1",
@@ -132,6 +159,7 @@ CASES: dict[str, Case] = {
         _deg(10.0),
         {"stabilator": _stabilator_sine(-4.0, 4.0)},
         "stabilator: sine of -4 deg, period 4 s",
+        trim=LONGITUDINAL_1_TRIM,
         choices="base noise: named in the text, not printed in the figure",
     ),
     "longitudinal 2": Case(
@@ -141,6 +169,7 @@ CASES: dict[str, Case] = {
         _deg(10.0),
         {"stabilator": _stabilator_sine(-2.0, 4.0)},
         "stabilator: sine of -2 deg, period 4 s",
+        trim=LONGITUDINAL_2_TRIM,
         choices="sign and period as in case 1; base noise",
     ),
     "coupled 1": Case(
@@ -151,6 +180,7 @@ CASES: dict[str, Case] = {
         COUPLED_INPUTS,
         LATERAL_DESCRIPTION + "; stabilator: sine of -4 deg, period 4 s",
         10.0,
+        trim=COUPLED_TRIM,
         choices="all inputs: the figure's are lost; base noise",
     ),
     "coupled 2": Case(
@@ -165,6 +195,7 @@ CASES: dict[str, Case] = {
         },
         "rudder: doublet of 5 deg, 3 s; aileron: half sine of -5 deg over 4 to 6 s; stabilator: "
         "sine of -2 deg, period 5 s",
+        trim=COUPLED_TRIM,
         choices="all inputs: the figure's are lost; by the text they differ from case 1 in form "
         "and amplitude; base noise",
     ),
@@ -277,8 +308,9 @@ def initial_condition(
 ) -> tuple[Aircraft, Float[Array, " state"]]:
     """Return the trimmed aircraft of a case, and its initial state.
 
-    At the printed speed stabilator and thrust balance pitching moment and forward force. If no
-    speed is printed, the speed is trimmed too, so that the normal force carries the weight.
+    At the printed speed stabilator and thrust balance pitching moment and forward force, but for
+    the trim of the case, a choice. If no speed is printed, the speed is trimmed too, so that the
+    normal force carries the weight.
 
     Args:
         case: the case.
@@ -296,7 +328,7 @@ def initial_condition(
     trim = trim_at_alpha(aircraft, case.alpha, altitude, case.V)
     V = case.V if case.V is not None else trim.value("V")
     surfaces = {
-        "stabilator": trim.value("stabilator"),
+        "stabilator": trim.value("stabilator") + case.trim,
         "aileron": jnp.zeros(()),
         "rudder": jnp.zeros(()),
     }
@@ -364,8 +396,8 @@ def settings() -> str:
     """Return all settings of all cases, with our choices, as a table in Markdown."""
     lines = [
         "| case | source | s | V ft/s | alpha deg | inputs about trim | SAS on at s | noise | gust "
-        "ft/s | our choice |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "ft/s | trim deg | our choice |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name, case in (CASES | EXAMPLES).items():
         speed = "level flight" if case.V is None else f"{case.V / FOOT:.0f}"
@@ -382,8 +414,10 @@ def settings() -> str:
             on,
             noise,
         )
-        lines.append("| " + " | ".join((*cells, f"{case.gust / FOOT:g}", case.choices)) + " |")
+        last = (f"{case.gust / FOOT:g}", f"{case.trim / DEGREE:g}", case.choices)
+        lines.append("| " + " | ".join((*cells, *last)) + " |")
     return (
         "\n".join(lines) + "\n\nAll cases: altitude 35,000 ft, actuators of first order (0.05 s, "
-        "60 deg/s): our choice."
+        "60 deg/s), and the trim: our choice. The trim is the stabilator at the start, less the "
+        "one that balances the pitching moment."
     )

@@ -32,7 +32,7 @@ from jaxid.aircraft.flight.report_cases import (
     initial_condition,
     pilot_inputs,
 )
-from jaxid.aircraft.instruments.noise_levels import draw
+from jaxid.aircraft.instruments.noise_levels import draw, report_instruments
 from jaxid.aircraft.vehicle.augmentation import ALWAYS
 from jaxid.aircraft.vehicle.engine import AbstractThrust, ConstantThrust
 from jaxid.data.signals import full_sine, half_sine
@@ -136,14 +136,24 @@ def _is_thrust(node) -> bool:
 
 @eqx.filter_jit
 def _flown(aircraft, t, u, state, key, level):
-    """Return the true and the measured angles, each of shape (angle, time) [rad]."""
+    """Return the true and the measured angles, each of shape (angle, time) [rad].
+
+    The measured ones are corrected for the vanes' nominal place (D.2.5.2, without its term in the
+    normal acceleration, and D.2.6.2).
+    """
     x = run(aircraft, t, u, state, Linear(), RK4(5, unrolled=False)).x
     signals = jax.vmap(aircraft.signals)(t, x, u)
     for_errors, for_noise = jax.random.split(key)
     instruments = draw(for_errors, aircraft.instruments, level)
     read, _ = instruments.measure(for_noise, t, jax.vmap(instruments.read)(signals))
-    at = [instruments.channels.index(name) for name in ("alpha", "beta")]
-    return jnp.stack([signals["alpha"], signals["beta"]]), read[:, at].T
+    measured = {
+        name: read[:, instruments.channels.index(name)] for name in ("alpha", "beta", "q", "r")
+    }
+    ahead = report_instruments().position["alpha"][0] / signals["V"]
+    alpha = measured["alpha"] + ahead * measured["q"] * jnp.cos(measured["alpha"])
+    across = ahead * measured["r"] * jnp.cos(measured["beta"])
+    beta = measured["beta"] * jnp.cos(alpha) - across
+    return jnp.stack([signals["alpha"], signals["beta"]]), jnp.stack([alpha, beta])
 
 
 def statistics(name: str, flown: Setup, flights: int) -> dict[str, dict[str, float]]:

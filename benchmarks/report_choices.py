@@ -10,13 +10,15 @@ squares is taken,
 
 of the true motion, without instrument errors. The aerodynamics are not touched.
 
-- Lateral cases: one trim for all four, and in lateral 4 a stabilator ramp, which is held at its end
-  ("a simultaneously applied stabilator input to force the aircraft through a larger range", 6.2.1).
-  Lateral 3 is the mean of flights with gusts.
+- Lateral cases: one trim and one start of the ailerons' doublet ("followed by", 6.2.1) for all
+  four, and in lateral 4 a stabilator ramp, which is held at its end ("a simultaneously applied
+  stabilator input to force the aircraft through a larger range"). Lateral 3 is the mean of flights
+  with gusts.
 - Longitudinal cases: one trim each, for no common one comes within 1 deg; the angles of attack of
   case 2 must lie within those of case 1, because section 6.4.1 compares them there.
 - Coupled cases: no statistics are printed. The constants of CZ, values at the mean angle of attack,
-  give that of coupled 1 between those of the longitudinal cases (`coupled_mean`); one trim for both.
+  give that of coupled 1 between those of the longitudinal cases (`coupled_mean`); one trim for
+  both.
 
 The choices stand in `jaxid.aircraft.flight.report_cases`; the exit status tells whether they are
 those of the search.
@@ -40,8 +42,10 @@ from benchmarks.report_cases import GUSTS, PRINTED, setup
 from jaxid.aircraft.air.turbulence import white_gusts
 from jaxid.aircraft.flight.report_cases import (
     CASES,
+    DOUBLET_START,
     LATERAL_4_PULL,
     Pull,
+    doublet_from,
     pilot_inputs,
     pull_signal,
 )
@@ -49,7 +53,9 @@ from jaxid.simulation import RK4, Linear
 from jaxid.simulation.simulate import run
 
 TRIMS_DEG = tuple(round(0.1 * k, 1) for k in range(-20, 6))
-PULLS = tuple(Pull(-0.5 * size, float(seconds)) for size in range(4, 11) for seconds in range(2, 7))
+LATERAL_TRIMS_DEG = tuple(trim for trim in TRIMS_DEG if trim <= -0.5)
+STARTS = (2.5, 3.0, 3.5, 4.0, 4.5)  # s, of the doublet
+PULLS = tuple(Pull(-0.5 * size, float(seconds)) for size in range(6, 11) for seconds in range(2, 7))
 LATERAL = ("lateral 1", "lateral 2", "lateral 3")
 LONGITUDINAL = ("longitudinal 1", "longitudinal 2")
 GUST_FLIGHTS = 8
@@ -62,11 +68,13 @@ class Found(NamedTuple):
     Attributes:
         trims_deg: trim of the stabilator about its equilibrium at the initial angle of attack by
             case [deg].
+        start: of the ailerons' doublet [s].
         pull: ramp of the stabilator in lateral 4.
         costs: least sum of squares by group of cases [deg^2].
     """
 
     trims_deg: dict[str, float]
+    start: float
     pull: Pull
     costs: dict[str, float]
 
@@ -87,16 +95,25 @@ def _angles(aircraft, state, t, u, trims):
     return jax.vmap(one)(u, trims)
 
 
-def angles(case: str, trims_deg: Sequence[float], pulls: Sequence[Pull] = (), gusts: int = 0):
+def angles(
+    case: str,
+    trims_deg: Sequence[float],
+    pulls: Sequence[Pull] = (),
+    start: float = DOUBLET_START,
+    gusts: int = 0,
+) -> np.ndarray:
     """Return true alpha and beta of flights of a case, shape (flight, angle, time) [deg].
 
     Args:
         case: name of the case.
         trims_deg: trim of each flight about the equilibrium [deg].
-        pulls: ramp of the stabilator of each flight; that of the case by default.
+        pulls: ramp of the stabilator of each flight; the input of the case by default.
+        start: of the ailerons' doublet in the lateral cases [s].
         gusts: key of the gusts, for a case with gusts.
     """
     chosen = CASES[case]._replace(trim=0.0)
+    if case.startswith("lateral"):
+        chosen = chosen._replace(pilot={**chosen.pilot, "aileron": doublet_from(start)})
     flown, count = setup(chosen), round(10 * chosen.seconds)
     t = 0.1 * jnp.arange(LONGEST, dtype=float)
     inputs = {name: _longer(signal) for name, signal in pilot_inputs(chosen)[1].items()}
@@ -116,14 +133,22 @@ def _longer(signal):
     return jnp.concatenate([signal, jnp.full(LONGEST - signal.size, signal[-1])])
 
 
-def cost(case: str, flights: np.ndarray) -> np.ndarray:
+def statistics(flights: np.ndarray) -> np.ndarray:
+    """Return mean and deviation of alpha and beta, shape (flight, statistic) [deg].
+
+    Args:
+        flights: alpha and beta, shape (flight, angle, time) [deg].
+    """
+    return np.stack([flights.mean(axis=2), flights.std(axis=2)], axis=2).reshape(-1, 4)
+
+
+def cost(case: str, ours: np.ndarray) -> np.ndarray:
     """Return the sum of squared differences from the printed statistics, shape (flight,) [deg^2].
 
     Args:
         case: name of the case.
-        flights: alpha and beta, shape (flight, angle, time) [deg].
+        ours: statistics, shape (flight, statistic) [deg].
     """
-    ours = np.stack([flights.mean(axis=2), flights.std(axis=2)], axis=2).reshape(-1, 4)
     printed = np.array([np.nan if one is None else one for one in PRINTED[case]])
     return np.nansum((ours - printed) ** 2, axis=1)
 
@@ -144,24 +169,34 @@ def coupled_mean() -> float:
     return low + share * (high - low)
 
 
-def lateral() -> tuple[float, Pull, float]:
-    """Return trim [deg] and ramp of the lateral cases, and their cost."""
-    three = sum(cost(case, angles(case, TRIMS_DEG)) for case in LATERAL[:2])
-    gusty = [angles(LATERAL[2], TRIMS_DEG, gusts=key) for key in range(GUST_FLIGHTS)]
-    each = np.stack([[one.mean(axis=2), one.std(axis=2)] for one in gusty]).mean(axis=0)
-    printed = np.array(PRINTED[LATERAL[2]]).reshape(2, 2)  # rows: alpha, beta
-    three = three + np.sum((each.transpose(1, 2, 0) - printed) ** 2, axis=(1, 2))
-    pairs = list(itertools.product(range(len(TRIMS_DEG)), PULLS))
-    pulled = angles("lateral 4", [TRIMS_DEG[k] for k, _ in pairs], [pull for _, pull in pairs])
-    total = three[[k for k, _ in pairs]] + cost("lateral 4", pulled)
-    best = int(np.argmin(total))
-    return TRIMS_DEG[pairs[best][0]], pairs[best][1], float(total[best])
+def lateral() -> tuple[float, float, Pull, float]:
+    """Return trim [deg], start of the doublet [s] and ramp of the lateral cases, and their cost."""
+    best = (math.nan, math.nan, PULLS[0], math.inf)
+    pairs = list(itertools.product(range(len(LATERAL_TRIMS_DEG)), PULLS))
+    trims, pulls = [LATERAL_TRIMS_DEG[k] for k, _ in pairs], [pull for _, pull in pairs]
+    for start in STARTS:
+        calm = angles("lateral 1", LATERAL_TRIMS_DEG, start=start)
+        gusty = [
+            statistics(angles("lateral 3", LATERAL_TRIMS_DEG, start=start, gusts=key))
+            for key in range(GUST_FLIGHTS)
+        ]
+        three = (
+            cost("lateral 1", statistics(calm))
+            + cost("lateral 2", statistics(calm))
+            + cost("lateral 3", np.mean(gusty, axis=0))
+        )
+        total = cost("lateral 4", statistics(angles("lateral 4", trims, pulls, start)))
+        total = total + three[[k for k, _ in pairs]]
+        k = int(np.argmin(total))
+        if total[k] < best[-1]:
+            best = (trims[k], start, pulls[k], float(total[k]))
+    return best
 
 
 def longitudinal() -> tuple[tuple[float, float], float]:
     """Return the trims of the two longitudinal cases [deg], and their cost."""
     both = [angles(case, TRIMS_DEG) for case in LONGITUDINAL]
-    costs = [cost(case, one) for case, one in zip(LONGITUDINAL, both, strict=True)]
+    costs = [cost(case, statistics(one)) for case, one in zip(LONGITUDINAL, both, strict=True)]
     low, high = ([edge(one[:, 0], axis=1) for one in both] for edge in (np.min, np.max))
     inside = (low[0][:, None] <= low[1]) & (high[1] <= high[0][:, None])
     total = np.where(inside, costs[0][:, None] + costs[1], np.inf)
@@ -178,7 +213,7 @@ def coupled() -> tuple[float, float]:
 
 def search() -> Found:
     """Return the choices of the least cost for all cases."""
-    trim, pull, lateral_cost = lateral()
+    trim, start, pull, lateral_cost = lateral()
     pair, longitudinal_cost = longitudinal()
     both, coupled_cost = coupled()
     trims = {
@@ -187,12 +222,13 @@ def search() -> Found:
         **dict.fromkeys(("coupled 1", "coupled 2"), both),
     }
     costs = {"lateral": lateral_cost, "longitudinal": longitudinal_cost, "coupled": coupled_cost}
-    return Found(trims, pull, costs)
+    return Found(trims, start, pull, costs)
 
 
-def declared() -> tuple[dict[str, float], Pull]:
-    """Return trims [deg] and ramp of `jaxid.aircraft.flight.report_cases`."""
-    return {name: round(math.degrees(case.trim), 6) for name, case in CASES.items()}, LATERAL_4_PULL
+def declared() -> tuple[dict[str, float], float, Pull]:
+    """Return trims [deg], start [s] and ramp of `jaxid.aircraft.flight.report_cases`."""
+    trims = {name: round(math.degrees(case.trim), 6) for name, case in CASES.items()}
+    return trims, DOUBLET_START, LATERAL_4_PULL
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -204,7 +240,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
     found = search()
-    same = (found.trims_deg, found.pull) == declared()
+    same = found[:3] == declared()
     if options.json:
         print(
             json.dumps({"status": "as declared" if same else "not as declared"} | found._asdict())
@@ -212,6 +248,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 0 if same else 1
     for name, trim in found.trims_deg.items():
         print(f"{name:<16} trim {trim:+.1f} deg (declared {declared()[0][name]:+.1f})")
+    print(f"doublet from {found.start:g} s (declared {DOUBLET_START:g} s)")
     print(
         f"lateral 4: stabilator to {found.pull.size_deg:g} deg in {found.pull.seconds:g} s "
         f"(declared {LATERAL_4_PULL.size_deg:g} deg in {LATERAL_4_PULL.seconds:g} s)"

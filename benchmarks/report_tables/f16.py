@@ -30,8 +30,9 @@ from benchmarks.report_tables.settings import Setting
 from benchmarks.report_tables.text import as_numbers, error_table, plain
 from jaxid.aircraft.airframes import f16
 from jaxid.aircraft.flight.aircraft import Aircraft
-from jaxid.aircraft.flight.report_cases import REPORT_SAMPLE_TIME, trim_at_alpha
+from jaxid.aircraft.flight.report_cases import REPORT_SAMPLE_TIME
 from jaxid.aircraft.flight.simulate_flight import Flight, simulate_flight
+from jaxid.aircraft.flight.trim_at_alpha import trim_at_alpha
 from jaxid.aircraft.instruments.noise_levels import (
     DEMONSTRATION,
     NoiseLevel,

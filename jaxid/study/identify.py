@@ -51,7 +51,7 @@ def identify(
        regression.
     4. **Maximum likelihood**, started at the values of the regression. If the simulation diverges
        there, the regression is repeated with lower powers, then with fewer terms, until one starts
-       (`REDUCTIONS`); the result says so (`reduced`). Terms given by name are kept.
+       (`REDUCTIONS`); `reduced` of the result has the limits. Terms given by name are kept.
 
     All records are regressed together, about their common mean, and estimated together.
 
@@ -147,7 +147,7 @@ def _reduced(known, measured, diverging: _Structure) -> tuple[_Structure, Reduct
         InputError: if none is; with record, time and state at which the last one diverges.
     """
     *_, likelihood, options, _ = known
-    tried = [AS_SELECTED]
+    structures = [AS_SELECTED]
     for reduction in REDUCTIONS:
         equations, centre = _regressions(measured, options, reduction)
         if not any(one.kept for one in equations.values()):
@@ -156,14 +156,14 @@ def _reduced(known, measured, diverging: _Structure) -> tuple[_Structure, Reduct
         if chosen.terms == diverging.terms:
             continue
         diverging = chosen
-        tried.append(reduction)
+        structures.append(reduction)
         problem = Problem.of(chosen.model, chosen.free, chosen.records, likelihood)
         if starts(problem):
             return chosen, reduction
     words = divergence(diverging.model, diverging.free, diverging.records, likelihood)
     raise InputError(
         "The model cannot be simulated at the values of the regression with any structure that "
-        f"was tried ({'; '.join(map(str, tried))}). {words} Of the last structure: "
+        f"was tried ({'; '.join(map(str, structures))}). {words} Of the last structure: "
         + "; ".join(f"{name} = {', '.join(terms)}" for name, terms in diverging.terms.items())
         + "."
     )

@@ -12,10 +12,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..._foundation.checks import require, require_known
+from ..._foundation.checks import require_known
 from ..._foundation.types import Array, Float
 from ...data.signals import full_sine, half_sine, pulses, ramp, sine
-from ...simulation.trim import Trim, solve_equilibrium
 from ..air.turbulence import REPORT_GUST, white_gusts
 from ..airframes.f4 import f4
 from ..instruments.noise_levels import BASE, HIGH, NoiseLevel, draw, report_instruments
@@ -26,6 +25,7 @@ from ..vehicle.controls import ControlSystem, standard_actuators
 from ..vehicle.engine import ConstantThrust, Engine
 from .aircraft import Aircraft
 from .simulate_flight import Flight, simulate_flight
+from .trim_at_alpha import trim_at_alpha
 
 # chosen: this aircraft is near level flight at the printed speeds and angles of attack
 CASE_ALTITUDE = 35000.0 * FOOT  # m
@@ -339,60 +339,6 @@ def initial_condition(
     position = jnp.array([0.0, 0.0, altitude])
     e = quaternion(0.0, case.alpha, 0.0)
     return trimmed, trimmed.flight_state(velocity(V, case.alpha, 0.0), jnp.zeros(3), e, position)
-
-
-def trim_at_alpha(
-    aircraft: Aircraft, alpha: float, altitude: float, V: Array | float | None = None
-) -> Trim:
-    """Return stabilator and thrust for an angle of attack in horizontal flight, and a free speed.
-
-        udot = qdot = 0,  and wdot = 0 if V is None,    at pitch = alpha, beta = p = q = r = 0
-
-    At a given speed and angle of attack the normal force may differ slightly from the weight; the
-    flight path is then slightly curved.
-
-    Args:
-        aircraft: aircraft with engines of constant thrust.
-        alpha: angle of attack [rad].
-        altitude: altitude [m].
-        V: speed [m/s]; None to trim the speed too.
-
-    Raises:
-        InputError: if the flight cannot be trimmed.
-    """
-    require(
-        0 < alpha < 1.5,
-        f"alpha is {alpha:g} rad; the weight is carried at angles between 0 and 1.5 rad.",
-    )
-    names, units = ("stabilator", "thrust", "V"), ("rad", "N", "m/s")
-    scale, guess = (0.1, 5e4, 100.0), (-0.05, 4e4, 170.0)
-    count = 2 if V is not None else 3
-    return solve_equilibrium(
-        _level_residual,
-        jnp.array(guess[:count]),
-        (
-            aircraft,
-            jnp.asarray(alpha),
-            jnp.asarray(altitude),
-            None if V is None else jnp.asarray(V),
-        ),
-        names=names[:count],
-        units=units[:count],
-        scale=jnp.array(scale[:count]),
-        equations=("udot", "qdot", "wdot")[:count],
-        equation_units=("m/s^2", "rad/s^2", "m/s^2")[:count],
-    )
-
-
-def _level_residual(values, args):
-    aircraft, alpha, altitude, V = args
-    V = values[2] if V is None else V
-    surfaces = {"stabilator": values[0], "aileron": jnp.zeros(()), "rudder": jnp.zeros(())}
-    e = quaternion(0.0, alpha, 0.0)
-    rates = aircraft.steady_rates(
-        velocity(V, alpha, 0.0), jnp.zeros(3), e, altitude, surfaces, values[1]
-    )
-    return rates[jnp.array([0, 4, 2])][: values.shape[0]]
 
 
 def settings() -> str:

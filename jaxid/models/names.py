@@ -77,7 +77,7 @@ def _walk(node, prefix: str) -> Iterator[str]:
     elif (
         eqx.is_inexact_array(node)
         or is_integer_array(node)
-        or (isinstance(node, float | int) and not isinstance(node, bool))
+        or (isinstance(node, float | int | np.integer) and not isinstance(node, bool))
     ):
         yield from _elements(prefix, jnp.shape(node))
 

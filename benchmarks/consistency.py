@@ -2,13 +2,13 @@
 [--flights 1000]`.
 
 Simulated flights of the F-4-like aircraft in six degrees of freedom, each with its own pilot
-inputs, instrument errors (bias, scale, delay; sizes from Table 6.6, base level) and noise, are
+inputs, instrument errors (bias, scale, delay; sizes of the level `DEMONSTRATION`) and noise, are
 reconstructed by `Kinematics`, with an estimate for each flight. For each error the table shows how
 often its 95 % interval holds the planted value, and the band that a right estimator meets with
 99.9 % probability for all errors together.
 
 The benchmark runs twice: with noise in the outputs alone, as output error assumes; and with white
-noise of the base level in the specific forces and rates too, which is integrated and which output
+noise of that level in the specific forces and rates too, which is integrated and which output
 error does not model.
 """
 
@@ -29,7 +29,7 @@ from jaxid.aircraft.flight.report_cases import CASES, initial_condition
 from jaxid.aircraft.flight.simulate_flight import flight_solution
 from jaxid.aircraft.instruments.channels import FORCE, RATES
 from jaxid.aircraft.instruments.instruments import Instruments
-from jaxid.aircraft.instruments.noise_levels import BASE, NoiseLevel, draw
+from jaxid.aircraft.instruments.noise_levels import DEMONSTRATION, NoiseLevel, draw
 from jaxid.aircraft.reconstruction.kinematics import KINEMATIC_OUTPUTS, Kinematics
 from jaxid.data import Record
 from jaxid.estimation import OutputError, estimate
@@ -44,7 +44,7 @@ SEED, FLIGHTS, CHUNK = 1974, 1000, 100
 SAMPLE_TIME, FINE = 0.04, 4  # s; simulation steps per sample of the record
 SECONDS = 10.0
 LATE = 0.1  # s, upper bound of the drawn delays
-# m, chosen: Table 6.6 has no altitude noise, and a channel without noise has no likelihood.
+# m, chosen: the level has no altitude noise, and a channel without noise has no likelihood.
 ALTITUDE_NOISE = 3.0
 INPUTS, DELAYED = (*FORCE, *RATES), ("alpha", "beta")
 CASE = CASES["coupled 1"]
@@ -88,14 +88,14 @@ def kinematics() -> Kinematics:
 
 
 def planted_level(noisy_inputs: bool) -> NoiseLevel:
-    """Return the base level of Table 6.6 with errors of the estimated channels only.
+    """Return the level `DEMONSTRATION` with errors of the estimated channels only.
 
     The inputs have noise only if `noisy_inputs` is True.
     """
-    scale = {name: BASE.scale[name] for name in ("V", "alpha", "beta")}
-    bias = {name: BASE.bias[name] for name in (*INPUTS, "alpha", "beta")}
-    noise = {name: BASE.noise.get(name, ALTITUDE_NOISE) for name in KINEMATIC_OUTPUTS}
-    noise |= {name: BASE.noise[name] if noisy_inputs else 0.0 for name in INPUTS}
+    scale = {name: DEMONSTRATION.scale[name] for name in ("V", "alpha", "beta")}
+    bias = {name: DEMONSTRATION.bias[name] for name in (*INPUTS, "alpha", "beta")}
+    noise = {name: DEMONSTRATION.noise.get(name, ALTITUDE_NOISE) for name in KINEMATIC_OUTPUTS}
+    noise |= {name: DEMONSTRATION.noise[name] if noisy_inputs else 0.0 for name in INPUTS}
     return jax.tree.map(
         lambda value: jnp.asarray(value, float), NoiseLevel(scale, bias, noise, {}, {})
     )
@@ -167,7 +167,7 @@ def flights(
 
     Args:
         count: number of flights; a multiple of `chunk`, or fewer.
-        noisy_inputs: if True, specific forces and rates have the noise of the base level.
+        noisy_inputs: if True, specific forces and rates have the noise of the level.
         chunk: number of flights in one batch.
         seconds: length of each flight [s].
     """

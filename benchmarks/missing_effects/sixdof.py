@@ -39,7 +39,7 @@ from jaxid.aircraft.flight.coupled_flight import (
     manoeuvres,
 )
 from jaxid.aircraft.flight.trims import level
-from jaxid.aircraft.instruments.noise_levels import BASE, report_instruments
+from jaxid.aircraft.instruments.noise_levels import DEMONSTRATION, report_instruments
 from jaxid.aircraft.vehicle.aerodynamics_increments import AerodynamicsWithIncrements
 from jaxid.aircraft.vehicle.aerodynamics_polynomial import PolynomialAerodynamics
 from jaxid.aircraft.vehicle.airframe import Airframe
@@ -141,7 +141,7 @@ def _fly(of: Type, products: set[tuple[str, str]], wanted: Scenario, seed: int) 
     size = of.size * generator.uniform(0.7, 1.3, count) * generator.choice([-1.0, 1.0], count)
     keep = np.exp(-FLIGHT_SAMPLE_TIME / GUST_TIME)
     gusts = have.get("gust", 0.0) * noise_of(generator, (count, SAMPLES, len(GUSTS)), keep)
-    bias = np.array([BASE.bias[name] for name in RECORDED_CHANNELS]) * generator.normal(
+    bias = np.array([DEMONSTRATION.bias[name] for name in RECORDED_CHANNELS]) * generator.normal(
         size=len(RECORDED_CHANNELS)
     )
     corrections = {name: dict(terms) for name, terms in TABLES_ARE_OFF_BY.items()}
@@ -158,7 +158,7 @@ def _fly(of: Type, products: set[tuple[str, str]], wanted: Scenario, seed: int) 
         trimmed.aircraft, jnp.asarray(t), jnp.asarray(size), jnp.asarray(gusts), trimmed.state
     )
     surfaces = _as_recorded(wanted.effects, t, np.asarray(surfaces))
-    noise = np.array([BASE.noise[name] for name in RECORDED_CHANNELS])
+    noise = np.array([DEMONSTRATION.noise[name] for name in RECORDED_CHANNELS])
     y = read(wanted.effects, t, np.asarray(clean), RECORDED_CHANNELS)
     z = y + noise * noise_of(generator, y.shape, have.get("memory", 0.0))
     units = {

@@ -1,11 +1,11 @@
 """Claims of the report about its method, and the numbers that decide each claim on our aircraft.
 
-"Error of a coefficient" is one number: root mean square over a record's samples of the estimated
-minus the tables' value, both at the true angles, over the range (largest minus smallest) of the
-tables' values there. Static coefficients (`Cm` without controls and rates) and control derivatives
-are compared each on its own, as in the report's figures. "Final F" is that of the likelihood; terms
-are without constants and biases. The report uses words such as "close" or "good": the bounds
-are ours.
+"Error of a coefficient" is one number: root mean square of the estimated minus the tables' value,
+over a record's samples at the true angles; where records are compared, at zero sideslip on equal
+steps of the angles of attack that all of them cover. Static coefficients (`Cm` without controls
+and rates) and control derivatives are compared each on its own, as in the report's figures. "Final
+F" is that of the likelihood; terms are without constants and biases. The report uses words such as
+"close" or "good": the bounds are ours.
 """
 
 from typing import NamedTuple
@@ -122,9 +122,9 @@ CLAIMS: tuple[Claim, ...] = (
         ("longitudinal 1", "longitudinal 2"),
         "With half the stabilator the shape of Cm over alpha comes out much better, though "
         "biased, for the stabilator's own derivative is then badly determined.",
-        "Error of Cm, its mean taken off, which is the shape's; it holds if it is smaller in "
-        "longitudinal 2 than in 1. Beside it, the whole error and the error of the stabilator's "
-        "derivative.",
+        "Error of Cm on the angles of attack of both, its mean taken off, which is the shape's; it "
+        "holds if it is smaller in longitudinal 2 than in 1. Beside it, the whole error and the "
+        "error of the stabilator's derivative.",
         "By Figure 6.19 only; the text says that case 1 fits badly but with less bias.",
     ),
     Claim(
@@ -160,8 +160,9 @@ CLAIMS: tuple[Claim, ...] = (
         ("longitudinal 1", "longitudinal 2", "coupled 1"),
         "With 15 s and both planes excited all coefficients fit better than in the separate "
         "cases, Cm best of all its estimates.",
-        "Error of Cm in coupled 1, longitudinal 1 and 2; it holds if the first is the smallest. "
-        "Also given: the errors of CY, CZ, Cl and Cn and those of the separate cases.",
+        "Error of Cm on the angles of attack of coupled 1, longitudinal 1 and 2; it holds if the "
+        "first is the smallest. Also given: the errors of CZ, and of the slopes of CY, Cl and Cn "
+        "in beta, and those of the separate cases.",
         FIGURE + ", 6.30",
     ),
     Claim(

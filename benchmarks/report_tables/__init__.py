@@ -10,7 +10,7 @@ from benchmarks.report_tables.cases import CaseResult, fit, fly_case, larger_set
 from benchmarks.report_tables.comparisons import combined, curves, predicted
 from benchmarks.report_tables.examples import small
 from benchmarks.report_tables.rows import parameter_rows
-from benchmarks.report_tables.verdicts import verdicts
+from benchmarks.report_tables.verdicts import judge, verdicts
 
 __all__ = [
     "CaseResult",
@@ -18,6 +18,7 @@ __all__ = [
     "curves",
     "fit",
     "fly_case",
+    "judge",
     "larger_set",
     "parameter_rows",
     "predicted",

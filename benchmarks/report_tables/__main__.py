@@ -1,20 +1,28 @@
 """The report's tables of chapters III, V and VI, from our own flights: `python -m
-benchmarks.report_tables`.
+benchmarks.report_tables [--seeds 20] [--json] [--log FILE]`.
+
+Progress, and the verdicts after each seed, go to standard error.
 """
 
 import argparse
 import json
 import sys
 import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
 
 import jax
+import numpy as np
 
 from benchmarks import report_numbers
 from benchmarks.report_tables.cases import CaseResult, fit, larger_set, run
 from benchmarks.report_tables.comparisons import curves
 from benchmarks.report_tables.examples import Small, small
+from benchmarks.report_tables.rows import overall_F
 from benchmarks.report_tables.settings import LATERAL, SETTINGS
 from benchmarks.report_tables.text import (
+    F_table,
     as_numbers,
     case_table,
     error_table,
@@ -22,7 +30,15 @@ from benchmarks.report_tables.text import (
     plain,
     verdict_lines,
 )
-from benchmarks.report_tables.verdicts import FIRST_10_S, JOINT, LARGER, verdicts
+from benchmarks.report_tables.verdicts import (
+    FIRST_10_S,
+    JOINT,
+    LARGER,
+    Judged,
+    judge,
+    verdicts,
+)
+from jaxid._foundation.checks import InputError
 from jaxid.aircraft.flight.report_cases import CASES
 
 # Cases that each further fit needs.
@@ -49,7 +65,7 @@ def more(name: str, results: dict[str, CaseResult]) -> CaseResult:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the benchmark; return 0 if every case converged."""
+    """Run the benchmark; return 0 if every case converged in every seed."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.report_tables", description=__doc__.splitlines()[0]
     )
@@ -60,8 +76,12 @@ def main(arguments: list[str] | None = None) -> int:
         "--seed",
         type=int,
         default=0,
-        help="of the instruments' errors, the noise and the gusts (default: 0)",
+        help="first seed of the instruments' errors, the noise and the gusts (default: 0)",
     )
+    parser.add_argument(
+        "--seeds", type=int, default=1, help="number of seeds on which claims are judged"
+    )
+    parser.add_argument("--log", type=Path, help="add a line of JSON to this file for each seed")
     parser.add_argument(
         "--part",
         choices=("report", "f16"),
@@ -77,54 +97,140 @@ def main(arguments: list[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
+    # short records, and a new program for each selection of terms: compiling takes longer
+    jax.config.update("jax_disable_most_optimizations", True)
     if options.part == "f16":
         from benchmarks.report_tables.f16 import main as f16
 
         return f16(options.seed, options.json)
-    return report(options.seed, options.cases or [*CASES, "examples"], options.json)
+    seeds = range(options.seed, options.seed + options.seeds)
+    return report(seeds, options.cases or [*CASES, "examples"], options.json, options.log)
 
 
-def report(seed: int, cases: list[str], as_json: bool) -> int:
-    """Run the report's part: cases, further fits for the claims, small manoeuvres, verdicts."""
-    begin, results = time.perf_counter(), {}
-    for case in CASES:
-        if case in cases:
-            results[case] = run(case, seed)
-            _print_unless(as_json, case_table(results[case], TABLES.get(case)) + "\n")
-    for name, needed in MORE.items():
-        if set(needed) <= set(results):
-            results[name] = more(name, results)
-            _print_unless(as_json, case_table(results[name], TABLES.get(name)) + "\n")
-    examples: dict[str, Small] = {}
-    if "examples" in cases:
-        examples = {one.case: small(one, seed) for one in report_numbers.examples()}
-        _print_unless(as_json, example_table(examples.values()) + "\n")
-    claims = verdicts(results, examples, seed)
-    for totals in (True, False):
-        _print_unless(as_json, error_table(results, totals) + "\n")
-    _print_unless(as_json, verdict_lines(claims))
-    fine = all(
-        bool(one.identified.estimate.successful) for name, one in results.items() if name in CASES
+class Seed(NamedTuple):
+    """Results of one seed.
+
+    Attributes:
+        seed: of the instruments' errors, the noise and the gusts.
+        results: by name of the case or of the further fit.
+        examples: small manoeuvres by name.
+        failures: message by name of a case that could not be identified.
+        claims: the claims with these results.
+    """
+
+    seed: int
+    results: dict[str, CaseResult]
+    examples: dict[str, Small]
+    failures: dict[str, str]
+    claims: list[Judged]
+
+
+def one_seed(
+    seed: int, cases: list[str], show: Callable[[str], None], *, totals: bool = False
+) -> Seed:
+    """Run cases, further fits and small manoeuvres of one seed.
+
+    Args:
+        seed: of the instruments' errors, the noise and the gusts.
+        cases: names of the cases, and "examples".
+        show: receives one line when a fit has ended.
+        totals: if True, also compute the errors of whole coefficients, which no claim needs.
+    """
+    results: dict[str, CaseResult] = {}
+    failures: dict[str, str] = {}
+    begin = time.perf_counter()
+    for name in (*CASES, *MORE):
+        try:
+            if name in MORE:
+                if not set(MORE[name]) <= set(results):
+                    continue
+                result = more(name, results)
+            elif name in cases:
+                result = run(name, seed, totals=totals)
+            else:
+                continue
+        except InputError as error:
+            failures[name] = str(error)
+            show(f"seed {seed}, {time.perf_counter() - begin:.0f} s: {name} failed: {error}")
+            continue
+        if np.isfinite(float(result.identified.estimate.cost)):
+            results[name] = result
+        else:
+            failures[name] = result.fitted.status
+        show(f"seed {seed}, {time.perf_counter() - begin:.0f} s: {name} {result.fitted.status}")
+    examples = (
+        {one.case: small(one, seed) for one in report_numbers.examples()}
+        if "examples" in cases
+        else {}
     )
-    if as_json:
-        output = {
-            "status": "converged" if fine else "not converged",
-            "seed": seed,
-            "seconds": time.perf_counter() - begin,
-            "cases": {name: as_numbers(one, TABLES.get(name)) for name, one in results.items()},
-            "Cm over alpha": curves(results),
-            "examples": examples,
-            "verdicts": claims,
+    return Seed(seed, results, examples, failures, judge(results, examples))
+
+
+def report(seeds: range, cases: list[str], as_json: bool, log: Path | None = None) -> int:
+    """Run the report's part: cases, further fits for the claims, small manoeuvres, verdicts.
+
+    Args:
+        seeds: the seeds; full tables are printed for the first.
+        cases: names of the cases, and "examples".
+        as_json: if True, print one JSON object, with progress on standard error.
+        log: file that receives a line of JSON for each seed.
+    """
+    begin, rows, claims, first, fine = time.perf_counter(), [], [], {}, True
+
+    def show(line: str) -> None:
+        print(line, file=sys.stderr, flush=True)
+
+    for seed in seeds:
+        done = one_seed(seed, cases, show, totals=len(seeds) == 1)
+        claims.append(done.claims)
+        converged = {
+            name: bool(one.identified.estimate.successful) for name, one in done.results.items()
         }
-        print(json.dumps(plain(output)))
+        fine = (
+            fine and not done.failures and all(converged[name] for name in CASES if name in cases)
+        )
+        row = {
+            "seed": seed,
+            "converged": converged,
+            "failures": done.failures,
+            "overall_F": {
+                name: [one._asdict() for one in overall_F(result)]
+                for name, result in done.results.items()
+                if name in CASES
+            },
+            "claims": done.claims,
+        }
+        rows.append(plain(row))
+        if log is not None:
+            with log.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
+        if seed == seeds[0]:
+            first = {name: as_numbers(one, TABLES.get(name)) for name, one in done.results.items()}
+            first = {"cases": first, "Cm over alpha": curves(done.results)}
+            first |= {"examples": done.examples}
+            if not as_json:
+                _print_tables(done)
+        show(verdict_lines(verdicts(claims)))
+        jax.clear_caches()  # programs of one seed serve no other: the terms differ
+    judged = verdicts(claims)
+    if as_json:
+        output = {"status": "converged" if fine else "not converged", "seeds": list(seeds)}
+        output |= {"seconds": time.perf_counter() - begin, **first, "rows": rows}
+        print(json.dumps(plain(output | {"verdicts": judged})))
     else:
-        print(f"\nSeed {seed}, {time.perf_counter() - begin:.0f} s.")
+        print(verdict_lines(judged))
+        print(f"\nSeeds {seeds[0]} to {seeds[-1]}, {time.perf_counter() - begin:.0f} s.")
     return 0 if fine else 1
 
 
-def _print_unless(quiet: bool, words: str) -> None:
-    if not quiet:
-        print(words, flush=True)
+def _print_tables(done: Seed) -> None:
+    for name, result in done.results.items():
+        print(case_table(result, TABLES.get(name)) + "\n")
+    if done.examples:
+        print(example_table(done.examples.values()) + "\n")
+    print(F_table(done.results) + "\n")
+    for totals in (True, False):
+        print(error_table(done.results, totals) + "\n")
 
 
 if __name__ == "__main__":

@@ -157,7 +157,8 @@ def estimated(
     identified: Identification, coefficient: str, at: Signals, by: str | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """A coefficient or its derivative by a signal, and its standard deviation, each of shape
-    (time,).
+    (time,). Terms that kept the regression's values have its covariance, independent of that of
+    the estimated parameters.
 
     Args:
         identified, coefficient, at, by: as in `part`; controls and rates that are given count.
@@ -172,6 +173,15 @@ def estimated(
     C = np.asarray(fit.covariance)[np.ix_([i for _, i in free], [i for _, i in free])]
     X_free = X[:, [k for k, _ in free]]
     variance = np.einsum("ti,ij,tj->t", X_free, C, X_free)
+    regression = identified.equations[coefficient].regression
+    kept = [
+        (k, regression.names.index(term))
+        for k, term in enumerate(polynomial.terms)
+        if names[k] not in fit.names and term in regression.names
+    ]
+    C = np.asarray(regression.covariance)[np.ix_([i for _, i in kept], [i for _, i in kept])]
+    X_kept = X[:, [k for k, _ in kept]]
+    variance = variance + np.einsum("ti,ij,tj->t", X_kept, C, X_kept)
     return X @ np.asarray(polynomial.coefficients), np.sqrt(np.maximum(variance, 0.0))
 
 

@@ -56,6 +56,21 @@ class Predicted(NamedTuple):
     errors: tuple[Error, ...]
 
 
+class CommonErrors(NamedTuple):
+    """Absolute errors of a coefficient over the angles of attack that several records cover.
+
+    Attributes:
+        low_deg, high_deg: ends of the common range [deg].
+        rms: root mean square error by name of the result.
+        shape: the same after the mean error is taken off.
+    """
+
+    low_deg: float
+    high_deg: float
+    rms: dict[str, float]
+    shape: dict[str, float]
+
+
 def combined(first: CaseResult, second: CaseResult, *others: CaseResult) -> Combined:
     """Return the average `dCn/dbeta` at beta = 0 of two fits, over the alpha of both records.
 
@@ -141,25 +156,32 @@ def curves(
 
 
 def on_common_angles(
-    results: Mapping[str, CaseResult], coefficient: str = "Cm"
-) -> dict[str, float]:
-    """Root mean square error of a static coefficient at beta = 0 over the angles of attack that all
-    records cover.
+    results: Mapping[str, CaseResult], coefficient: str = "Cm", by: str | None = None
+) -> CommonErrors:
+    """Errors of a static coefficient, or of its derivative, at beta = 0 over the angles of attack
+    that all records cover.
 
     Args:
         results: by name, each with this coefficient.
         coefficient: which.
+        by: signal of the derivative, such as beta for a lateral coefficient; None for the
+            coefficient itself.
     """
     spans = [angles(one.flights[0])["alpha"] for one in results.values()]
     alpha = np.linspace(max(map(np.min, spans)), min(map(np.max, spans)), STEPS)
     at = {"alpha": alpha, "beta": np.zeros(STEPS)}
-    errors = {}
+    apart = {}
     for name, one in results.items():
-        history = part(
-            one.identified, one.flights[0].aircraft.airframe.aerodynamics, coefficient, at
-        )
-        errors[name] = _rms(history.value - history.true)
-    return errors
+        tables = one.flights[0].aircraft.airframe.aerodynamics
+        history = part(one.identified, tables, coefficient, at, by)
+        apart[name] = history.value - history.true
+    edges = np.degrees(alpha[[0, -1]])
+    return CommonErrors(
+        float(edges[0]),
+        float(edges[1]),
+        {name: _rms(error) for name, error in apart.items()},
+        {name: float(np.std(error)) for name, error in apart.items()},
+    )
 
 
 def _rms(error: np.ndarray) -> float:

@@ -6,12 +6,12 @@ s would need the aircraft's own control system). The report's yaw and roll dampe
 throughout, so that flights above 30 deg remain stable for 15 s; surfaces are measured, so
 the dampers do not affect the identification.
 
-The question is how well polynomials fit measured tables, so the instruments have the base
-level's noise and no constant errors: at 60 m/s those of V alone would be worth 7 % in every
-coefficient. V is smoothed, because its noise alone hides CX and CZ. The thrust differs from
-flight to flight and is measured. Longitudinal and lateral motion are identified by themselves, each
-from three flights together, with the terms of Table 6.1. The step is that of the least BIC: the
-largest overall F would leave Cn with one term.
+The question is how well polynomials fit measured tables, so the instruments have the
+noise of the level `DEMONSTRATION` and no constant errors: at 60 m/s those of V alone would be worth
+7 % in every coefficient. V is smoothed, because its noise alone hides CX and CZ. The thrust
+differs from flight to flight and is measured. Longitudinal and lateral motion are identified by
+themselves, each from three flights together, with the terms of Table 6.1. The step is that of the
+least BIC: the largest overall F would leave Cn with one term.
 """
 
 import json
@@ -30,9 +30,15 @@ from benchmarks.report_tables.settings import Setting
 from benchmarks.report_tables.text import as_numbers, error_table, plain
 from jaxid.aircraft.airframes import f16
 from jaxid.aircraft.flight.aircraft import Aircraft
-from jaxid.aircraft.flight.report_cases import REPORT_SAMPLE_TIME, trim_at_alpha
+from jaxid.aircraft.flight.report_cases import REPORT_SAMPLE_TIME
 from jaxid.aircraft.flight.simulate_flight import Flight, simulate_flight
-from jaxid.aircraft.instruments.noise_levels import BASE, NoiseLevel, draw, report_instruments
+from jaxid.aircraft.flight.trim_at_alpha import trim_at_alpha
+from jaxid.aircraft.instruments.noise_levels import (
+    DEMONSTRATION,
+    NoiseLevel,
+    draw,
+    report_instruments,
+)
 from jaxid.aircraft.physics.frames import quaternion, velocity
 from jaxid.aircraft.physics.imperial import DEGREE, FOOT
 from jaxid.aircraft.vehicle.augmentation import ALWAYS, Augmentation, Switch
@@ -44,7 +50,7 @@ from jaxid.structure import Minimum
 ALTITUDE = 20000.0 * FOOT  # m
 FLAP_DEG, XCG = 25.0, 0.30
 
-NOISE = NoiseLevel({}, {}, BASE.noise, {}, {})
+NOISE = NoiseLevel({}, {}, DEMONSTRATION.noise, {}, {})
 COMMON = {"measured": ("thrust",), "smoothed": ("V",)}
 SETTINGS = {
     "F-16 longitudinal": Setting(

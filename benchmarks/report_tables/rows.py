@@ -9,6 +9,7 @@ from benchmarks.report_tables.cases import CaseResult
 from benchmarks.report_tables.settings import BIAS
 
 NONE = float("nan")
+PRINTED_SAMPLES = 100  # Table 6.2
 
 
 class Numbers(NamedTuple):
@@ -87,6 +88,66 @@ def parameter_rows(result: CaseResult, table: str | None = None) -> list[Row]:
         )
         rows.append(Row(*key, our_numbers, printed_numbers))
     return rows
+
+
+class OverallF(NamedTuple):
+    """Overall F of an equation beside the report's, `F = R2 / (1 - R2) (N - k - 1) / k`.
+
+    Attributes:
+        response: coefficient.
+        ours, printed: overall F.
+        terms, printed_terms: number of terms k.
+        near: True if ours is within a factor of two of the report's.
+        same_terms: our F at the step of the regression with the report's number of terms, NaN
+            without such a step. Where this is near and ours is not, the number of terms is the
+            reason.
+        signal, form: the ratio of ours to the report's as a product: of `R2 / (1 - R2)`, signal
+            over residual, and of `(N - k - 1) / k`, the number of terms.
+    """
+
+    response: str
+    ours: float
+    printed: float
+    terms: int
+    printed_terms: int
+    near: bool
+    same_terms: float
+    signal: float
+    form: float
+
+
+def overall_F(result: CaseResult) -> list[OverallF]:
+    """Return the overall F of each equation for which the report prints one."""
+    case = result.flights[0].record.names[0]
+    printed = {one.response: one.F for one in report_numbers.equations(case)}
+    chosen = [one.response for one in report_numbers.regression(case) if one.F is not None]
+    rows = []
+    for name, equation in result.identified.equations.items():
+        if name not in printed:
+            continue
+        regression, k = equation.regression, chosen.count(name)
+        models = equation.selection.models if equation.selection else ()
+        same = next((float(one.overall_F) for one in models if len(one.terms) == k), NONE)
+        form = _form(len(regression.names)) / _form(k)
+        ratio = float(regression.overall_F) / printed[name]
+        rows.append(
+            OverallF(
+                name,
+                float(regression.overall_F),
+                printed[name],
+                len(regression.names),
+                k,
+                0.5 <= ratio <= 2.0,
+                same,
+                ratio / form,
+                form,
+            )
+        )
+    return rows
+
+
+def _form(terms: int) -> float:
+    return (PRINTED_SAMPLES - terms - 1) / max(terms, 1)
 
 
 def estimated(result: CaseResult) -> dict[str, tuple[float, float, float]]:

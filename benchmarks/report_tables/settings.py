@@ -11,9 +11,9 @@ Our own, because the report gives no setting:
   depend on these, and they start at the measured values.
 - The instruments of the model are the report's before a flight draws its errors: the analyst knows
   that the vanes are 34 ft ahead of the centre of gravity, and does not know a flight's errors of
-  scale, bias, place and axis. The speed is measured with a scale error of 1 %, a bias of 5 ft/s and
-  noise of the same size, so that every coefficient shares an unknown factor of several per cent;
-  the axes of accelerometers and gyros are off by 0.6 deg, which puts 1 % of CZ into CX.
+  scale, bias, place and axis. The square of the speed is measured with a scale error of 1 %, which
+  every coefficient shares; the axes of accelerometers and gyros are off by 0.6 deg, which puts 1 %
+  of CZ into CX and CY.
 - Surfaces, thrust and altitude are known: Table 6.6 has no errors for them. Angular accelerations
   are recorded, as in the report.
 - Each flight draws new errors of its instruments, from the seed and the number of its case.

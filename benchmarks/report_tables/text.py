@@ -9,7 +9,8 @@ import numpy as np
 from benchmarks import report_numbers
 from benchmarks.report_tables.cases import CaseResult
 from benchmarks.report_tables.examples import Small
-from benchmarks.report_tables.rows import parameter_rows
+from benchmarks.report_tables.rows import overall_F, parameter_rows
+from benchmarks.report_tables.settings import SETTINGS
 from benchmarks.report_tables.verdicts import Verdict
 
 HEADS = ("regression", "F", "F start", "final", "F final")
@@ -120,15 +121,36 @@ def example_table(examples: Iterable[Small]) -> str:
 
 
 def verdict_lines(claims: Iterable[Verdict]) -> str:
-    """Return one paragraph for each claim."""
+    """Return one paragraph for each claim: share of the seeds with its interval, and medians."""
     lines = []
     for one in claims:
-        status = "not run" if one.holds is None else "holds" if one.holds else "does not hold"
-        words = f"{status.upper()}: {one.name} ({one.section}, page {one.page}). {one.numbers}."
+        share = (
+            f"{one.held} of {one.judged} seeds (95 % interval {100 * one.low:.0f} to "
+            f"{100 * one.high:.0f} %)"
+        )
+        numbers = ", ".join(f"{name} {value:.3g}" for name, value in one.numbers.items())
+        words = f"{one.verdict.upper()}: {one.name} ({one.section}, page {one.page}): {share}."
         lines += textwrap.wrap(words, WIDTH, subsequent_indent="    ")
-        if one.reason:
+        if numbers:
+            indent = "    "
             lines += textwrap.wrap(
-                f"Why: {one.reason}", WIDTH, initial_indent="    ", subsequent_indent="    "
+                f"medians: {numbers}", WIDTH, initial_indent=indent, subsequent_indent=indent
+            )
+    return "\n".join(lines)
+
+
+def F_table(results: Mapping[str, CaseResult]) -> str:
+    """Return the overall F of each equation beside the report's."""
+    lines = [
+        f"{'overall F':<16} {'':>4} {'ours':>9} {'k':>3} {'report':>9} {'k':>3} {'ratio':>6} "
+        f"{'signal':>7} {'terms':>6} {'F, same k':>10}"
+    ]
+    for result in results.values():
+        for row in overall_F(result) if result.name in SETTINGS else ():
+            lines.append(
+                f"{result.name:<16} {row.response:>4} {row.ours:>9.4g} {row.terms:>3} "
+                f"{row.printed:>9.5g} {row.printed_terms:>3} {row.ours / row.printed:>6.2f} "
+                f"{row.signal:>7.2f} {row.form:>6.2f} {row.same_terms:>10.4g}"
             )
     return "\n".join(lines)
 
@@ -152,6 +174,7 @@ def as_numbers(result: CaseResult, table: str | None = None) -> dict:
         "printed_fits": [
             one._asdict() for one in report_numbers.fits(result.flights[0].record.names[0])
         ],
+        "overall_F": [row._asdict() for row in overall_F(result)],
         "sigma": result.sigma(),
         "errors": [[one._asdict() for one in errors] for errors in result.errors],
     }

@@ -44,5 +44,12 @@ def to_device(tree):
     return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf), leaf.dtype), tree)
 
 
+def is_integer_array(leaf) -> bool:
+    """Return True for an array of signed integers, such as `jnp.array(4)` given for a parameter."""
+    return isinstance(leaf, jax.Array | np.ndarray) and jnp.issubdtype(
+        leaf.dtype, jnp.signedinteger
+    )
+
+
 def _is_known(leaf) -> bool:
     return not isinstance(leaf, Tracer) and not getattr(leaf, "committed", False)

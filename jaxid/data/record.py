@@ -89,6 +89,31 @@ class Record(eqx.Module):
             return _column(self.u, None, index=self.inputs.index(name))
         return _column(self.z, self.mask, index=self.outputs.index(name))
 
+    def without(self, *names: str) -> "Record":
+        """The record, or the stack, without some of its inputs and outputs.
+
+        Args:
+            names: names of the channels.
+
+        Raises:
+            InputError: when there is no such channel.
+        """
+        require_known("channel", names, (*self.inputs, *self.outputs))
+        u, z = (
+            [k for k, name in enumerate(group) if name not in names]
+            for group in (self.inputs, self.outputs)
+        )
+        return _replace(
+            self,
+            u=_columns(self.u, at=tuple(u)),
+            z=_columns(self.z, at=tuple(z)),
+            mask=_columns(self.mask, at=tuple(z)),
+            inputs=tuple(self.inputs[k] for k in u),
+            outputs=tuple(self.outputs[k] for k in z),
+            input_units=tuple(self.input_units[k] for k in u),
+            output_units=tuple(self.output_units[k] for k in z),
+        )
+
     def window(self, start: int, stop: int | None = None) -> "Record":
         """Rows `start` to `stop - 1` of a single record, with their times unchanged.
 
@@ -175,6 +200,12 @@ def _column(xp, values, mask, index: int):
     """Return one channel, NaN where there is no valid sample."""
     column = values[..., index]
     return column if mask is None else xp.where(mask[..., index], column, xp.nan)
+
+
+@on_host
+def _columns(xp, values, at: tuple[int, ...]):
+    """Return some columns of the last axis."""
+    return values[..., xp.asarray(at, int)]
 
 
 @on_host

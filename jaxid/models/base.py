@@ -10,6 +10,7 @@ from equinox import AbstractVar
 from jax.core import Tracer
 
 from .._foundation.checks import InputError, require, require_known
+from .._foundation.host import is_integer_array
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from .pseudo_measurements import PseudoMeasurements
@@ -307,5 +308,7 @@ def as_float(numbers):
 
 def _is_number(leaf) -> bool:
     return not isinstance(leaf, bool) and (
-        isinstance(leaf, int | float | np.floating) or eqx.is_inexact_array(leaf)
+        isinstance(leaf, int | float | np.number)
+        or eqx.is_inexact_array(leaf)
+        or is_integer_array(leaf)
     )

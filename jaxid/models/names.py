@@ -17,6 +17,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from .._foundation.checks import require_unique
+from .._foundation.host import is_integer_array
 from .._foundation.types import Array, Float
 
 
@@ -73,8 +74,10 @@ def _walk(node, prefix: str) -> Iterator[str]:
     elif isinstance(node, dict):
         for key in sorted(node):
             yield from _walk(node[key], _below(prefix, key))
-    elif eqx.is_inexact_array(node) or (
-        isinstance(node, float | int) and not isinstance(node, bool)
+    elif (
+        eqx.is_inexact_array(node)
+        or is_integer_array(node)
+        or (isinstance(node, float | int | np.integer) and not isinstance(node, bool))
     ):
         yield from _elements(prefix, jnp.shape(node))
 

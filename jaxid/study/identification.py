@@ -95,6 +95,8 @@ class Identification:
         estimate: the second stage.
         records: the prepared records that were fitted, a stack.
         likelihood: measure of the misfit.
+        reduced: reason and limits of a structure that was reduced, because the selected one
+            diverges at the values of the regression; empty if it starts.
     """
 
     equations: dict[str, Equation]
@@ -104,6 +106,7 @@ class Identification:
     estimate: Estimate
     records: Record
     likelihood: AbstractLikelihood
+    reduced: str = ""
 
     @property
     def model(self) -> AbstractModel:
@@ -178,7 +181,7 @@ class Identification:
         return predict(self.model, stack(prepared), known, window=window, states=states)
 
     def __str__(self) -> str:
-        lines = []
+        lines = [f"reduced: {self.reduced}"] if self.reduced else []
         for name, equation in self.equations.items():
             regression = equation.regression
             lines.append(

@@ -3,15 +3,17 @@ tuning.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from .._foundation.checks import require, require_float64, require_known
+from .._foundation.checks import InputError, require, require_float64, require_known
 from .._foundation.types import Float
 from ..data.record import Record
 from ..data.stack import unstack
-from ..estimation.estimate import as_stack, check_sampling, estimate
+from ..estimation.estimate import as_stack, check_sampling, divergence, estimate
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
+from ..estimation.problem import Problem
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel
 from ..models.equation_shapes import check_equations
@@ -22,6 +24,7 @@ from ..models.replace import with_polynomials
 from ..structure import Regression, choose, columns, least_squares, stepwise_each, strong_terms
 from .identification import Equation, Identification, a_priori
 from .identify_options import IdentifyOptions
+from .reduction import AS_SELECTED, REDUCTIONS, Reduction, starts
 
 Records = Record | Sequence[Record]
 
@@ -46,7 +49,9 @@ def identify(
     3. **Terms.** Terms with at least 4 % of their equation's largest F are estimated, with the
        constants and the parameters that `options.add` names; the others keep the values of the
        regression.
-    4. **Maximum likelihood**, started at the values of the regression.
+    4. **Maximum likelihood**, started at the values of the regression. If the simulation diverges
+       there, the regression is repeated with lower powers, then with fewer terms, until one starts
+       (`REDUCTIONS`); `reduced` of the result has the limits. Terms given by name are kept.
 
     All records are regressed together, about their common mean, and estimated together.
 
@@ -66,15 +71,59 @@ def identify(
     Raises:
         InputError: if the model states no pseudo-measurements, a channel is missing, too few
             samples are valid, an option names a response, a term or a parameter that does not
-            exist, no equation is left, or JAX is in 32 bit.
+            exist, no equation is left, every structure diverges at its starting values, or JAX is
+            in 32 bit.
     """
     require_float64()
     options, likelihood = options or IdentifyOptions(), likelihood or OutputError()
     single = unstack(as_stack(records)) if isinstance(records, Record) else list(records)
     require(len(single) > 0, "There is no record to identify from. Give at least one.")
-    equations, centre = _regressions(
-        [model.pseudo_measurements(record) for record in single], options
+    measured = [model.pseudo_measurements(record) for record in single]
+    known = (model, single, likelihood, options, per_record)
+    chosen = _structure(*known, *_regressions(measured, options))
+    first = a_priori(chosen.model, chosen.free, chosen.records, likelihood)
+    reduced = ""
+    if not np.isfinite(first.cost):
+        chosen, reduction = _reduced(known, measured, chosen)
+        reduced = f"{reduction}, because the terms as selected diverge at the start"
+        first = a_priori(chosen.model, chosen.free, chosen.records, likelihood)
+    fit = estimate(chosen.model, chosen.free, chosen.records, likelihood, solver=solver)
+    return Identification(
+        chosen.equations,
+        chosen.centre,
+        chosen.model,
+        first,
+        fit,
+        chosen.records,
+        likelihood,
+        reduced,
     )
+
+
+class _Structure(NamedTuple):
+    """The second stage at the values of a regression.
+
+    Attributes:
+        equations, centre: the regressions, and the means about which the terms are written.
+        model: model with the values of the regression.
+        free: parameters to estimate.
+        records: prepared records, a stack.
+    """
+
+    equations: dict[str, Equation]
+    centre: dict[str, float]
+    model: AbstractModel
+    free: Free
+    records: Record
+
+    @property
+    def terms(self) -> dict[str, tuple[str, ...]]:
+        """Terms of the equations kept, by response."""
+        return {name: one.regression.names for name, one in self.equations.items() if one.kept}
+
+
+def _structure(model, single, likelihood, options, per_record, equations, centre) -> _Structure:
+    """Return model, free parameters and records of a regression, after all checks."""
     left_out = tuple(name for name, equation in equations.items() if not equation.kept)
     require(
         len(left_out) < len(equations),
@@ -88,19 +137,48 @@ def identify(
     chosen = _free(start_model, equations, options, per_record)
     prepared = as_stack([start_model.prepared(record) for record in single])
     check_sampling(start_model, prepared, likelihood)
-    first = a_priori(start_model, chosen, prepared, likelihood)
-    fit = estimate(start_model, chosen, prepared, likelihood, solver=solver)
-    return Identification(equations, centre, start_model, first, fit, prepared, likelihood)
+    return _Structure(equations, centre, start_model, chosen, prepared)
+
+
+def _reduced(known, measured, diverging: _Structure) -> tuple[_Structure, Reduction]:
+    """Return the first reduced structure whose simulation is finite, and its reduction.
+
+    Raises:
+        InputError: if none is; with record, time and state at which the last one diverges.
+    """
+    *_, likelihood, options, _ = known
+    structures = [AS_SELECTED]
+    for reduction in REDUCTIONS:
+        equations, centre = _regressions(measured, options, reduction)
+        if not any(one.kept for one in equations.values()):
+            break
+        chosen = _structure(*known, equations, centre)
+        if chosen.terms == diverging.terms:
+            continue
+        diverging = chosen
+        structures.append(reduction)
+        problem = Problem.of(chosen.model, chosen.free, chosen.records, likelihood)
+        if starts(problem):
+            return chosen, reduction
+    words = divergence(diverging.model, diverging.free, diverging.records, likelihood)
+    raise InputError(
+        "The model cannot be simulated at the values of the regression with any structure that "
+        f"was tried ({'; '.join(map(str, structures))}). {words} Of the last structure: "
+        + "; ".join(f"{name} = {', '.join(terms)}" for name, terms in diverging.terms.items())
+        + "."
+    )
 
 
 def _regressions(
-    measured: Sequence[PseudoMeasurements], options: IdentifyOptions
+    measured: Sequence[PseudoMeasurements],
+    options: IdentifyOptions,
+    reduction: Reduction = AS_SELECTED,
 ) -> tuple[dict[str, Equation], dict[str, float]]:
     """Regression of each response on the valid samples of all records, and the means about which
     the terms are written.
     """
     responses, signals = _gathered(measured)
-    candidates = dict(measured[0].candidates)
+    candidates = reduction.admitted(dict(measured[0].candidates))
     require_known("response (in `options`)", options.named, responses)
     centre = {name: float(np.mean(signals[name])) for name in measured[0].centred}
     chosen = {name: y for name, y in responses.items() if name not in options.terms}
@@ -117,8 +195,12 @@ def _regressions(
             if selection is None
             else choose(selection, options.rule)
         )
+        terms = reduction.kept(regression)
+        if selection is not None and terms != regression.names:
+            regression = least_squares(columns(terms, signals, centre), y, terms, response=name)
         kept, reason = _decision(name, regression, options)
-        estimated = _estimated(name, regression, options) if kept else ()
+        named = reduction == AS_SELECTED
+        estimated = _estimated(name, regression, options, named) if kept else ()
         equations[name] = Equation(selection, regression, kept, reason, estimated)
     return equations, centre
 
@@ -160,9 +242,13 @@ def _decision(name: str, regression: Regression, options: IdentifyOptions) -> tu
     return True, f"overall F {F:.4g}"
 
 
-def _estimated(name: str, regression: Regression, options: IdentifyOptions) -> tuple[str, ...]:
-    """Terms of a response that are estimated."""
-    for kind in ("estimate", "fix"):
+def _estimated(
+    name: str, regression: Regression, options: IdentifyOptions, named: bool
+) -> tuple[str, ...]:
+    """Terms of a response that are estimated; with `named`, terms that an option names and the
+    regression lacks are refused.
+    """
+    for kind in ("estimate", "fix") if named else ():
         require_known(
             f"term of {name} (in `options.{kind}`)",
             getattr(options, kind).get(name, ()),

@@ -4,14 +4,15 @@ import contextlib
 import importlib
 import io
 import json
-from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 
 from jaxid.aircraft.airframes import f4
-from jaxid.aircraft.flight.report_cases import CASES
+from jaxid.models import Polynomial
 
 ROOT = Path(__file__).resolve().parents[2]
 CASE = "longitudinal 2"
@@ -24,15 +25,26 @@ def module(name):
 
 
 @pytest.fixture(scope="module")
-def output():
+def output(tmp_path_factory):
     """One case, as JSON; without the errors of whole coefficients, which take a compilation of
     their own.
     """
-    main, words = module("report_tables.__main__"), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(words):
-        patch.setattr(main, "run", partial(main.run, totals=False))
-        assert main.main(["--json", "--cases", CASE]) == 0
-    return json.loads(words.getvalue())
+    main, words, progress = module("report_tables.__main__"), io.StringIO(), io.StringIO()
+    log = tmp_path_factory.mktemp("log") / "seeds.jsonl"
+    main_run = main.run
+    optimised = jax.config.jax_disable_most_optimizations
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(words),
+        contextlib.redirect_stderr(progress),
+    ):
+        patch.setattr(main, "run", lambda name, seed, totals: main_run(name, seed, totals=False))
+        try:
+            assert main.main(["--json", "--cases", CASE, "--log", str(log)]) == 0
+        finally:
+            jax.config.update("jax_disable_most_optimizations", optimised)
+    lines = log.read_text(encoding="utf-8").splitlines()
+    return json.loads(words.getvalue()) | {"log": lines, "progress": progress.getvalue()}
 
 
 def test_json_has_both_stages_and_printed_numbers(output):
@@ -80,17 +92,77 @@ def test_errors_cover_all_kept_equations(output):
 def test_claim_without_its_cases_has_no_verdict(output):
     claims = module("report_numbers.claims").CLAIMS
     assert [one["name"] for one in output["verdicts"]] == [one.name for one in claims]
-    assert all(one["holds"] is None for one in output["verdicts"])
+    assert all(one["judged"] == 0 for one in output["verdicts"])
+    (row,) = output["rows"]
+    assert all(one["holds"] is None and one["missing"] for one in row["claims"])
 
 
-def test_all_claims_and_cases_have_decisions_and_settings():
-    verdicts, claims = module("report_tables.verdicts"), module("report_numbers.claims").CLAIMS
-    assert set(verdicts.DECISIONS) == {one.name for one in claims}
-    assert set(module("report_tables.reasons").REASONS) <= set(verdicts.DECISIONS)
-    assert set(module("report_tables.settings").SETTINGS) == set(CASES)
-    assert {verdicts.LARGER, verdicts.JOINT, verdicts.FIRST_10_S} == set(
-        module("report_tables.__main__").MORE
+def test_seed_is_logged_as_it_ends(output):
+    assert [json.loads(line) for line in output["log"]] == output["rows"]
+    assert CASE in output["progress"]
+
+
+def test_overall_f_is_explained_by_its_factors(output):
+    """F = R2 / (1 - R2) (N - k - 1) / k, for ours and for the report's with N = 100."""
+    (row,) = output["rows"]
+    equations = {one["response"]: one for one in row["overall_F"][CASE]}
+    assert {name: one["printed"] for name, one in equations.items()} == {
+        "CX": 253.6,
+        "CZ": 7105.4,
+        "Cm": 1873.7,
+    }
+    assert {name: one["printed_terms"] for name, one in equations.items()} == {
+        "CX": 1,
+        "CZ": 5,
+        "Cm": 9,
+    }
+    for name, one in equations.items():
+        ratio = one["ours"] / one["printed"]
+        np.testing.assert_allclose(one["signal"] * one["form"], ratio, rtol=1e-12)
+        R2 = output["cases"][CASE]["equations"][name]["R2"]
+        k = one["terms"]
+        np.testing.assert_allclose(one["ours"], R2 / (1 - R2) * (99 - k) / k, rtol=1e-6)
+        assert one["near"] == (0.5 <= ratio <= 2.0)
+
+
+def test_overall_f_of_cz_in_longitudinal_1_is_near_the_printed_one():
+    """18,305 with five terms. With noise of 5 ft/s in the airspeed it was a ninth."""
+    cases, structure = module("report_tables.cases"), importlib.import_module("jaxid.structure")
+    setting = module("report_tables.settings").SETTINGS["longitudinal 1"]
+    flown = cases.fly_case("longitudinal 1", 0)
+    measured = cases.model_of(flown, setting).pseudo_measurements(cases.record_of(flown, setting))
+    signals = {name: np.asarray(value) for name, value in measured.signals.items()}
+    centre = {name: float(np.mean(signals[name])) for name in measured.centred}
+    terms = dict(measured.candidates)["CZ"]
+    selection = structure.stepwise(
+        structure.columns(terms, signals, centre),
+        np.asarray(measured.responses["CZ"]),
+        terms,
+        options=structure.REPORT,
+        response="CZ",
     )
+    assert 0.5 < structure.choose(selection, structure.MaximumF()).overall_F / 18305.0 < 2.0
+
+
+def test_band_counts_terms_kept_at_the_regression(output):
+    """A coefficient with no free term has the band of the regression, not none."""
+    coefficients = module("report_tables.coefficients")
+    structure = importlib.import_module("jaxid.structure")
+    rng = np.random.default_rng(0)
+    alpha = np.linspace(0.1, 0.4, 30)
+    y = -0.1 - 0.5 * alpha + 0.01 * rng.normal(size=30)
+    regression = structure.least_squares(alpha[:, None], y, ("alpha",), response="Cm")
+    polynomial = Polynomial({"1": regression.constant, "alpha": float(regression.values[0])})
+    identified = SimpleNamespace(
+        model=SimpleNamespace(
+            airframe=SimpleNamespace(aerodynamics=SimpleNamespace(Cm=polynomial))
+        ),
+        estimate=SimpleNamespace(names=("Cm.1",), covariance=np.array([[1e-6]])),
+        equations={"Cm": SimpleNamespace(regression=regression)},
+    )
+    _, deviation = coefficients.estimated(identified, "Cm", {"alpha": alpha, "beta": 0 * alpha})
+    expected = np.sqrt(1e-6 + regression.covariance[0, 0] * alpha**2)
+    np.testing.assert_allclose(deviation, expected, rtol=1e-12)
 
 
 def test_error_of_history_equals_hand_calculation():

@@ -36,6 +36,20 @@ def test_missing_samples_are_masked_and_zero():
     assert r.z.dtype == r.u.dtype == r.t.dtype == jnp.float64
 
 
+def test_channels_are_dropped_by_name():
+    r = simple().without("elevator", "alpha")
+    assert (r.inputs, r.outputs) == ((), ("q",))
+    np.testing.assert_array_equal(r.channel("q"), simple().channel("q"))
+    assert r.u.shape == (4, 0)
+    both = stack([simple(), simple(name="run 8")])
+    for one, name in zip(both.without("q"), ("run 7", "run 8"), strict=True):
+        assert one.names == (name,)
+        assert one.outputs == ("alpha",)
+        np.testing.assert_array_equal(one.channel("alpha"), simple().channel("alpha"))
+    with pytest.raises(InputError, match=r"no channel 'alfa'. Did you mean 'alpha'"):
+        simple().without("alfa")
+
+
 def test_units_of_arguments_are_converted_to_si():
     r = simple(
         t=[0.0, 100.0, 200.0, 300.0],

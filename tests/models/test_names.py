@@ -3,6 +3,7 @@
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -156,3 +157,16 @@ def test_polynomial_has_value_of_its_named_terms():
     )
     with pytest.raises(InputError, match="There is no signal 'q'"):
         nested().Cm({"alpha": jnp.array(0.3)})
+
+
+def test_integer_arrays_are_parameters_and_are_converted():
+    """`jnp.array(4)` for a parameter is the number 4; keys, flags and strings are no parameters."""
+    part = Part(jnp.array(4), table=np.array([1, 2]))
+    assert parameter_names(part) == ("gain", "table[0]", "table[1]")
+    values, unflatten = flatten(canonical(part))
+    np.testing.assert_array_equal(values, [4.0, 1.0, 2.0])
+    assert values.dtype == float
+    assert float(unflatten(values + 0.5).gain) == 4.5
+    other = Part(jnp.array(True), table=jax.random.PRNGKey(0))
+    assert parameter_names(other) == ()
+    assert canonical(other).table.dtype == jnp.uint32

@@ -12,7 +12,9 @@ from jaxid import identify
 from jaxid._foundation.checks import InputError
 from jaxid.models import AbstractModel, Polynomial
 from jaxid.models.pseudo_measurements import PseudoMeasurements
+from jaxid.structure import least_squares
 from jaxid.study import IdentifyOptions
+from jaxid.study.reduction import Reduction, power
 
 CANDIDATES = ("x", "v", "force", "x^2", "x v", "x^3", "x^2 v", "v^2", "v^3", "|v| v")
 TRUE = {"x": -2.0, "v": -0.3, "force": 1.0, "x^3": -1.5}
@@ -218,3 +220,45 @@ def test_least_r2_omits_equation_with_small_explained_share(record):
         identify(EMPTY, record, options=strict)
     with pytest.raises(InputError, match="least_R2 is 1"):
         IdentifyOptions(least_R2=1.0)
+
+
+def misled(slope, cube, rows=200):
+    """A record whose recorded acceleration has an error that grows with x: the regression then
+    finds an unstable model, which a simulation cannot follow.
+    """
+    record = measured(3, rows)
+    x, at = np.asarray(record.channel("x")), record.outputs.index("vdot")
+    z = np.array(record.z)
+    z[:, at] += slope * x + cube * x**3
+    return jaxid.record(record.t, record.u, z, inputs=record.inputs, outputs=record.outputs)
+
+
+def test_start_that_diverges_takes_lower_powers_and_says_so():
+    result = identify(EMPTY, misled(0.0, 12.0))
+    terms = result.equations["stiffness"].regression.names
+    assert (
+        result.reduced == "terms up to power 2, because the terms as selected diverge at the start"
+    )
+    assert all(power(term) <= 2 for term in terms)
+    assert str(result).startswith("reduced: terms up to power 2")
+    assert np.isfinite(result.start.cost)
+    assert float(result.estimate.cost) < result.start.cost
+
+
+def test_structure_that_never_starts_is_refused_with_its_cause():
+    with pytest.raises(InputError) as caught:
+        identify(EMPTY, misled(2e4, 0.0))
+    words = str(caught.value)
+    for part in ("(the terms as selected)", "stops being finite at t = ", "stiffness = x"):
+        assert part in words
+
+
+def test_reduction_keeps_strong_terms_in_order():
+    candidates = {"Cm": ("alpha", "alpha^2 beta", "alpha^9", "qhat", "alpha qhat")}
+    assert Reduction(2).admitted(candidates)["Cm"] == ("alpha", "qhat", "alpha qhat")
+    assert Reduction().admitted(candidates) == candidates
+    x = np.linspace(-1.0, 1.0, 50)
+    X = np.stack([x, x**2, x**3], axis=1)
+    y = 0.3 * x + 2.0 * x**2 - x**3 + 0.01 * np.sin(40.0 * x)
+    regression = least_squares(X, y, ("x", "x^2", "x^3"), response="y")
+    assert Reduction(None, 2).kept(regression) == ("x^2", "x^3")

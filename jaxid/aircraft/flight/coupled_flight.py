@@ -19,7 +19,7 @@ from ...simulation.simulate import simulate
 from ...simulation.steppers import RK4
 from ..airframes.f4 import f4
 from ..instruments.instruments import Instruments
-from ..instruments.noise_levels import BASE, report_instruments
+from ..instruments.noise_levels import DEMONSTRATION, report_instruments
 from ..vehicle.aerodynamics_increments import AerodynamicsWithIncrements
 from ..vehicle.aerodynamics_polynomial import PolynomialAerodynamics
 from ..vehicle.controls import SURFACES, ControlSystem, MeasuredSurfaces, standard_actuators
@@ -55,8 +55,8 @@ def coupled_flight(key: Array, samples: int = SAMPLES) -> SimulatedFlight:
 
     The records are simulated with four times the steps of the estimation and with actuators between
     pilot and surfaces, from level trim at 550 ft/s and 35,000 ft. White noise and offsets of the
-    instruments have the report's base level (Table 6.6); the offsets are drawn once, because all
-    manoeuvres are of one flight. Scales, positions and axes of the instruments are assumed to be
+    instruments have the level `DEMONSTRATION`; the offsets are drawn once, because all manoeuvres
+    are of one flight. Scales, positions and axes of the instruments are assumed to be
     calibrated.
 
     Args:
@@ -72,7 +72,7 @@ def coupled_flight(key: Array, samples: int = SAMPLES) -> SimulatedFlight:
     for_bias, for_noise = jax.random.split(key)
     t, surfaces, clean, truth = _fly(_drawn(for_bias), samples)
     names = (*COUPLED_TRAIN, *COUPLED_CHECK, *COUPLED_TEST)
-    noise = jnp.array([BASE.noise[name] for name in RECORDED_CHANNELS])
+    noise = jnp.array([DEMONSTRATION.noise[name] for name in RECORDED_CHANNELS])
     z = np.asarray(clean) + np.asarray(noise) * np.asarray(
         jax.random.normal(for_noise, clean.shape)
     )
@@ -141,7 +141,7 @@ def _recorded(airframe, instruments: Instruments, like: Aircraft) -> Aircraft:
 
 def _drawn(key: Array) -> Instruments:
     """Return instruments with the offsets of one flight."""
-    sigma = jnp.array([BASE.bias[name] for name in RECORDED_CHANNELS])
+    sigma = jnp.array([DEMONSTRATION.bias[name] for name in RECORDED_CHANNELS])
     bias = sigma * jax.random.normal(key, sigma.shape)
     return eqx.tree_at(
         lambda instruments: instruments.bias.values, report_instruments(RECORDED_CHANNELS), bias

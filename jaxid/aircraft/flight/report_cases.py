@@ -12,10 +12,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..._foundation.checks import require, require_known
+from ..._foundation.checks import require_known
 from ..._foundation.types import Array, Float
 from ...data.signals import full_sine, half_sine, pulses, ramp, sine
-from ...simulation.trim import Trim, solve_equilibrium
 from ..air.turbulence import REPORT_GUST, white_gusts
 from ..airframes.f4 import f4
 from ..instruments.noise_levels import BASE, HIGH, NoiseLevel, draw, report_instruments
@@ -26,6 +25,7 @@ from ..vehicle.controls import ControlSystem, standard_actuators
 from ..vehicle.engine import ConstantThrust, Engine
 from .aircraft import Aircraft
 from .simulate_flight import Flight, simulate_flight
+from .trim_at_alpha import trim_at_alpha
 
 # chosen: this aircraft is near level flight at the printed speeds and angles of attack
 CASE_ALTITUDE = 35000.0 * FOOT  # m
@@ -49,6 +49,7 @@ class Case(NamedTuple):
         noise: level of the instruments' errors; None for error-free instruments.
         gust: standard deviation of the white disturbances of the vertical and horizontal velocity
             [m/s].
+        trim: stabilator at the start, less the one that balances the pitching moment [rad].
         choices: description of the settings that are our choice.
     """
 
@@ -61,7 +62,20 @@ class Case(NamedTuple):
     augmentation_on: float | None = None
     noise: NoiseLevel | None = BASE
     gust: float = 0.0
+    trim: float = 0.0
     choices: str = ""
+
+
+class Pull(NamedTuple):
+    """A ramp of the stabilator from the start, held at its end.
+
+    Attributes:
+        size_deg: at the end [deg].
+        seconds: length of the ramp [s].
+    """
+
+    size_deg: float
+    seconds: float
 
 
 def _deg(value: float) -> float:
@@ -73,12 +87,18 @@ def _rudder_pulse(t: Array) -> Array:
     return half_sine(t, 0.0, 2.5, _deg(10.0))
 
 
-def _aileron_doublet(t: Array) -> Array:
-    return full_sine(t, 2.5, 2.5, _deg(7.0))
+def doublet_from(start: float) -> Callable[[Array], Array]:
+    """Return the ailerons' doublet from a time on [s], as a function of time [rad]."""
+    return lambda t: full_sine(t, start, 2.5, _deg(7.0))
 
 
 def _stabilator_sine(amplitude_deg: float, period: float) -> Callable[[Array], Array]:
     return lambda t: sine(t, 1.0 / period, _deg(amplitude_deg))
+
+
+def pull_signal(pull: Pull) -> Callable[[Array], Array]:
+    """Return a pull as a function of time [rad]."""
+    return lambda t: ramp(t, 0.0, pull.seconds, _deg(pull.size_deg))
 
 
 def _doublet(amplitude_deg: float, period: float) -> Callable[[Array], Array]:
@@ -87,12 +107,19 @@ def _doublet(amplitude_deg: float, period: float) -> Callable[[Array], Array]:
     return lambda t: pulses(t, (0.5, 0.5 + period / 2, 0.5 + period), (level, -level))
 
 
-LATERAL_INPUTS = {"rudder": _rudder_pulse, "aileron": _aileron_doublet}
+# chosen by `python -m benchmarks.report_choices`: least squares on the statistics of Figure 6.2
+DOUBLET_START = 4.0  # s
+LATERAL_TRIM, COUPLED_TRIM = _deg(-1.3), _deg(-0.6)
+LONGITUDINAL_1_TRIM, LONGITUDINAL_2_TRIM = _deg(0.1), _deg(-0.6)
+LATERAL_4_PULL = Pull(-3.0, 4.0)
+
+LATERAL_INPUTS = {"rudder": _rudder_pulse, "aileron": doublet_from(DOUBLET_START)}
 LATERAL_DESCRIPTION = (
-    "rudder: half sine of 10 deg over 0 to 2.5 s; aileron: one sine of 7 deg over 2.5 to 5 s"
+    "rudder: half sine of 10 deg over 0 to 2.5 s; aileron: one sine of 7 deg over "
+    f"{DOUBLET_START:g} to {DOUBLET_START + 2.5:g} s"
 )
 LATERAL_CHOICES = (
-    "the pulse lasts 2.5 s (the text may also mean half of that), the doublet follows at once"
+    "the pulse lasts 2.5 s (the text may also mean half of that), start of the doublet"
 )
 COUPLED_INPUTS = {**LATERAL_INPUTS, "stabilator": _stabilator_sine(-4.0, 4.0)}
 
@@ -104,6 +131,7 @@ LATERAL_1 = Case(
     LATERAL_INPUTS,
     LATERAL_DESCRIPTION,
     7.5,
+    trim=LATERAL_TRIM,
     choices=LATERAL_CHOICES,
 )
 
@@ -121,9 +149,11 @@ CASES: dict[str, Case] = {
         10.0,
         445 * FOOT,
         _deg(17.5),
-        {**LATERAL_INPUTS, "stabilator": _stabilator_sine(-3.0, 5.0)},
-        LATERAL_DESCRIPTION + "; stabilator: sine of -3 deg, period 5 s",
-        choices=LATERAL_CHOICES + "; amplitude and period of the stabilator",
+        {**LATERAL_INPUTS, "stabilator": pull_signal(LATERAL_4_PULL)},
+        f"{LATERAL_DESCRIPTION}; stabilator: to {LATERAL_4_PULL.size_deg:g} deg in "
+        f"{LATERAL_4_PULL.seconds:g} s, held",
+        trim=LATERAL_TRIM,
+        choices=LATERAL_CHOICES + "; form, size and time of the stabilator",
     ),
     "longitudinal 1": Case(
         "Fig. 6.2b, section 6.2.1",
@@ -132,6 +162,7 @@ CASES: dict[str, Case] = {
         _deg(10.0),
         {"stabilator": _stabilator_sine(-4.0, 4.0)},
         "stabilator: sine of -4 deg, period 4 s",
+        trim=LONGITUDINAL_1_TRIM,
         choices="base noise: named in the text, not printed in the figure",
     ),
     "longitudinal 2": Case(
@@ -141,6 +172,7 @@ CASES: dict[str, Case] = {
         _deg(10.0),
         {"stabilator": _stabilator_sine(-2.0, 4.0)},
         "stabilator: sine of -2 deg, period 4 s",
+        trim=LONGITUDINAL_2_TRIM,
         choices="sign and period as in case 1; base noise",
     ),
     "coupled 1": Case(
@@ -151,6 +183,7 @@ CASES: dict[str, Case] = {
         COUPLED_INPUTS,
         LATERAL_DESCRIPTION + "; stabilator: sine of -4 deg, period 4 s",
         10.0,
+        trim=COUPLED_TRIM,
         choices="all inputs: the figure's are lost; base noise",
     ),
     "coupled 2": Case(
@@ -165,6 +198,7 @@ CASES: dict[str, Case] = {
         },
         "rudder: doublet of 5 deg, 3 s; aileron: half sine of -5 deg over 4 to 6 s; stabilator: "
         "sine of -2 deg, period 5 s",
+        trim=COUPLED_TRIM,
         choices="all inputs: the figure's are lost; by the text they differ from case 1 in form "
         "and amplitude; base noise",
     ),
@@ -277,8 +311,9 @@ def initial_condition(
 ) -> tuple[Aircraft, Float[Array, " state"]]:
     """Return the trimmed aircraft of a case, and its initial state.
 
-    At the printed speed stabilator and thrust balance pitching moment and forward force. If no
-    speed is printed, the speed is trimmed too, so that the normal force carries the weight.
+    At the printed speed stabilator and thrust balance pitching moment and forward force, but for
+    the trim of the case, a choice. If no speed is printed, the speed is trimmed too, so that the
+    normal force carries the weight.
 
     Args:
         case: the case.
@@ -296,7 +331,7 @@ def initial_condition(
     trim = trim_at_alpha(aircraft, case.alpha, altitude, case.V)
     V = case.V if case.V is not None else trim.value("V")
     surfaces = {
-        "stabilator": trim.value("stabilator"),
+        "stabilator": trim.value("stabilator") + case.trim,
         "aileron": jnp.zeros(()),
         "rudder": jnp.zeros(()),
     }
@@ -306,66 +341,12 @@ def initial_condition(
     return trimmed, trimmed.flight_state(velocity(V, case.alpha, 0.0), jnp.zeros(3), e, position)
 
 
-def trim_at_alpha(
-    aircraft: Aircraft, alpha: float, altitude: float, V: Array | float | None = None
-) -> Trim:
-    """Return stabilator and thrust for an angle of attack in horizontal flight, and a free speed.
-
-        udot = qdot = 0,  and wdot = 0 if V is None,    at pitch = alpha, beta = p = q = r = 0
-
-    At a given speed and angle of attack the normal force may differ slightly from the weight; the
-    flight path is then slightly curved.
-
-    Args:
-        aircraft: aircraft with engines of constant thrust.
-        alpha: angle of attack [rad].
-        altitude: altitude [m].
-        V: speed [m/s]; None to trim the speed too.
-
-    Raises:
-        InputError: if the flight cannot be trimmed.
-    """
-    require(
-        0 < alpha < 1.5,
-        f"alpha is {alpha:g} rad; the weight is carried at angles between 0 and 1.5 rad.",
-    )
-    names, units = ("stabilator", "thrust", "V"), ("rad", "N", "m/s")
-    scale, guess = (0.1, 5e4, 100.0), (-0.05, 4e4, 170.0)
-    count = 2 if V is not None else 3
-    return solve_equilibrium(
-        _level_residual,
-        jnp.array(guess[:count]),
-        (
-            aircraft,
-            jnp.asarray(alpha),
-            jnp.asarray(altitude),
-            None if V is None else jnp.asarray(V),
-        ),
-        names=names[:count],
-        units=units[:count],
-        scale=jnp.array(scale[:count]),
-        equations=("udot", "qdot", "wdot")[:count],
-        equation_units=("m/s^2", "rad/s^2", "m/s^2")[:count],
-    )
-
-
-def _level_residual(values, args):
-    aircraft, alpha, altitude, V = args
-    V = values[2] if V is None else V
-    surfaces = {"stabilator": values[0], "aileron": jnp.zeros(()), "rudder": jnp.zeros(())}
-    e = quaternion(0.0, alpha, 0.0)
-    rates = aircraft.steady_rates(
-        velocity(V, alpha, 0.0), jnp.zeros(3), e, altitude, surfaces, values[1]
-    )
-    return rates[jnp.array([0, 4, 2])][: values.shape[0]]
-
-
 def settings() -> str:
     """Return all settings of all cases, with our choices, as a table in Markdown."""
     lines = [
         "| case | source | s | V ft/s | alpha deg | inputs about trim | SAS on at s | noise | gust "
-        "ft/s | our choice |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "ft/s | trim deg | our choice |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name, case in (CASES | EXAMPLES).items():
         speed = "level flight" if case.V is None else f"{case.V / FOOT:.0f}"
@@ -382,8 +363,10 @@ def settings() -> str:
             on,
             noise,
         )
-        lines.append("| " + " | ".join((*cells, f"{case.gust / FOOT:g}", case.choices)) + " |")
+        last = (f"{case.gust / FOOT:g}", f"{case.trim / DEGREE:g}", case.choices)
+        lines.append("| " + " | ".join((*cells, *last)) + " |")
     return (
         "\n".join(lines) + "\n\nAll cases: altitude 35,000 ft, actuators of first order (0.05 s, "
-        "60 deg/s): our choice."
+        "60 deg/s), and the trim: our choice. The trim is the stabilator at the start, less the "
+        "one that balances the pitching moment."
     )

@@ -42,9 +42,8 @@ class Instruments(eqx.Module):
     accelerometers and `az_pilot` at the pilot's station; `altitude` is geometric.
 
     The report defines scale, bias and noise of the airspeed on its square (D.2.4). Here they act on
-    the airspeed itself: added to the square, the 5.0 of Table 6.6 would be 0.006 ft/s at 445 ft/s,
-    a thousandth of the scale error, while 5.0 ft/s is of the same size as that error. A scale error
-    of the square is twice the scale error of the airspeed.
+    the airspeed itself: a scale error of the square is twice the scale error of the airspeed, and
+    an offset `b` of the square is one of `b / (2 V)`, as `noise_levels.BASE` converts them.
 
     Args:
         channels: recorded channels, a selection of `CHANNELS` in the order of the outputs.

@@ -32,13 +32,21 @@ class NoiseLevel(eqx.Module):
     misalignment: Mapping[str, float]
 
 
-# Table 6.6: scale, bias (the noise is the same); base, then high.
+REPORT_AIRSPEED = 280.0 * FOOT
+"""Indicated airspeed at which the errors of the airspeed are converted, the middle of the report's
+flights [m/s].
+
+445 to 550 ft/s at 35,000 ft are 255 to 320 ft/s on the indicator, so that an error of `V_i^2` is
+converted within 14 %.
+"""
+
+# Table 6.6: scale, bias (the noise is the same); base, then high. V: of the squared airspeed.
 _ERRORS_DEG_FT = {
     "alpha": ((0.02, 0.05), (0.02, 0.2)),
     "beta": ((0.02, 0.05), (0.02, 0.05)),
     "V": ((0.01, 5.0), (0.01, 6.25)),
     "ax": ((0.005, 0.005), (0.005, 0.005)),
-    "ay": ((0.005, 0.0005), (0.005, 0.001)),
+    "ay": ((0.005, 0.005), (0.005, 0.01)),
     "az": ((0.005, 0.005), (0.005, 0.025)),
     "az_pilot": ((0.005, 0.005), (0.005, 0.025)),
     "pdot": ((0.005, 0.1), (0.005, 0.3)),
@@ -63,6 +71,8 @@ def _level(row: int) -> NoiseLevel:
     }
     si |= dict.fromkeys(("ax", "ay", "az", "az_pilot"), GRAVITY)
     errors = {name: rows[row] for name, rows in _ERRORS_DEG_FT.items()}
+    scale, bias = errors["V"]
+    errors["V"] = (scale / 2.0, bias * FOOT / (2.0 * REPORT_AIRSPEED))
     offset = {name: bias * si[name] for name, (_, bias) in errors.items()}
     return NoiseLevel(
         scale={name: scale for name, (scale, _) in errors.items()},
@@ -74,6 +84,17 @@ def _level(row: int) -> NoiseLevel:
         misalignment={
             name: _MISALIGNMENT_DEG[row] * DEGREE for name in errors if CHANNEL_TABLE[name].angles
         },
+    )
+
+
+def _with(level: NoiseLevel, channel: str, scale: float, error: float) -> NoiseLevel:
+    """Return a level with other errors of one channel; bias and noise have the same size."""
+    return NoiseLevel(
+        scale={**level.scale, channel: scale},
+        bias={**level.bias, channel: error},
+        noise={**level.noise, channel: error},
+        position=level.position,
+        misalignment=level.misalignment,
     )
 
 
@@ -90,15 +111,27 @@ high one. Interpretation:
   the first pair of lines is the angular acceleration (deg/s^2), the second the rate (deg/s),
   according to the printed units of q and r. The roll rate therefore has 0.75 and the other rates
   0.3.
-- The unit of V is printed as `f/s^2`, and the unit of the roll rate as deg/s^2: misprints of ft/s
-  and deg/s.
+- V: scale, bias and noise act on the square of the indicated airspeed, as D.2.4 has it, and the
+  unit `f/s^2` reads (ft/s)^2. The instruments of this package have errors of the airspeed itself,
+  `dV = d(V^2) / (2 V)`, converted at `REPORT_AIRSPEED`: scale 0.005, bias and noise 0.009 ft/s.
+  Noise of 5 ft/s in V alone would be four times the residual of CZ in Table 6.11.
+- The unit of the roll rate is printed as deg/s^2, a misprint of deg/s.
 - The accelerometers' unit is printed as `f/s^2` too, and read as g, in which App. D.2.7 adds bias
-  and noise to their readings. In ft/s^2 the error of the lateral accelerometer would be 15
-  millionths of g, inconsistent with gyros of 0.1 deg/s; and Table 6.8 estimates it as 0.0145 g.
+  and noise to their readings.
+- The lateral accelerometer has 0.005 g (high: 0.01 g), ten times the printed numbers, which lost a
+  digit: the residuals of ay in the report are 0.008 to 0.015 g by two ways.
+- Derivations from the printed results: docs/errata.md.
 - Each axis has two misalignment angles (D.2.2, D.2.7), both of the size given.
 - The pilot's accelerometer is not in the table: App. D.2.7.6 gives it the errors of the vertical
   one.
 - Altitude, controls and thrust are not in the table: without error.
+"""
+
+DEMONSTRATION = _with(
+    _with(BASE, "V", scale=0.01, error=5.0 * FOOT), "ay", scale=0.005, error=0.0005 * GRAVITY
+)
+"""Level of simulated flights that are not the report's: the base level, but with errors of 5 ft/s
+and 1 % in the airspeed itself and a lateral accelerometer of 0.0005 g (our choice).
 """
 
 

@@ -111,7 +111,13 @@ def mat_grid(path: Path, variable: str) -> Grid:
         InputError: when there is no such array, or it is not a matrix of real numbers.
     """
     variables = mat_variables(path)
-    require_known(f"variable in {path.name}", [variable], variables)
+    if variable not in variables:
+        largest = max(variables, key=lambda name: np.size(variables[name]), default=None)
+        advice = "" if largest is None else f" Give the matrix by name, variable={largest!r}."
+        try:
+            require_known(f"variable in {path.name}", [variable], variables)
+        except InputError as error:
+            raise InputError(f"{error}{advice}") from None
     values = np.asarray(variables[variable])
     require(
         values.ndim == 2 and values.dtype.kind in "biuf",

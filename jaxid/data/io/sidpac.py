@@ -32,6 +32,7 @@ def read_sidpac(
     path: str | Path,
     *,
     inputs: Sequence[str] = SURFACES,
+    outputs: Sequence[str] | None = None,
     sample_time: float | int | None = None,
     signs: Mapping[str, int] | None = None,
     variable: str = "fdata",
@@ -63,6 +64,7 @@ def read_sidpac(
     Args:
         path: the file; `.mat` for MATLAB, else text.
         inputs: channels that are inputs, any of the channels above.
+        outputs: channels to read as outputs, in this order; all that are not empty when left out.
         sample_time: time between samples [s], in place of column 1.
         signs: 1 or -1 by channel, such as `{"aileron": -1}`; 1 for the other channels.
         variable: the array's name in a MATLAB file. This array may have fewer columns, down to 52,
@@ -78,12 +80,13 @@ def read_sidpac(
     Raises:
         InputError: when there is no such file or variable, it has not 90 columns, time does not
             increase evenly (to 1 %), time, an input or a constant is not finite, a constant varies
-            by more than 1 %, an input or sign is of an unknown channel, or all outputs are empty.
-            The message names file, column and row.
+            by more than 1 %, an input, output or sign is of an unknown channel, a chosen output is
+            empty, an input or a constant, or all outputs are empty. The message names file, column
+            and row.
     """
     path, signs = existing(path), signs or {}
     grid = _grid(path, variable, skip, delimiter)
-    _check_options(inputs, signs, path)
+    _check_options(inputs, outputs or (), signs, path)
     channels = _columns(grid, signs)
     channels[TIME] = (
         _time(grid, channels[TIME])
@@ -93,7 +96,9 @@ def read_sidpac(
     filled = _filled(channels)
     constants = _constants(grid, channels, [n for n in filled if n not in inputs])
     inputs = _with_thrust(inputs, filled, constants)
-    outputs = [n for n in filled if n not in (TIME, *inputs, *constants)]
+    available = [n for n in filled if n not in (TIME, *inputs, *constants)]
+    outputs = available if outputs is None else list(outputs)
+    require_known(f"output in {path.name} that is filled in", outputs, available)
     require_finite(grid, SIDPAC, {n: channels[n] for n in (TIME, *inputs)})
     units = {n: SIDPAC[n][1] for n in (TIME, *inputs, *outputs)}
     return assemble(
@@ -101,10 +106,15 @@ def read_sidpac(
     )
 
 
-def _check_options(inputs: Sequence[str], signs: Mapping[str, int], path: Path) -> None:
+def _check_options(
+    inputs: Sequence[str], outputs: Sequence[str], signs: Mapping[str, int], path: Path
+) -> None:
     """Refuse channels that the layout does not have, and signs other than 1 and -1."""
     require_known(
         "channel of SIDPAC's layout (in `inputs`)", inputs, [n for n in SIDPAC if n != TIME]
+    )
+    require_known(
+        "channel of SIDPAC's layout (in `outputs`)", outputs, [n for n in SIDPAC if n != TIME]
     )
     require_known("channel of SIDPAC's layout (in `signs`)", signs, SIDPAC)
     for n, sign in signs.items():

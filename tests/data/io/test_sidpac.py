@@ -171,7 +171,7 @@ REFUSALS = {
     "variable": (
         fdata(),
         {"variable": "fdat"},
-        ["variable in run.mat 'fdat'", "Did you mean 'fdata'"],
+        ["variable in run.mat 'fdat'", "Did you mean 'fdata'", "variable='fdata'"],
     ),
     "no numbers": (np.array([["a", "b"]], object), {}, ["'fdata' is not a matrix of real numbers"]),
     "sign": (fdata(), {"signs": {"aileron": 0}}, ["sign of 'aileron' is 0"]),
@@ -196,3 +196,20 @@ def test_sidpac_array_without_outputs_is_refused(tmp_path):
     numbers[:, 0] = STEP * np.arange(ROWS)
     with pytest.raises(InputError, match="no output"):
         read_sidpac(save(tmp_path, numbers))
+
+
+def test_outputs_are_chosen_by_name(tmp_path):
+    path = save(tmp_path, fdata())
+    whole, part = read_sidpac(path), read_sidpac(path, outputs=("q", "alpha", "az"))
+    assert part.outputs == ("q", "alpha", "az")
+    assert part.inputs == whole.inputs
+    assert set(part.constants) == set(whole.constants)
+    for name in part.outputs:
+        np.testing.assert_array_equal(part.channel(name), whole.channel(name))
+    numbers = fdata()
+    numbers[:, 4] = 0.0  # p
+    empty = save(tmp_path, numbers, name="empty.mat")
+    with pytest.raises(InputError, match=r"output in empty\.mat that is filled in 'p'"):
+        read_sidpac(empty, outputs=("p", "q"))
+    with pytest.raises(InputError, match=r"\(in `outputs`\) 'alfa'"):
+        read_sidpac(path, outputs=("alfa",))

@@ -1,0 +1,1 @@
+"""Input design: measures of information, optimal spectra, signals and experiment points."""

@@ -6,27 +6,25 @@ report), which gives the certificate
 
     max_i phi_i / sum_j w_j phi_j        (at least 1, and 1 at the optimum)
 
-A step moves weight from the least useful point of the design to the most useful candidate (step
-(c) and (d) of C.4.2.2 and C.2.1), then multiplies each weight by a power of its usefulness.
+A step adds the candidates that are worth more than the design and more than their neighbours, and
+determines the weights of all its points, by sequential quadratic programming; points without
+weight leave (steps (b) to (d) of C.4.2.2 and C.2.1, with all weights at their best in each step).
 
-Sources: D. Boehning, A vertex-exchange method in D-optimal design theory, Metrika 33, 1986; Y. Yu,
-D-optimal designs via a cocktail algorithm, Statistics and Computing 21, 2011.
+Sources: V. V. Fedorov, Theory of Optimal Experiments, Academic Press, 1972, for the exchange;
+C. L. Atwood, Sequences converging to D-optimal designs of experiments, Annals of Statistics 1,
+1973, for the weights.
 """
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import minimize
 
 from .._foundation.checks import require
-from .._foundation.types import Array, Float, Int
+from .._foundation.types import Float, Numbers
 from .measures import AbstractMeasure
 
-# Points of one line search, and its repetitions, each on the interval around the best (chosen):
-# 33 points and 4 repetitions determine a weight to 1e-5 of itself.
-LINE_POINTS, LINE_ZOOMS = 33, 4
-# Multiplicative steps per exchange (chosen), and their power: monotone for the trace at 1/2 and for
-# the determinant up to 1 (Yu, Annals of Statistics 38, 2010).
-MULTIPLICATIVE_STEPS, POWER = 10, 0.5
+# Limit of the iterations that determine the weights of a design (chosen).
+WEIGHT_ITERATIONS = 200
 NEGLIGIBLE = 1e-7  # a weight below it is no point of a design (chosen)
 
 
@@ -42,20 +40,89 @@ class Allocation(eqx.Module):
         steps: number of exchanges.
     """
 
-    weights: Float[Array, " candidate"]
-    gains: Float[Array, " candidate"]
-    cost: Float[Array, ""]
-    certificate: Float[Array, ""]
-    steps: Int[Array, ""]
+    weights: Float[np.ndarray, " candidate"]
+    gains: Float[np.ndarray, " candidate"]
+    cost: float = eqx.field(static=True)
+    certificate: float = eqx.field(static=True)
+    steps: int = eqx.field(static=True)
+
+
+class Experiments(eqx.Module):
+    """Candidate experiments on the host, with the information that is there already.
+
+    Attributes:
+        rows: whitened sensitivities of each candidate for the whole effort.
+        measure: the measure to be minimised.
+        earlier: factor of earlier information.
+    """
+
+    rows: Float[np.ndarray, "candidate sample parameter"]
+    measure: AbstractMeasure
+    earlier: Float[np.ndarray, "earlier_row parameter"]
+
+    @classmethod
+    def of(cls, rows, measure: AbstractMeasure, earlier=None) -> "Experiments":
+        """Return the experiments as NumPy arrays, with no earlier information by default."""
+        rows = np.asarray(rows, float)
+        width = rows.shape[-1]
+        return cls(rows, measure, np.zeros((0, width)) if earlier is None else np.array(earlier))
+
+    def factor(self, index: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Return a factor of the information of a design."""
+        own = np.sqrt(weight)[:, None, None] * self.rows[index]
+        return np.concatenate([own.reshape(-1, own.shape[-1]), self.earlier])
+
+    def cost(self, index: np.ndarray, weight: np.ndarray) -> float:
+        """Return the cost of a design, infinite where it does not determine the parameters."""
+        value = float(self.measure.cost(self.factor(index, weight)))
+        return value if np.isfinite(value) else np.inf
+
+    def gains(self, index: np.ndarray, weight: np.ndarray, of: np.ndarray | None = None):
+        """Return the usefulness of all candidates, or of some of them, at a design."""
+        rows = self.rows if of is None else self.rows[of]
+        return np.asarray(self.measure.gain(self.factor(index, weight), rows))
+
+    def weights(self, index: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+        """Return the best weights of given points, by sequential quadratic programming.
+
+        Args:
+            index: the points.
+            start: weights to begin with; equal ones by default.
+        """
+        equal = np.full(index.size, 1.0 / index.size)
+        start = equal if start is None else start
+        phi = self.gains(index, start, index)
+        scale = np.sum(start * phi)
+        result = minimize(
+            lambda weight: self.cost(index, np.maximum(weight, 0.0)) / scale,
+            start,
+            jac=lambda weight: -self.gains(index, np.maximum(weight, 0.0), index) / scale,
+            bounds=[(0.0, 1.0)] * index.size,
+            constraints={
+                "type": "eq",
+                "fun": lambda weight: np.sum(weight) - 1.0,
+                "jac": lambda weight: np.ones((1, weight.size)),
+            },
+            method="SLSQP",
+            options={"maxiter": WEIGHT_ITERATIONS, "ftol": 1e-10},
+        )
+        weight = np.maximum(result.x, 0.0)
+        weight = weight / np.sum(weight)
+        return weight if self.cost(index, weight) < self.cost(index, start) else start
+
+    def certificate(self, index: np.ndarray, weight: np.ndarray) -> float:
+        """Return the largest usefulness of a candidate over the mean of the design."""
+        phi = self.gains(index, weight)
+        return float(np.max(phi) / np.sum(weight * phi[index]))
 
 
 def allocate(
-    rows: Float[Array, "candidate sample parameter"],
+    rows: Float[Numbers, "candidate sample parameter"],
     measure: AbstractMeasure,
     *,
-    earlier: Float[Array, "earlier_row parameter"] | None = None,
+    earlier: Float[Numbers, "earlier_row parameter"] | None = None,
     tolerance: float = 1e-4,
-    max_steps: int = 2000,
+    max_steps: int = 100,
 ) -> Allocation:
     """Return the optimal weights of candidate experiments.
 
@@ -69,79 +136,59 @@ def allocate(
     Raises:
         InputError: when all candidates together do not determine the parameters.
     """
-    width = rows.shape[-1]
-    earlier = jnp.zeros((0, width)) if earlier is None else earlier
-    scale = jnp.sqrt(jnp.sum(rows**2, axis=(0, 1)) + jnp.sum(earlier**2, axis=0))
-    every = jnp.concatenate([rows.reshape(-1, width), earlier])
-    strength = jnp.linalg.svd(every / jnp.where(scale > 0, scale, 1.0)[None], compute_uv=False)
+    experiments = Experiments.of(rows, measure, earlier)
+    _check_rank(experiments)
+    candidate_count = experiments.rows.shape[0]
+    index = _start(experiments)
+    weight = experiments.weights(index)
+    for steps in range(max_steps + 1):  # noqa: B007
+        phi = experiments.gains(index, weight)
+        mean = np.sum(weight * phi[index])
+        certificate = float(np.max(phi) / mean)
+        if certificate <= 1.0 + tolerance:
+            break
+        added = np.setdiff1d(_peaks(phi, mean), index)
+        if not added.size:
+            break
+        # New points begin with a tenth of the weight (chosen).
+        new = np.full(added.size, 0.1 / added.size)
+        start = np.concatenate([0.9 * weight, new])
+        index = np.concatenate([index, added])
+        weight = experiments.weights(index, start)
+        index, weight = index[weight > NEGLIGIBLE], weight[weight > NEGLIGIBLE]
+        weight = weight / np.sum(weight)
+    weights = np.zeros(candidate_count)
+    weights[index] = weight
+    return Allocation(weights, phi, experiments.cost(index, weight), certificate, steps)
+
+
+def _start(experiments: Experiments) -> np.ndarray:
+    """Return equally spaced candidates that determine the parameters."""
+    candidate_count, _, width = experiments.rows.shape
+    count = width + 1
+    while True:
+        index = np.unique(np.linspace(0, candidate_count - 1, count).round().astype(int))
+        determined = np.isfinite(experiments.cost(index, np.full(index.size, 1.0 / index.size)))
+        if determined or index.size == candidate_count:
+            return index
+        count = 2 * count
+
+
+def _peaks(phi: np.ndarray, mean: float) -> np.ndarray:
+    """Return the candidates worth more than the mean, and not less than their neighbours."""
+    padded = np.concatenate([[-np.inf], phi, [-np.inf]])
+    peak = (phi >= padded[:-2]) & (phi >= padded[2:])
+    return np.flatnonzero(peak & (phi > mean))
+
+
+def _check_rank(experiments: Experiments) -> None:
+    width = experiments.rows.shape[-1]
+    every = np.concatenate([experiments.rows.reshape(-1, width), experiments.earlier])
+    scale = np.linalg.norm(every, axis=0)
+    scaled = every / np.where(scale > 0, scale, 1.0)
+    strength = np.linalg.svd(scaled, compute_uv=False)
     require(
-        bool(strength[-1] > 1e-12 * strength[0]) and strength.size == width,
+        strength.size == width and bool(strength[-1] > 1e-12 * strength[0]),
         "The candidates together do not determine all parameters. Add candidates, fix a "
         "parameter, or give earlier information.",
     )
-    slots = min(rows.shape[0], width * (width + 1) // 2 + 2 * width + 8)
-    start = jnp.linspace(0, rows.shape[0] - 1, slots).round().astype(int)
-    return _exchange(rows, measure, earlier, start, tolerance, max_steps)
-
-
-@eqx.filter_jit
-def _exchange(rows, measure, earlier, start, tolerance, max_steps) -> Allocation:
-    def factor_of(index, weight):
-        own = jnp.sqrt(weight)[:, None, None] * rows[index]
-        return jnp.concatenate([own.reshape(-1, rows.shape[-1]), earlier])
-
-    def gains(index, weight):
-        return measure.gain(factor_of(index, weight), rows)
-
-    def certificate(index, weight, phi):
-        return jnp.max(phi) / jnp.sum(weight * phi[index])
-
-    def transfer(index, weight, phi):
-        """Move weight from the least useful point to the most useful candidate."""
-        best = jnp.argmax(phi)
-        present = index == best
-        target = jnp.where(jnp.any(present), jnp.argmax(present), jnp.argmin(weight))
-        index = index.at[target].set(best)
-        source = jnp.argmin(jnp.where(weight > NEGLIGIBLE, phi[index], jnp.inf))
-
-        def cost(amount):
-            moved = weight.at[source].add(-amount).at[target].add(amount)
-            value = measure.cost(factor_of(index, jnp.maximum(moved, 0.0)))
-            return jnp.where(jnp.isfinite(value), value, jnp.inf)
-
-        def zoom(_, interval):
-            low, high = interval
-            amounts = jnp.linspace(low, high, LINE_POINTS)
-            at = jnp.argmin(jax.vmap(cost)(amounts))
-            return amounts[jnp.maximum(at - 1, 0)], amounts[jnp.minimum(at + 1, LINE_POINTS - 1)]
-
-        low, high = jax.lax.fori_loop(0, LINE_ZOOMS, zoom, (0.0 * weight[source], weight[source]))
-        amounts = jnp.stack([low, 0.5 * (low + high), high])
-        amount = amounts[jnp.argmin(jax.vmap(cost)(amounts))]
-        amount = jnp.where(source == target, 0.0, amount)
-        return index, weight.at[source].add(-amount).at[target].add(amount)
-
-    def multiply(_, state):
-        index, weight = state
-        phi = measure.gain(factor_of(index, weight), rows[index])
-        weight = weight * (phi / jnp.sum(weight * phi)) ** POWER
-        return index, weight / jnp.sum(weight)
-
-    def step(state):
-        index, weight, phi, count = state
-        index, weight = transfer(index, weight, phi)
-        index, weight = jax.lax.fori_loop(0, MULTIPLICATIVE_STEPS, multiply, (index, weight))
-        weight = jnp.where(weight > NEGLIGIBLE, weight, 0.0)
-        weight = weight / jnp.sum(weight)
-        return index, weight, gains(index, weight), count + 1
-
-    def unfinished(state):
-        index, weight, phi, count = state
-        return (certificate(index, weight, phi) > 1.0 + tolerance) & (count < max_steps)
-
-    weight = jnp.full(start.shape, 1.0 / start.size)
-    first = (start, weight, gains(start, weight), jnp.zeros((), int))
-    index, weight, phi, count = jax.lax.while_loop(unfinished, step, first)
-    weights = jnp.zeros(rows.shape[0]).at[index].add(weight)
-    cost = measure.cost(factor_of(index, weight))
-    return Allocation(weights, phi, cost, certificate(index, weight, phi), count)

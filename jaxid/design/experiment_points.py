@@ -4,13 +4,12 @@ import itertools
 from collections.abc import Callable, Sequence
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_float64
 from .._foundation.types import Array, Float, Int, Numbers
-from .exchange import NEGLIGIBLE, allocate
+from .exchange import NEGLIGIBLE, Experiments, allocate
 from .measures import AbstractMeasure
 
 Basis = Callable[[Array], Array]
@@ -19,9 +18,9 @@ Basis = Callable[[Array], Array]
 # share, are one point between them. A point with a smaller share of the effort is left out (both
 # chosen). The certificate is computed afterwards.
 FLAT, SMALLEST_SHARE = 1e-3, 2e-3
-# Multiplicative steps that determine the weights of a design of few points (chosen), and the
-# largest move of a point on the grid at first.
-WEIGHT_STEPS, FIRST_MOVE = 300, 256
+# Number of starts of a design of limited size that are improved by moves of points, limit of these
+# moves, and the smallest step relative to the one to the nearest peak (chosen).
+STARTS, MOVES, SMALLEST_STEP = 2, 50, 0.1
 
 
 class ExperimentPoints(eqx.Module):
@@ -125,9 +124,10 @@ def optimal_points(
         InputError: when the candidates do not determine the curve.
     """
     result = allocate(candidate.rows, measure, tolerance=tolerance)
-    index = _joined(np.asarray(result.weights), np.asarray(result.gains), candidate.position)
-    shares = np.asarray(_weights(candidate.rows[index], measure)[0])
-    return _design(candidate, measure, index[shares > SMALLEST_SHARE], total)
+    index = _joined(result.weights, result.gains, candidate.position)
+    experiments = Experiments.of(candidate.rows, measure)
+    shares = experiments.weights(index)
+    return _design(candidate, experiments, index[shares > SMALLEST_SHARE], total)
 
 
 def at_most(
@@ -156,12 +156,13 @@ def at_most(
     optimum = optimal_points(candidate, measure, total=total)
     if optimum.points.size <= count:
         return optimum
+    experiments = Experiments.of(candidate.rows, measure)
     index = np.searchsorted(np.asarray(candidate.points), np.asarray(optimum.points))
     starts = [np.array(subset) for subset in itertools.combinations(index, count)]
-    costs = np.array([_cost(candidate.rows, measure, start) for start in starts])
-    best = [_moved(candidate.rows, measure, starts[k]) for k in np.argsort(costs)[:4]]
+    starts.sort(key=lambda start: experiments.cost(start, experiments.weights(start)))
+    best = [_moved(experiments, start) for start in starts[:STARTS]]
     _, chosen = min(best, key=lambda pair: pair[0])
-    return _design(candidate, measure, chosen, total)
+    return _design(candidate, experiments, chosen, total)
 
 
 def _joined(weights: np.ndarray, gains: np.ndarray, position: np.ndarray) -> np.ndarray:
@@ -178,67 +179,49 @@ def _joined(weights: np.ndarray, gains: np.ndarray, position: np.ndarray) -> np.
     return np.array([round(np.average(group, weights=weights[group])) for group in groups])
 
 
-def _design(candidate, measure, index, total) -> ExperimentPoints:
+def _design(candidate, experiments: Experiments, index, total) -> ExperimentPoints:
     """Return a design with its best weights and its certificate over all candidates."""
     index = np.sort(index)
-    shares, cost, certificate = _certified(candidate.rows, measure, jnp.asarray(index))
+    shares = experiments.weights(index)
     return ExperimentPoints(
         candidate.points[index],
-        shares,
-        shares * total / candidate.cost[index],
-        float(cost),
-        float(certificate),
+        jnp.asarray(shares),
+        jnp.asarray(shares) * total / candidate.cost[index],
+        experiments.cost(index, shares),
+        experiments.certificate(index, shares),
     )
 
 
-@eqx.filter_jit
-def _certified(rows, measure, index):
-    weight, cost = _weights(rows[index], measure)
-    factor = _factor(rows[index], weight)
-    phi = measure.gain(factor, rows)
-    return weight, cost, jnp.max(phi) / jnp.sum(weight * phi[index])
+def _moved(experiments: Experiments, index: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return cost and points of a locally optimal design with the same number of points.
 
-
-def _factor(rows, weight):
-    return (jnp.sqrt(weight)[:, None, None] * rows).reshape(-1, rows.shape[-1])
-
-
-@eqx.filter_jit
-def _weights(rows, measure):
-    """Return the best weights of given points by multiplicative steps, and the cost."""
-
-    def step(_, weight):
-        phi = measure.gain(_factor(rows, weight), rows)
-        weight = weight * jnp.sqrt(phi / jnp.sum(weight * phi))
-        return weight / jnp.sum(weight)
-
-    start = jnp.full(rows.shape[0], 1.0 / rows.shape[0])
-    weight = jax.lax.fori_loop(0, WEIGHT_STEPS, step, start)
-    return weight, measure.cost(_factor(rows, weight))
-
-
-@eqx.filter_jit
-def _costs(rows, measure, designs):
-    """Return the cost of designs, shape (design, point), infinite where it is not finite."""
-    cost = jax.vmap(lambda index: _weights(rows[index], measure)[1])(designs)
-    return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
-
-
-def _cost(rows, measure, design) -> float:
-    return float(_costs(rows, measure, jnp.asarray(design)[None])[0])
-
-
-def _moved(rows, measure, index: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return cost and points after moves of single points that lower the cost, ever smaller."""
-    move, last = FIRST_MOVE, rows.shape[0] - 1
-    cost = _cost(rows, measure, index)
-    moves = np.concatenate([np.eye(index.size, dtype=int), -np.eye(index.size, dtype=int)])
-    while move >= 1:
-        trials = np.clip(index[None] + move * moves, 0, last)
-        costs = np.asarray(_costs(rows, measure, jnp.asarray(trials)))
-        best = int(np.argmin(costs))
-        if costs[best] < cost - 1e-12 * abs(cost):
-            cost, index = float(costs[best]), trials[best]
-        else:
-            move //= 2
+    The derivative of the cost by the place of a point is minus its weight times that of its
+    usefulness. Each point therefore moves towards the nearest peak of the usefulness, all by one
+    share of their distance that lowers the cost.
+    """
+    weight = experiments.weights(index)
+    cost = experiments.cost(index, weight)
+    for _ in range(MOVES):
+        phi = experiments.gains(index, weight)
+        distance = np.array([_peak(phi, int(at)) for at in index]) - index
+        share, lower = 1.0, False
+        while not lower and share > SMALLEST_STEP:
+            trial = index + np.round(share * distance).astype(int)
+            trial_weight = experiments.weights(trial, weight)
+            trial_cost = experiments.cost(trial, trial_weight)
+            lower = trial_cost < cost * (1.0 - 1e-12 * np.sign(cost))
+            share *= 0.5
+        if not lower:
+            break
+        index, weight, cost = trial, trial_weight, trial_cost
     return cost, index
+
+
+def _peak(phi: np.ndarray, at: int) -> int:
+    """Return the candidate that is reached from one candidate by climbing to better neighbours."""
+    while True:
+        around = np.arange(max(at - 1, 0), min(at + 2, phi.size))
+        best = int(around[np.argmax(phi[around])])
+        if phi[best] <= phi[at]:
+            return at
+        at = best

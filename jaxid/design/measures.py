@@ -10,33 +10,36 @@ from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
+import jax.scipy.linalg
 import numpy as np
-from jax.scipy.linalg import solve_triangular
+import scipy.linalg
 
 from .._foundation.checks import require
 from .._foundation.linalg import triangle
 from .._foundation.types import Array, Float, Int, Numbers
 
-Factor = Float[Array, "row parameter"]
+Factor = Float[Numbers, "row parameter"]
 
 
 class AbstractMeasure(eqx.Module):
     """A convex function of the information matrix that a design minimises.
 
-    An information matrix without full rank has the cost infinity, or NaN in derivatives.
+    An information matrix without full rank has the cost infinity or NaN.
+
+    A factor in NumPy gives a result in NumPy, without any compilation; all others give one in JAX.
     """
 
     @abc.abstractmethod
-    def cost(self, factor: Factor) -> Float[Array, ""]:
+    def cost(self, factor: Factor) -> Float[Numbers, ""] | np.floating:
         """Return the cost of the information `factor' factor`; smaller is better."""
 
     @abc.abstractmethod
-    def gradient_rows(self, factor: Factor) -> Float[Array, "target parameter"]:
+    def gradient_rows(self, factor: Factor) -> Float[Numbers, "target parameter"]:
         """Return rows `K` with `K'K = -d cost / dM`."""
 
     def gain(
-        self, factor: Factor, rows: Float[Array, "*case sample parameter"]
-    ) -> Float[Array, "*case"]:
+        self, factor: Factor, rows: Float[Numbers, "*case sample parameter"]
+    ) -> Float[Numbers, "*case"] | np.floating:
         """Return the initial fall of the cost per unit of information `rows' rows`.
 
             phi = trace(K rows' rows K')        (Eq. C.5, C.75)
@@ -46,7 +49,13 @@ class AbstractMeasure(eqx.Module):
             rows: whitened sensitivities of one experiment, or of many.
         """
         K = self.gradient_rows(factor)
-        return jnp.sum(jnp.einsum("...rp,kp->...rk", rows, K) ** 2, axis=(-2, -1))
+        products = rows.reshape(-1, rows.shape[-1]) @ K.T
+        return _library(factor).sum((products**2).reshape(*rows.shape[:-2], -1), axis=-1)
+
+    def gradient(self, factor: Factor) -> Float[Numbers, "row parameter"]:
+        """Return the derivative of the cost by the rows of the factor, `-2 rows K'K`."""
+        K = self.gradient_rows(factor)
+        return -2.0 * (factor @ K.T) @ K
 
 
 class Determinant(AbstractMeasure):
@@ -56,11 +65,11 @@ class Determinant(AbstractMeasure):
     """
 
     def cost(self, factor):
-        return -2.0 * jnp.sum(jnp.log(jnp.abs(jnp.diagonal(triangle(factor)))))
+        return -_log_det(_triangle(factor))
 
     def gradient_rows(self, factor):
-        T = triangle(factor)
-        return solve_triangular(T, jnp.eye(T.shape[0]), trans="T")
+        T = _triangle(factor)
+        return _solve(T, _library(T).eye(T.shape[0]), transposed=True)
 
 
 class Trace(AbstractMeasure):
@@ -77,10 +86,13 @@ class Trace(AbstractMeasure):
         self.weights = _positive(weights, "weights")
 
     def cost(self, factor):
-        return _variance(factor, _diagonal(jnp.sqrt(self.weights)))
+        return _variance(factor, self._targets())
 
     def gradient_rows(self, factor):
-        return _by_information(factor, _diagonal(jnp.sqrt(self.weights)))
+        return _by_information(factor, self._targets())
+
+    def _targets(self):
+        return jnp.eye(self.weights.size) * jnp.sqrt(self.weights)[None]
 
 
 class Combination(AbstractMeasure):
@@ -107,29 +119,33 @@ class Combination(AbstractMeasure):
 
 
 class SmallestEigenvalue(AbstractMeasure):
-    """E-optimality: `-log` of the smallest eigenvalue of `D^-1 M D^-1`, the worst direction.
+    """E-optimality: `-log` of the smallest eigenvalue of `D M D`, the worst direction.
 
     The derivative is that of a simple eigenvalue. Where the smallest eigenvalue is multiple, the
     cost has a corner and no certificate exists.
 
     Args:
-        scale: typical size of each parameter is `1/D` [1/unit]; parameters in comparable units
-            need none.
+        scale: diagonal of `D`, the typical size of each parameter [unit]; parameters in comparable
+            units need none.
     """
 
     scale: Float[Array, " parameter"] | None = None
 
     def cost(self, factor):
-        return -2.0 * jnp.log(jnp.linalg.svd(self._scaled(factor), compute_uv=False)[-1])
+        xp = _library(factor)
+        return -2.0 * xp.log(xp.linalg.svd(self._scaled(factor), compute_uv=False)[-1])
 
     def gradient_rows(self, factor):
-        _, s, Vt = jnp.linalg.svd(self._scaled(factor), full_matrices=False)
+        _, s, Vt = _library(factor).linalg.svd(self._scaled(factor), full_matrices=False)
         direction = Vt[-1:] / s[-1]
-        return direction if self.scale is None else direction / self.scale[None]
+        return direction if self.scale is None else direction * self._sizes(factor)
 
     def _scaled(self, factor):
-        T = triangle(factor)
-        return T if self.scale is None else T / self.scale[None]
+        T = _triangle(factor)
+        return T if self.scale is None else T * self._sizes(factor)
+
+    def _sizes(self, factor):
+        return _library(factor).asarray(self.scale)[None]
 
 
 class SubsetDeterminant(AbstractMeasure):
@@ -145,19 +161,19 @@ class SubsetDeterminant(AbstractMeasure):
         self.indices = jnp.asarray(indices, int)
 
     def cost(self, factor):
-        half = self._half(factor)
-        return 2.0 * jnp.sum(jnp.log(jnp.abs(jnp.diagonal(triangle(half)))))
+        return _log_det(self._root(factor))
 
     def gradient_rows(self, factor):
-        upper = triangle(self._half(factor))  # covariance of the subset is upper' upper
-        rows = _by_information(factor, self._selector(factor))
-        return solve_triangular(upper, rows, trans="T")
+        rows = _by_information(factor, self._targets(factor))
+        return _solve(self._root(factor), rows, transposed=True)
 
-    def _selector(self, factor):
-        return jnp.eye(factor.shape[1])[self.indices]
+    def _targets(self, factor):
+        xp = _library(factor)
+        return xp.eye(factor.shape[1])[xp.asarray(self.indices)]
 
-    def _half(self, factor):
-        return _whitened_targets(triangle(factor), self._selector(factor))
+    def _root(self, factor):
+        """Return the triangle `U` with `U'U` the covariance of the subset."""
+        return _triangle(_whitened_targets(_triangle(factor), self._targets(factor)))
 
 
 class CurveWidth(AbstractMeasure):
@@ -166,10 +182,10 @@ class CurveWidth(AbstractMeasure):
         J = integral of d(alpha) var(sum_k theta_k phi_k(alpha)) d alpha = trace(W M^-1)
 
     Args:
-        rows: factor of W, one row per node of the quadrature; `curve_width` computes it.
+        rows: a factor of W; `curve_width` computes it.
     """
 
-    rows: Float[Array, "node parameter"]
+    rows: Float[Array, "target parameter"]
 
     def cost(self, factor):
         return _variance(factor, self.rows)
@@ -207,7 +223,7 @@ def curve_width(
     w = jnp.asarray(0.5 * weight)
     if density is not None:
         w = w * density(points)
-    return CurveWidth(jnp.sqrt(w)[:, None] * basis(points))
+    return CurveWidth(triangle(jnp.sqrt(w)[:, None] * basis(points)))
 
 
 def discrimination(
@@ -234,24 +250,51 @@ def discrimination(
     return factor[-1, -1] ** 2
 
 
+def _library(array):
+    """Return NumPy for a NumPy array, else `jax.numpy`."""
+    return np if isinstance(array, np.ndarray) else jnp
+
+
+def _triangle(factor):
+    """Return the triangle of a factor; in NumPy its diagonal may be negative."""
+    if _library(factor) is jnp:
+        return triangle(factor)
+    missing = max(factor.shape[1] - factor.shape[0], 0)
+    return np.linalg.qr(np.pad(factor, ((0, missing), (0, 0))), mode="r")
+
+
+def _solve(T, right, *, transposed: bool = False):
+    """Return `T^-1 right` or `T^-T right`, not finite where the triangle is singular."""
+    trans = "T" if transposed else "N"
+    if _library(T) is jnp:
+        return jax.scipy.linalg.solve_triangular(T, right, trans=trans)
+    try:
+        return scipy.linalg.solve_triangular(T, right, trans=trans, check_finite=False)
+    except np.linalg.LinAlgError:
+        return np.full(right.shape, np.inf)
+
+
+def _log_det(T):
+    """Return `log det T'T` of a triangle."""
+    xp = _library(T)
+    with np.errstate(divide="ignore"):
+        return 2.0 * xp.sum(xp.log(xp.abs(xp.diagonal(T))))
+
+
 def _whitened_targets(T, targets):
     """Return `T^-T targets'`, shape (parameter, target)."""
-    return solve_triangular(T, targets.T, trans="T")
+    return _solve(T, _library(T).asarray(targets).T, transposed=True)
 
 
 def _variance(factor, targets):
     """Return the sum of the variances of the linear combinations `targets theta`."""
-    return jnp.sum(_whitened_targets(triangle(factor), targets) ** 2)
+    return _library(factor).sum(_whitened_targets(_triangle(factor), targets) ** 2)
 
 
 def _by_information(factor, targets):
     """Return `targets M^-1`."""
-    T = triangle(factor)
-    return solve_triangular(T, _whitened_targets(T, targets)).T
-
-
-def _diagonal(values):
-    return jnp.eye(values.size) * values[None]
+    T = _triangle(factor)
+    return _solve(T, _whitened_targets(T, targets)).T
 
 
 def _positive(values, name: str) -> Array:

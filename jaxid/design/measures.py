@@ -7,6 +7,7 @@ derivative by M is `-K'K`; the rows `K` decide what an additional experiment wit
 
 import abc
 from collections.abc import Callable
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -27,7 +28,12 @@ class AbstractMeasure(eqx.Module):
     An information matrix without full rank has the cost infinity or NaN.
 
     A factor in NumPy gives a result in NumPy, without any compilation; all others give one in JAX.
+
+    Attributes:
+        is_variance: True if the cost is a variance, False if it is a logarithm.
     """
+
+    is_variance: ClassVar[bool] = False
 
     @abc.abstractmethod
     def cost(self, factor: Factor) -> Float[Numbers, ""] | np.floating:
@@ -82,6 +88,8 @@ class Trace(AbstractMeasure):
 
     weights: Float[Array, " parameter"]
 
+    is_variance: ClassVar[bool] = True
+
     def __init__(self, weights: Float[Numbers, " parameter"] | list[float]):
         self.weights = _positive(weights, "weights")
 
@@ -103,6 +111,8 @@ class Combination(AbstractMeasure):
     """
 
     coefficients: Float[Array, " parameter"]
+
+    is_variance: ClassVar[bool] = True
 
     def __init__(self, coefficients: Float[Numbers, " parameter"] | list[float]):
         self.coefficients = jnp.asarray(coefficients, float)
@@ -186,6 +196,8 @@ class CurveWidth(AbstractMeasure):
     """
 
     rows: Float[Array, "target parameter"]
+
+    is_variance: ClassVar[bool] = True
 
     def cost(self, factor):
         return _variance(factor, self.rows)

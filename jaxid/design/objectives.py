@@ -39,7 +39,8 @@ class Hypothesis(eqx.Module):
         own, shared = whitened_sensitivities(
             self.model, self.positions, self.flat, record, likelihood
         )
-        return own.reshape(-1, own.shape[-1]), shared.reshape(-1, shared.shape[-1])
+        count = t.size * len(self.model.outputs)
+        return own.reshape(count, own.shape[-1]), shared.reshape(count, shared.shape[-1])
 
 
 class AbstractObjective(eqx.Module):

@@ -35,6 +35,8 @@ from .signals import InputSignal
 # Random starts that are compared, those of them that are optimised, and steps of the latter; number
 # of steps that scale an input to its limits (all chosen).
 STARTS, OPTIMISED, STEPS, SCALINGS = 48, 2, 80, 6
+CHUNK = 8  # inputs that one compiled program simulates at once (chosen)
+MARGIN = 0.95  # of the limits at which an optimisation begins (chosen)
 FINER = 4  # factor of the sample rate in the final check of the envelope (chosen)
 CHECKS = 4  # rounds of the final check, each with limits tighter by the violation (chosen)
 
@@ -124,22 +126,20 @@ class Task(eqx.Module):
         values = quantities(model, self.limits.names, solution, u)
         return self.limits.of(self.t, deviation, values, largest)
 
-    def fitted(self, scale, largest):
-        """Return a scale at which an input reaches its limits.
+    def scale(self, deviation: Float[Array, "time input"]) -> Float[Array, ""]:
+        """Return the factor with which an input reaches its limits."""
 
-        Args:
-            scale: function that returns the deviation for a scale.
-            largest: maximum over time.
-        """
+        def worst(factor):
+            return jnp.max(self.ratios(factor * deviation, exact_maximum))
 
         def step(_, factor):
-            worst = jnp.max(self.ratios(scale(factor), largest))
-            change = jnp.where(jnp.isfinite(worst), 1.0 / jnp.maximum(worst, 1e-3), 0.5)
+            value = worst(factor)
+            change = jnp.where(jnp.isfinite(value), 1.0 / jnp.maximum(value, 1e-3), 0.5)
             return factor * jnp.clip(change, 0.3, 10.0)
 
         factor = jax.lax.fori_loop(0, SCALINGS, step, jnp.ones(()))
-        worst = jnp.max(self.ratios(scale(factor), largest))
-        return factor / jnp.maximum(jnp.where(jnp.isfinite(worst), worst, 2.0), 1.0)
+        value = worst(factor)
+        return factor / jnp.maximum(jnp.where(jnp.isfinite(value), value, 2.0), 1.0)
 
 
 def design_input(
@@ -216,7 +216,7 @@ def design_input(
         other = _hypothesis(canonical(rival[0]), rival[1], state)
         objective = Discrimination(hypothesis, other, likelihood)
     task = Task(objective, hypothesis, shape, arrays, t, trim)
-    starts, costs, factors = _starts(task, information, len(axes), seed)
+    starts, costs, factors = _starts(task, information, seed)
     _require_shown(model, free, factors)
     order = np.argsort(costs)[:OPTIMISED]
     require(
@@ -226,17 +226,17 @@ def design_input(
     results = [_optimise(task, starts[index]) for index in order if np.isfinite(costs[index])]
     p, _ = min(results, key=lambda result: result[1])
     p, used = _checked(task, p)
-    deviation = _deviation(task, p)
+    deviation = _deviations(task, jnp.asarray(p)[None])[0]
     signal = InputSignal(t, deviation, model.inputs, "design")
     record = planned_record(model, signal, likelihood, trim_input=trim, initial_state=state)
-    factor = np.asarray(_information(information, t, deviation + trim[None]))
+    cost, factor = _summaries(task, information, deviation[None])
     values = np.asarray(hypothesis.flat[hypothesis.positions.shared])
     return Design(
         signal,
         record,
-        planned_information(model, free, values, factor, "design"),
-        float(_cost(task, deviation)),
-        _comparisons(task, deviation, conventional),
+        planned_information(model, free, values, factor[0], "design"),
+        float(cost[0]),
+        _comparisons(task, information, deviation, conventional),
         dict(zip(arrays.labels(), used.tolist(), strict=True)),
         tuple(cost for _, cost in results),
     )
@@ -311,28 +311,50 @@ def _require_shown(model: AbstractModel, free: Free, factors: np.ndarray) -> Non
         )
 
 
-def _starts(task: Task, information: InformationObjective, n_axes: int, seed: int):
+def _starts(task: Task, information: InformationObjective, seed: int):
     """Return random starts scaled to the limits, their costs and their information."""
     rng = np.random.default_rng(seed)
-    columns = [task.shape.starts(rng, STARTS) for _ in range(n_axes)]
-    p, costs, factors = _evaluate_starts(task, information, jnp.asarray(np.stack(columns, axis=1)))
-    costs = np.where(np.isfinite(costs), costs, np.inf)
-    return np.asarray(p), costs, np.asarray(factors)
+    columns = [task.shape.starts(rng, STARTS) for _ in task.limits.axes]
+    p = jnp.asarray(np.stack(columns, axis=1))
+    deviations = _deviations(task, p)
+    factor = MARGIN * _in_chunks(lambda chunk: _scales(task, chunk), deviations)
+    costs, factors = _summaries(task, information, deviations * factor[:, None, None])
+    p = np.stack([task.shape.scaled(*pair) for pair in zip(p, jnp.asarray(factor), strict=True)])
+    return p, costs, factors
 
 
 @eqx.filter_jit
-def _evaluate_starts(task: Task, information: InformationObjective, p):
-    def at(p):
-        def scale(factor):
-            return task.deviation(task.shape.scaled(p, factor))
+def _deviations(task: Task, p):
+    return jax.vmap(task.deviation)(p)
 
-        factor = task.fitted(scale, smooth_maximum)
-        p = task.shape.scaled(p, factor)
-        deviation = task.deviation(p)
-        rows = information.factor(task.t, deviation + task.trim_input[None])
-        return p, task.cost(deviation), jnp.linalg.qr(rows, mode="r")
 
-    return jax.vmap(at)(p)
+@eqx.filter_jit
+def _scales(task: Task, deviations):
+    return jax.vmap(task.scale)(deviations)
+
+
+def _summaries(task: Task, information: InformationObjective, deviations):
+    """Return costs, infinite where not finite, and square-root information of inputs."""
+    costs, factors = _in_chunks(lambda chunk: _summary(task, information, chunk), deviations)
+    return np.where(np.isfinite(costs), costs, np.inf), factors
+
+
+@eqx.filter_jit
+def _summary(task: Task, information: InformationObjective, deviations):
+    def at(deviation):
+        u = deviation + task.trim_input[None]
+        return task.cost(deviation), jnp.linalg.qr(information.factor(task.t, u), mode="r")
+
+    return jax.vmap(at)(deviations)
+
+
+def _in_chunks(function, deviations):
+    """Return the results of a function of a fixed number of inputs for all, in NumPy."""
+    count = deviations.shape[0]
+    padded = np.pad(np.asarray(deviations), ((0, -count % CHUNK), (0, 0), (0, 0)), mode="edge")
+    chunks = np.split(padded, padded.shape[0] // CHUNK)
+    results = [function(jnp.asarray(chunk)) for chunk in chunks]
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *results)
 
 
 def _optimise(task: Task, start: np.ndarray) -> tuple[np.ndarray, float]:
@@ -418,8 +440,12 @@ def _fine_ratios(task: Task, p):
 
 
 def _comparisons(
-    task: Task, deviation, conventional: Sequence[InputSignal]
+    task: Task,
+    information: InformationObjective,
+    deviation: Float[Array, "time input"],
+    conventional: Sequence[InputSignal],
 ) -> tuple[Comparison, ...]:
+    """Return the costs of conventional inputs at equal energy, at equal peak and at the limits."""
     for signal in conventional:
         require(
             signal.u.shape == deviation.shape and signal.inputs == task.hypothesis.model.inputs,
@@ -428,45 +454,25 @@ def _comparisons(
         )
     if not conventional:
         return ()
-    u = jnp.stack([signal.u for signal in conventional])
-    costs = np.asarray(_conventional_costs(task, deviation, u))
-    costs = np.where(np.isfinite(costs), costs, np.inf)
+    axes = list(task.limits.axes)
+    amplitude = np.asarray(task.limits.amplitude)
+    design = np.asarray(deviation)
+    u = np.stack([np.asarray(signal.u) for signal in conventional])
+
+    def peak(u):
+        return np.max(np.abs(u[..., axes]) / amplitude, axis=(-2, -1))[..., None, None]
+
+    def energy(u):
+        return np.sum(u**2, axis=(-2, -1))[..., None, None]
+
+    unit = u / peak(u)
+    limit = _in_chunks(lambda chunk: _scales(task, chunk), unit)[:, None, None]
+    scaled = [np.sqrt(energy(design) / energy(u)) * u, peak(design) * unit, limit * unit]
+    costs, _ = _summaries(task, information, np.concatenate(scaled))
     return tuple(
         Comparison(signal.name, *map(float, row))
-        for signal, row in zip(conventional, costs, strict=True)
+        for signal, row in zip(conventional, costs.reshape(3, -1).T, strict=True)
     )
-
-
-@eqx.filter_jit
-def _conventional_costs(task: Task, deviation, conventional):
-    """Return the costs at equal energy, at equal peak and at the limits, for each input."""
-    weight = jnp.zeros(deviation.shape[1])
-    weight = weight.at[np.array(task.limits.axes, int)].set(1.0 / task.limits.amplitude)[None]
-
-    def at(u):
-        energy = jnp.sqrt(jnp.sum(deviation**2) / jnp.sum(u**2))
-        peak = jnp.max(jnp.abs(deviation * weight)) / jnp.max(jnp.abs(u * weight))
-        unit = u / jnp.max(jnp.abs(u * weight))
-        limit = task.fitted(lambda factor: factor * unit, exact_maximum)
-        scaled = jnp.stack([energy * u, peak * u, limit * unit])
-        return jax.vmap(task.cost)(scaled)
-
-    return jax.lax.map(at, conventional)
-
-
-@eqx.filter_jit
-def _deviation(task: Task, p):
-    return task.deviation(p)
-
-
-@eqx.filter_jit
-def _cost(task: Task, deviation):
-    return task.cost(deviation)
-
-
-@eqx.filter_jit
-def _information(objective: InformationObjective, t, u):
-    return jnp.linalg.qr(objective.factor(t, u), mode="r")
 
 
 @eqx.filter_jit

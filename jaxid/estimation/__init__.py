@@ -2,6 +2,7 @@
 
 from .estimate import estimate
 from .likelihoods import OutputError
+from .listing import listing
 from .result import Estimate
 from .solver import GaussNewton
 from .spectrum_policy import Clip, Plain, Truncate, TwoStep
@@ -15,4 +16,5 @@ __all__ = [
     "Truncate",
     "TwoStep",
     "estimate",
+    "listing",
 ]

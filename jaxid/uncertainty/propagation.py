@@ -111,8 +111,9 @@ def propagate(
         coloured: use the errors corrected for the colour of the residuals.
         considered: from `consider`: the errors of fixed constants are included, also where the
             function depends on the constants themselves.
-        draws: number of random models for which the function is evaluated as well. They show a function that is not linear within the errors of the parameters. Weak
-            directions are held in them.
+        draws: number of random models for which the function is evaluated as well. They show a
+            function that is not linear within the errors of the parameters. Weak directions are
+            held in them.
         key: random key of the draws.
 
     Raises:

@@ -3,7 +3,7 @@
 Call `configure()` before the first array is made: jaxid computes in float64.
 """
 
-from . import data, diagnosis, effects, models, structure, study
+from . import data, diagnosis, effects, models, structure, study, uncertainty
 from ._foundation.checks import InputError
 from ._foundation.configuration import configure
 from .data import (
@@ -46,6 +46,7 @@ from .models import (
 )
 from .simulation import RK4, Adaptive, hold, simulate
 from .study import Identification, LoopOptions, Outcome, Study, close_loop, consistency, identify
+from .uncertainty import propagate
 
 __all__ = [  # noqa: RUF022 (grouped by subject)
     # Set-up
@@ -60,6 +61,7 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     "spectrum",
     "structure",
     "study",
+    "uncertainty",
     # Records
     "Record",
     "record",
@@ -98,6 +100,7 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     "Fixed",
     "smooth",
     "GaussNewton",
+    "propagate",
     # Diagnosis
     "predict",
     "prediction_bands",

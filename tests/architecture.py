@@ -27,6 +27,7 @@ FLOORS = (
     {"simulation"},
     {"sensitivity"},
     {"estimation"},
+    {"uncertainty"},
     {"structure"},
     {"diagnosis", "design"},  # siblings: neither imports the other
     {"study"},

@@ -5,8 +5,8 @@ Axis names: `case` one record of a stack, `time` one sample, `state`, `input`, `
 """
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
+from jaxtyping import Array, Bool, Complex, Float, Int, PyTree, Scalar
 
 Numbers = Array | np.ndarray  # accepted by entry functions
 
-__all__ = ["Array", "Bool", "Float", "Int", "Numbers", "PyTree", "Scalar"]
+__all__ = ["Array", "Bool", "Complex", "Float", "Int", "Numbers", "PyTree", "Scalar"]

@@ -3,6 +3,7 @@
 from .estimate import estimate
 from .filter_error import FilterError
 from .likelihoods import OutputError
+from .listing import listing
 from .noise_options import FirstOrder, Fixed
 from .result import Estimate
 from .smoother import Smoothed, smooth
@@ -22,5 +23,6 @@ __all__ = [
     "Truncate",
     "TwoStep",
     "estimate",
+    "listing",
     "smooth",
 ]

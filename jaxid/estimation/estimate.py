@@ -21,6 +21,7 @@ from ..models.free import Free, Parameters, initial_parameters
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum
 from ..simulation.simulate import explain_divergence
+from .coloured_errors import coloured_variances
 from .likelihoods import AbstractLikelihood
 from .problem import Problem
 from .result import Estimate
@@ -37,6 +38,7 @@ class Fit(eqx.Module):
     covariance: Float[Array, "parameter parameter"]
     own_covariance: Float[Array, "case own own"]
     robust_covariance: Float[Array, "parameter parameter"]
+    robust_dof: Float[Array, " parameter"]
     noise: Float[Array, "output output"]
     residuals: Float[Array, "case time output"]
     shared_on_bound: Bool[Array, " parameter"]
@@ -142,6 +144,9 @@ def fit_problem(
         lambda x, low, high: (x <= low) | (x >= high), parameters, limits.lower, limits.upper
     )
     model, _ = problem.model_of(parameters, 0)
+    robust_covariance, robust_dof = _robust_covariance(
+        problem, parameters, linearised, covariance, svd.square_root(policy.threshold)
+    )
     return Fit(
         parameters=parameters,
         cost=state.cost,
@@ -151,7 +156,8 @@ def fit_problem(
         own_covariance=information.own.covariance(
             jnp.where(jnp.isfinite(covariance), covariance, 0.0)
         ),
-        robust_covariance=_robust_covariance(problem, parameters, linearised, covariance),
+        robust_covariance=robust_covariance,
+        robust_dof=robust_dof,
         noise=problem.likelihood.measurement_covariance(model, v, problem.records.mask),
         residuals=problem.likelihood.residuals(v, problem.records.mask),
         shared_on_bound=on_bound.shared,
@@ -163,21 +169,19 @@ def fit_problem(
     )
 
 
-def _robust_covariance(problem: Problem, parameters: Parameters, linearised, covariance):
-    """Return the covariance `C B C`, corrected for the colour of the residuals.
+def _robust_covariance(problem: Problem, parameters: Parameters, linearised, covariance, half):
+    """Return the covariance corrected for the colour of the residuals, and degrees of freedom.
 
     Variances that this would make smaller than those of white residuals keep the latter value.
     """
-    finite = jnp.where(jnp.isfinite(covariance), covariance, 0.0)
-    corrected = finite @ problem.score_covariance(parameters, linearised) @ finite
-    inflation = jnp.sqrt(
-        jnp.maximum(
-            jnp.diagonal(corrected)
-            / jnp.where(jnp.diagonal(finite) > 0, jnp.diagonal(finite), 1.0),
-            1.0,
-        )
-    )
-    return covariance * inflation[:, None] * inflation[None]
+    score = problem.score_spectrum(parameters, linearised, half)
+    count, v = score.power.shape[1], linearised.v
+    white, mask = problem.whiten(v, v[..., :count]), problem.row_mask[..., :count]
+    variance, dof = coloured_variances(score, white, mask)
+    plain = jnp.sum(half**2, axis=1)
+    ratio = variance / jnp.where(plain > 0, plain, 1.0)
+    inflation = jnp.sqrt(jnp.maximum(jnp.where(plain > 0, ratio, 1.0), 1.0))
+    return covariance * inflation[:, None] * inflation[None], dof
 
 
 def _result(state, on_bound) -> RESULTS:

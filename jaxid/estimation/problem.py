@@ -20,7 +20,7 @@ from ..models.free_model import FreeModel, insert
 from ..models.noise import AbstractWhitening
 from ..sensitivity.information import Information, gather, record_triangles
 from ..simulation.solution import Solution
-from .coloured import score_covariance_under, tapered_covariance
+from .coloured_errors import ScoreSpectrum
 from .likelihoods import AbstractLikelihood
 
 # Distance from a bound that is due to rounding, relative to the larger of the parameter and the
@@ -208,33 +208,45 @@ class Problem(eqx.Module):
         folded = self._fold(S, v, self.row_mask, whiten)
         return Linearised(v, S, self._gather(parameters, *folded))
 
-    def score_covariance(
-        self, parameters: Parameters, linearised: "Linearised"
-    ) -> Float[Array, "parameter parameter"]:
-        """Return the covariance of the score of the shared parameters under coloured residuals.
+    def score_spectrum(
+        self,
+        parameters: Parameters,
+        linearised: "Linearised",
+        half: Float[Array, "parameter parameter"],
+    ) -> ScoreSpectrum:
+        """Return the Fourier transforms of the sensitivities of all records.
 
         Args:
             parameters: values of the parameters.
             linearised: the problem at these parameters.
+            half: square root of the covariance of the shared parameters.
         """
         v, own = linearised.v, linearised.information.own
-        mask = self.row_mask
+        mask, count = self.row_mask, self.positions.rows.size
         whiten = self.likelihood.noise.whitening(v, mask)
-        covariance = tapered_covariance(whiten(v, mask), mask)
 
-        def of_records(S, own, mask):
-            white = self._projected(whiten(S, mask), own)
-            return score_covariance_under(white, covariance[:, : S.shape[2]])
+        def transforms(S, own, mask):
+            white = whiten(S, mask)
+            columns = [
+                white[..., :count] @ own.inverse[:, None],
+                self._projected(white, own) @ half,
+            ]
+            return jnp.fft.rfft(jnp.concatenate(columns, axis=-1), 2 * mask.shape[1], axis=1)
+
+        def power(columns):
+            return jnp.sum(jnp.abs(columns[..., count:] @ half.T) ** 2, axis=0)
 
         if linearised.S is not None:
-            return of_records(linearised.S, own, mask)
+            columns = transforms(linearised.S, own, mask)
+            return ScoreSpectrum(power(columns), columns, count)
 
         def of_batch(batch):
             rows, cases, own = batch
             _, S = self._sensitivities(rows, parameters.shared, cases)
-            return of_records(S, own, self.likelihood.row_mask(cases[1].mask))[None]
+            return power(transforms(S, own, self.likelihood.row_mask(cases[1].mask)))[None]
 
-        return jnp.sum(self._by_batch(of_batch, (parameters.rows, self.cases(), own)), axis=0)
+        by_batch = self._by_batch(of_batch, (parameters.rows, self.cases(), own))
+        return ScoreSpectrum(jnp.sum(by_batch, axis=0), None, count)
 
     @property
     def batch(self) -> int:

@@ -25,11 +25,14 @@ class Estimate(eqx.Module):
         model: the model with the estimated values that all records share.
         free: the free parameters.
         names: names of the shared parameters.
+        start: values of the shared parameters at which the iteration started.
         values, standard_errors: of the shared parameters; the standard error is the Cramer-Rao
             bound, infinite for a parameter that the data do not determine, NaN for one that stands
             on a bound. They are asymptotic: an estimated R divides by the number of samples.
             `interval` corrects this for short records.
         corrected_errors: standard errors corrected for the colour of the residuals; never smaller.
+        corrected_dof: degrees of freedom of the corrected variances, which are estimated from the
+            residuals themselves.
         covariance: Cramer-Rao bound of the shared parameters.
         on_bound: true for each shared parameter that stands on one of its bounds.
         near_bound: true for those inside their bounds, but within `NEAR_BOUND` standard errors of
@@ -51,9 +54,11 @@ class Estimate(eqx.Module):
     free: Free
     names: tuple[str, ...] = eqx.field(static=True)
     units: tuple[str, ...] = eqx.field(static=True)
+    start: Float[Array, "*batch parameter"]
     values: Float[Array, "*batch parameter"]
     standard_errors: Float[Array, "*batch parameter"]
     corrected_errors: Float[Array, "*batch parameter"]
+    corrected_dof: Float[Array, "*batch parameter"]
     covariance: Float[Array, "*batch parameter parameter"]
     on_bound: Bool[Array, "*batch parameter"]
     near_bound: Bool[Array, "*batch parameter"]
@@ -94,9 +99,11 @@ class Estimate(eqx.Module):
             free=free,
             names=free.shared,
             units=tuple(units.get(name, "") for name in free.shared),
+            start=_elements(_first(flat), positions.shared),
             values=fit.parameters.shared,
             standard_errors=deviation,
             corrected_errors=_deviations(fit.robust_covariance, fit.shared_on_bound),
+            corrected_dof=fit.robust_dof,
             covariance=fit.covariance,
             on_bound=fit.shared_on_bound,
             near_bound=_near_bound(
@@ -180,8 +187,8 @@ class Estimate(eqx.Module):
 
         Args:
             level: probability, such as 0.95.
-            coloured: use the errors corrected for the colour of the residuals. These stay
-                asymptotic: the uncertainty of the autocovariance is not included.
+            coloured: use the errors corrected for the colour of the residuals, with Student's t of
+                `corrected_dof` and without the root.
 
         Returns:
             Ends along the last axis [units of the parameter]; infinite for a parameter that the
@@ -199,15 +206,17 @@ class Estimate(eqx.Module):
 
         upper = 0.5 * (1.0 + level)
         errors = self.corrected_errors if coloured else self.standard_errors
-        if self.noise_known:
-            factor = np.asarray(ndtri(upper))
+        if coloured:
+            factor = stdtrit(np.asarray(self.corrected_dof), upper)
+        elif self.noise_known:
+            factor = ndtri(upper)
         else:
-            nu = np.asarray(self.degrees_of_freedom)
+            nu = np.asarray(self.degrees_of_freedom)[..., None]
             enough = nu > 0
             safe = np.where(enough, nu, 1.0)
-            samples = np.sum(np.asarray(self.mask), axis=(-3, -2, -1))
+            samples = np.sum(np.asarray(self.mask), axis=(-3, -2, -1))[..., None]
             factor = np.where(enough, stdtrit(safe, upper) * np.sqrt(samples / safe), np.nan)
-        return _interval(self.values, errors, factor)
+        return _interval(self.values, errors, np.asarray(factor))
 
     def value(self, name: str) -> float:
         """Return the value of one shared parameter, by name."""
@@ -229,14 +238,14 @@ class Estimate(eqx.Module):
             return f"Estimate of {self.values.shape[0]} cases, {good} successful: {names}"
         width = max([len(name) for name in self.names] + [9])
         lines = [
-            f"{'parameter':<{width}} {'value':>13} {'std. error':>11} {'coloured':>11} "
-            f"{'F':>10}  unit"
+            f"{'parameter':<{width}} {'start':>11} {'value':>13} {'std. error':>11} "
+            f"{'coloured':>11} {'F':>10}  unit"
         ]
-        columns = (self.values, self.standard_errors, self.corrected_errors, self.F)
+        columns = (self.start, self.values, self.standard_errors, self.corrected_errors, self.F)
         rows = zip(self.names, *map(np.asarray, columns), self.units, strict=True)
-        for name, value, error, coloured, F, unit in rows:
+        for name, start, value, error, coloured, F, unit in rows:
             lines.append(
-                f"{name:<{width}} {value:>13.6g} {error:>11.3g} {coloured:>11.3g} "
+                f"{name:<{width}} {start:>11.4g} {value:>13.6g} {error:>11.3g} {coloured:>11.3g} "
                 f"{F:>10.4g}  {unit}"
             )
         lines += [f"weak: {sentence}" for sentence in self.weak_directions]
@@ -288,6 +297,12 @@ def _first(xp, rows):
 
 
 @on_host
+def _elements(xp, vector, at):
+    """Return the elements at these positions."""
+    return xp.take(vector, at, mode="clip")
+
+
+@on_host
 def _deviations(xp, covariance, on_bound):
     """Return the standard deviations of a covariance, NaN for parameters on a bound."""
     deviation = xp.sqrt(xp.diagonal(covariance, axis1=-2, axis2=-1))
@@ -331,5 +346,5 @@ def _degrees_of_freedom(xp, mask, on_bound, own_errors, noise_known: bool):
 @on_host
 def _interval(xp, values, errors, factor):
     """Return the ends `values -/+ factor errors` along a new last axis."""
-    width = factor[..., None] * errors
+    width = factor * errors
     return xp.stack([values - width, values + width], axis=-1)

@@ -19,6 +19,10 @@ RANK_TOLERANCE = (
     # the rounding error of float64
     1e-13
 )
+# Chosen: share of a column's length that may be left by rounding once the own unknowns are
+# eliminated. The rounding of simulated sensitivities is below 1e-13; a share of 1e-11 is an
+# eigenvalue of 1e-22, which no threshold for weak directions takes as determined.
+ELIMINATED = 1e-11
 
 
 class OwnBlock(eqx.Module):
@@ -185,4 +189,21 @@ def _eliminate(factor, fixed, keep, count):
     undetermined = jnp.any(~strong[:, None] & (jnp.abs(Vt) > 1e-3), axis=0)
     own = jnp.where(strong, s, 0.0)[:, None] * Vt * scale[None]
     block = OwnBlock(own, own_rows[:, :-1], own_rows[:, -1], inverse, undetermined)
-    return block, jnp.concatenate([remainder, rotated - own_rows])
+    return block, _without_rounding(
+        jnp.concatenate([remainder, rotated - own_rows]), jnp.linalg.norm(factor[:, count:], axis=0)
+    )
+
+
+def _without_rounding(remainder, before):
+    """Return the remaining rows with zeros in the columns that hold only rounding.
+
+    A parameter with the effect of an own unknown, such as the offset of a sensor of a place whose
+    start is free, has no information left. Scaled to unit length, as the spectrum scales its
+    columns, its rounding would count as a well-determined direction.
+
+    Args:
+        remainder: rows `[T r]` on the shared parameters, own unknowns eliminated.
+        before: lengths of the columns before the elimination.
+    """
+    left = jnp.linalg.norm(remainder[:, :-1], axis=0) > ELIMINATED * before[:-1]
+    return remainder * jnp.append(left, True)[None]

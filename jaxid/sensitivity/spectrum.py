@@ -43,15 +43,37 @@ class Spectrum(eqx.Module):
         A parameter with a share in a weak direction has an infinite variance, and so has one with a
         column of zeros.
         """
-        strong = ~self.weak(threshold) & (self.singular_values > 0)
-        half = (
-            self.directions.T
-            / self.scale[:, None]
-            * jnp.where(strong, 1.0 / jnp.where(strong, self.singular_values, 1.0), 0.0)[None]
-        )
+        half = self.square_root(threshold)
+        strong = self._strong(threshold)
         undetermined = jnp.any(~strong[:, None] & (jnp.abs(self.directions) > SHARE), axis=0)
         covariance = half @ half.T
         return covariance + jnp.diag(jnp.where(undetermined, jnp.inf, 0.0))
+
+    def square_root(self, threshold: float) -> Float[Array, "parameter parameter"]:
+        """Return `H` with `H H'` the inverse of the information over the strong directions.
+
+        A weak direction has a column of zeros.
+        """
+        strong = self._strong(threshold)
+        inverse = jnp.where(strong, 1.0 / jnp.where(strong, self.singular_values, 1.0), 0.0)
+        return self.directions.T / self.scale[:, None] * inverse[None]
+
+    def weak_share(
+        self, gradient: Float[Array, "function parameter"], threshold: float
+    ) -> Float[Array, " function"]:
+        """Return the share of a function's gradient that lies in the weak directions, 0 to 1.
+
+        Args:
+            gradient: derivative of the function by the parameters.
+            threshold: eigenvalues below this share of the largest are weak.
+        """
+        scaled = gradient / self.scale[None]
+        length = jnp.linalg.norm(scaled, axis=-1)
+        weak = (scaled @ self.directions.T) * ~self._strong(threshold)[None]
+        return jnp.linalg.norm(weak, axis=-1) / jnp.where(length > 0, length, 1.0)
+
+    def _strong(self, threshold: float) -> Bool[Array, " parameter"]:
+        return ~self.weak(threshold) & (self.singular_values > 0)
 
 
 @on_host

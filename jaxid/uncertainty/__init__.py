@@ -1,0 +1,30 @@
+"""Uncertainty of an estimate: of functions of the parameters, from fixed constants, combined."""
+
+from .bootstrap import Bootstrap, bootstrap
+from .combination import ParameterTable, combine, constrain
+from .comparison import ErrorComparison, ErrorKind, compare_errors
+from .curves import Curve, combine_curves, curve
+from .fixed_constants import FixedConstants, consider
+from .profile import Profile, Shape, profile_likelihood
+from .propagation import Propagated, propagate
+
+__all__ = [
+    "Bootstrap",
+    "Curve",
+    "ErrorComparison",
+    "ErrorKind",
+    "FixedConstants",
+    "ParameterTable",
+    "Profile",
+    "Propagated",
+    "Shape",
+    "bootstrap",
+    "combine",
+    "combine_curves",
+    "compare_errors",
+    "consider",
+    "constrain",
+    "curve",
+    "profile_likelihood",
+    "propagate",
+]

@@ -1,0 +1,192 @@
+"""`profile_likelihood`: the likelihood over one parameter, all others at their best."""
+
+import enum
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.checks import require, require_known
+from .._foundation.types import Array, Float
+from ..data.record import Record
+from ..estimation.estimate import as_stack, check_channels, fit_problem
+from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.problem import Problem
+from ..estimation.result import Estimate
+from ..estimation.solver import GaussNewton
+from ..models.free import Parameters
+
+POINTS = 17  # of a profile; chosen
+WIDTHS = (4.0, 16.0, 64.0)  # half widths in standard errors, until the interval ends; chosen
+
+
+class Shape(enum.Enum):
+    """Which ends the interval of a profile has; each value is a sentence."""
+
+    BOUNDED = "both ends are determined"
+    ONE_SIDED = "only one end is determined; the other is a limit or infinite"
+    FLAT = "no end is determined"
+
+
+class Profile(eqx.Module):
+    """The likelihood over one parameter.
+
+    Attributes:
+        name: the parameter.
+        value: its estimate.
+        points, costs: values of the parameter and the costs there, the others at their best.
+        threshold: rise of the cost at the ends of the interval.
+        ends: of the interval, at this rise; infinite, or the bound of the parameter, where the cost
+            does not rise so far.
+        shape: which ends are determined.
+    """
+
+    name: str = eqx.field(static=True)
+    value: float = eqx.field(static=True)
+    points: Float[Array, " point"]
+    costs: Float[Array, " point"]
+    threshold: float = eqx.field(static=True)
+    ends: tuple[float, float] = eqx.field(static=True)
+    shape: Shape = eqx.field(static=True)
+
+    @property
+    def asymmetry(self) -> float:
+        """Ratio of the longer to the shorter side of the interval; one for a linear model."""
+        low, high = self.value - self.ends[0], self.ends[1] - self.value
+        return max(low, high) / min(low, high) if min(low, high) > 0 else np.inf
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name}: {self.value:.6g}, from {self.ends[0]:.6g} to {self.ends[1]:.6g} "
+            f"({self.shape.value})"
+        )
+
+
+def profile_likelihood(
+    estimate: Estimate,
+    records: Record | Sequence[Record],
+    likelihood: AbstractLikelihood,
+    name: str,
+    *,
+    level: float = 0.95,
+    solver: GaussNewton | None = None,
+) -> Profile:
+    r"""Return the profile of the likelihood over one parameter, and the interval that follows.
+
+        J(theta_k) = min over all others,    J(theta_k) - J_min < N/2 log(1 + q^2 / nu)
+
+    with Student's q of `nu = N - p` degrees of freedom, which for a linear model with one output is
+    the interval of `Estimate.interval`; the limit is `q^2 / 2` where R is known. The interval
+    follows a likelihood that is not quadratic, ends at bounds, and is infinite where the data set
+    no limit.
+
+    Args:
+        estimate: from `estimate`, of one case.
+        records, likelihood: those of the estimate.
+        name: a shared parameter.
+        level: probability, such as 0.95.
+        solver: options of the iterations, which start at the estimate.
+
+    Raises:
+        InputError: for a name that is not free, or a level that is not between 0 and 1.
+    """
+    from scipy.special import ndtri, stdtrit  # slow to import, and only intervals need it
+
+    records = as_stack(records)
+    check_channels(estimate.model, records)
+    require_known("free parameter", [name], estimate.names)
+    require(0 < level < 1, f"The level is {level}; a probability lies between 0 and 1.")
+    problem = Problem.of(estimate.model, estimate.free, records, likelihood)
+    index, upper = estimate.names.index(name), 0.5 * (1.0 + level)
+    if estimate.noise_known:
+        threshold = 0.5 * float(ndtri(upper)) ** 2
+    else:
+        nu, count = float(estimate.degrees_of_freedom), float(np.sum(np.asarray(estimate.mask)))
+        threshold = 0.5 * count * float(np.log1p(stdtrit(nu, upper) ** 2 / nu))
+    value, error = float(estimate.values[index]), float(estimate.standard_errors[index])
+    if not np.isfinite(error):
+        error = 1.0 / float(estimate.spectrum.scale[index])  # all others known
+    limits = problem.limits
+    bounds = float(limits.lower.shared[index]), float(limits.upper.shared[index])
+    for width in WIDTHS:
+        points = np.clip(value + error * np.linspace(-width, width, POINTS), *bounds)
+        costs = np.asarray(_costs(problem, estimate, index, jnp.asarray(points), solver))
+        rises = costs - float(estimate.cost)
+        low = _crossing(points[::-1], rises[::-1], value, threshold)
+        high = _crossing(points, rises, value, threshold)
+        reached = (
+            np.isfinite(low) or points[0] == bounds[0],
+            np.isfinite(high) or points[-1] == bounds[1],
+        )
+        if all(reached):
+            break
+    determined = int(np.isfinite(low)) + int(np.isfinite(high))
+    return Profile(
+        name=name,
+        value=value,
+        points=jnp.asarray(points),
+        costs=jnp.asarray(costs),
+        threshold=threshold,
+        ends=(low if np.isfinite(low) else bounds[0], high if np.isfinite(high) else bounds[1]),
+        shape=(Shape.FLAT, Shape.ONE_SIDED, Shape.BOUNDED)[determined],
+    )
+
+
+def _crossing(points: np.ndarray, rises: np.ndarray, value: float, threshold: float) -> float:
+    """Return where the rise of the cost passes the threshold on the way outwards, or infinity.
+
+    The root of the rise is nearly a straight line in the parameter, and is interpolated by one.
+
+    Args:
+        points: from the far side inwards and outwards again; those before the value do not count.
+        rises: of the cost at the points, infinite where the simulation fails.
+        value: of the parameter at the least cost.
+        threshold: rise at the end of the interval.
+    """
+    sign = np.sign(points[-1] - points[0])
+    outside = sign * (points - value) > 0
+    x = np.concatenate([[value], points[outside]])
+    root = np.sqrt(np.maximum(np.concatenate([[0.0], rises[outside]]), 0.0))
+    limit = np.sqrt(threshold)
+    beyond = np.flatnonzero(root > limit)
+    if not beyond.size:
+        return np.inf
+    at = beyond[0]
+    if not np.isfinite(root[at]):
+        return float(x[at])
+    share = (limit - root[at - 1]) / (root[at] - root[at - 1])
+    return float(x[at - 1] + share * (x[at] - x[at - 1]))
+
+
+@eqx.filter_jit
+def _costs(problem: Problem, estimate: Estimate, index: int, points, solver):
+    """Return the least costs with one parameter held at each of several values (jitted).
+
+    The parameter is held by bounds that are equal. The others start where a linear model has them.
+    """
+    half = estimate.spectrum.square_root(estimate.threshold)
+    covariance = half @ half.T
+    variance = covariance[index, index]
+    slope = covariance[:, index] / jnp.where(variance > 0, variance, 1.0)
+    own = estimate.information.own
+    reaction = -jnp.einsum("coi,cip->cop", own.inverse, own.coupling)
+
+    def cost(point):
+        step = (
+            (slope * (point - estimate.values[index])).at[index].set(point - estimate.values[index])
+        )
+        shared = (estimate.values + step).at[index].set(point)
+        begin = Parameters(shared, estimate.own + reaction @ step)
+        held = eqx.tree_at(
+            lambda node: (node.limits.lower.shared, node.limits.upper.shared),
+            problem,
+            tuple(
+                bound.at[index].set(point)
+                for bound in (problem.limits.lower.shared, problem.limits.upper.shared)
+            ),
+        )
+        return fit_problem(held, begin, solver or GaussNewton()).cost
+
+    return jax.vmap(cost)(points)

@@ -1,0 +1,91 @@
+"""The autoregressive process of a residual, and its loss of power, against dense matrices."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
+
+from jaxid.estimation.coloured_errors import (
+    ScoreSpectrum,
+    _levinson,
+    _loss,
+    _pairs,
+    _products,
+    burg,
+    coloured_variances,
+)
+
+ROWS = 300
+
+
+def process(seed, coefficients, rows, share=0.0):
+    """Two records of a process and its mask: shape (case, time, output)."""
+    rng = np.random.default_rng(seed)
+    v = lfilter([1.0], np.append(1.0, -np.asarray(coefficients)), rng.normal(size=(2, rows + 300)))
+    mask = rng.uniform(size=(2, rows, 1)) >= share
+    return jnp.asarray(np.where(mask, v[:, 300:, None], 0.0)), jnp.asarray(mask)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_order_and_coefficients_of_process_are_found(seed, share):
+    """20,000 samples; with 30 % missing a third of the windows is left, the error 1 %."""
+    v, mask = process(seed, [1.6, -0.8], 10_000, share)
+    found = jax.jit(burg)(v, mask)
+    assert int(found.order[0]) == 2
+    np.testing.assert_allclose(found.coefficients[:2, 0], [1.6, -0.8], atol=0.04)
+    np.testing.assert_allclose(found.variance[0], 1.0, rtol=0.06)
+    np.testing.assert_array_equal(found.coefficients[2:], 0.0)
+    assert int(jax.jit(burg)(*process(seed, [], 10_000, share)).order[0]) == 0
+
+
+def test_loss_of_power_equals_dense_trace(seed):
+    """`tr J_k (2 Gamma H - H Gamma H)` of an AR(1) process with 0.8: both ends of the record are
+    left out of the first term, 1 % here.
+    """
+    t = np.arange(ROWS)
+    columns = np.linalg.qr(np.stack([np.sin(0.05 * t), np.exp(-t / 40), t / ROWS], -1))[0]
+    F = jnp.fft.rfft(jnp.asarray(columns)[None, :, None], 2 * ROWS, axis=1)
+    # Column 0 belongs to the record, the others are shared.
+    score = ScoreSpectrum(jnp.zeros((ROWS + 1, 1, 2)), F, 1)
+    frequency = np.pi * np.arange(ROWS + 1) / ROWS
+    density = 0.36 / np.abs(1 - 0.8 * np.exp(-1j * frequency)) ** 2
+    mask = jnp.ones((1, ROWS, 1), bool)
+    loss = jax.jit(lambda density: _loss(score, _products(score), density, _pairs(mask)))(
+        jnp.asarray(density)[:, None]
+    )
+    Gamma, H = toeplitz(0.8**t), columns @ columns.T
+    missing = Gamma @ H + H @ Gamma - H @ Gamma @ H
+    for lag in (0, 1, 5):
+        expected = np.trace(missing, offset=lag) / (ROWS - lag)
+        np.testing.assert_allclose(loss[lag, 0], expected, rtol=0.03)
+
+
+def test_degrees_of_freedom_equal_scatter_of_variance():
+    """1,000 draws of 400 samples, AR(1) with 0.6: the scatter of the estimated variance."""
+    rows, draws = 400, 1000
+    e = np.random.default_rng(1974).normal(size=(draws, rows + 100))
+    v = jnp.asarray(lfilter([1.0], [1.0, -0.6], e, axis=1)[:, 100:])[:, None, :, None]
+    column = jnp.asarray(np.sin(0.02 * np.arange(rows)))[None, :, None, None]
+    power = jnp.sum(jnp.abs(jnp.fft.rfft(column, 2 * rows, axis=1)) ** 2, axis=0)
+    mask = jnp.ones((1, rows, 1), bool)
+    run = jax.jit(jax.vmap(lambda v: coloured_variances(ScoreSpectrum(power, None, 0), v, mask)))
+    variance, dof = map(np.asarray, run(v))
+    scatter = np.std(variance[:, 0]) / np.mean(variance[:, 0])
+    np.testing.assert_allclose(np.sqrt(2 / np.median(dof)), scatter, rtol=0.12)
+    column = np.asarray(column)[0, :, 0, 0]
+    exact = column @ toeplitz(0.6 ** np.arange(rows)) @ column / (1 - 0.36)
+    np.testing.assert_allclose(np.mean(variance), exact, rtol=0.04)
+
+
+def test_recursion_solves_yule_walker(seed):
+    """Order 2 from five lags of the autocovariance, against a dense solution."""
+    v, mask = process(seed, [1.6, -0.8], 2000)
+    given = jax.jit(burg)(v, mask)
+    c = np.asarray(given.autocovariance[:, 0]) * (1 + 0.01 * 0.5 ** np.arange(11))
+    solved = jax.jit(_levinson)(given, jnp.asarray(c)[:, None])
+    order = int(given.order[0])
+    expected = np.linalg.solve(toeplitz(c[:order]), c[1 : order + 1])
+    np.testing.assert_allclose(solved.coefficients[:order, 0], expected, rtol=1e-7)
+    np.testing.assert_allclose(solved.variance[0], c[0] - expected @ c[1 : order + 1], rtol=1e-7)

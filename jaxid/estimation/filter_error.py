@@ -5,7 +5,6 @@ from collections.abc import Mapping
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.linalg import solve_triangular
 
 from .._foundation.checks import require
 from .._foundation.dependence import returns_argument
@@ -19,7 +18,7 @@ from ..sensitivity.jacobian import value_and_jacobian
 from ..simulation.hold import AbstractHold, Linear
 from ..simulation.solution import Solution
 from ..simulation.steppers import RK4
-from .kalman import Filtered, kalman_filter
+from .kalman import Filtered, inverse_cholesky, kalman_filter
 from .likelihoods import AbstractLikelihood
 from .noise_identifiability import check_noise_identifiable
 from .noise_options import FirstOrder, Number, number
@@ -125,29 +124,24 @@ class FilterError(AbstractLikelihood):
 
     def rows(self, model, record, initial_state):
         filtered = self.filter(model, record, initial_state)
-        log_det = jnp.sum(jnp.log(jnp.diagonal(filtered.L, axis1=-2, axis2=-1)), axis=-1)
-        pairs = _pairs(jnp.eye(record.z.shape[-1])[None] - _outer(filtered.w), record.mask)
-        return jnp.concatenate([filtered.w, pairs, log_det[:, None], filtered.v], axis=-1)
+        return _rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
 
     def sensitivities(self, family, theta, record):
-        def parts(theta):
+        def innovations(theta):
             model, initial_state = family(theta)
             filtered = self.filter(model, record, initial_state)
-            return filtered.v, filtered.L
+            covariances = filtered.B.reshape(filtered.B.shape[0], -1)
+            return jnp.concatenate([filtered.v, covariances], axis=-1)
 
-        (v, L), (dv, dL) = _value_and_columns(parts, theta)
-        inverse = _inverse(L)
+        flat, derivative = value_and_jacobian(innovations, theta)
+        m = record.z.shape[-1]
+        v, dv = flat[:, :m], derivative[:, :m]
+        B, dB = (part[:, m:].reshape(-1, m, m, *part.shape[2:]) for part in (flat, derivative))
+        inverse = inverse_cholesky(B)
         rows_v = -jnp.einsum("tij,tjp->tip", inverse, dv)
-        half = jnp.einsum("tij,tjkp->tikp", inverse, dL)
-        # L^-1 dB L^-T = X + X' with X = L^-1 dL, as B = L L'
-        G = half + jnp.swapaxes(half, 1, 2)
-        columns = _pairs(jnp.moveaxis(G, -1, 0), record.mask)
-        rows_B = -jnp.moveaxis(columns, 0, -1)
-        w = jnp.einsum("tij,tj->ti", inverse, v)
-        log_det = jnp.sum(jnp.log(jnp.diagonal(L, axis1=-2, axis2=-1)), axis=-1)
-        pairs = _pairs(jnp.eye(v.shape[-1])[None] - _outer(w), record.mask)
-        values = jnp.concatenate([w, pairs, log_det[:, None], v], axis=-1)
-        return values, jnp.concatenate([rows_v, rows_B], axis=1)
+        white = jnp.einsum("tij,tjkp,tlk->ptil", inverse, dB, inverse)
+        rows_B = -jnp.moveaxis(_pairs(white, record.mask), 0, -1)
+        return _rows(v, inverse, record.mask), jnp.concatenate([rows_v, rows_B], axis=1)
 
     def row_mask(self, mask):
         first, second = np.triu_indices(mask.shape[-1])
@@ -175,30 +169,12 @@ class FilterError(AbstractLikelihood):
         self.hold.check(t)
 
 
-def _value_and_columns(parts, theta):
-    """Return `(v, L)` and their derivatives, the parameter as last axis."""
-    flat, derivative = value_and_jacobian(lambda theta: _joined(*parts(theta)), theta)
-    count = flat.shape[-1]
-    m = int((np.sqrt(1 + 4 * count) - 1) / 2)  # count = m + m^2
-    shape = (flat.shape[0], m, m)
-    return (flat[:, :m], flat[:, m:].reshape(shape)), (
-        derivative[:, :m],
-        derivative[:, m:].reshape(*shape, -1),
-    )
-
-
-def _joined(v, L):
-    return jnp.concatenate([v, L.reshape(L.shape[0], -1)], axis=-1)
-
-
-def _inverse(L):
-    """Return the inverses of lower triangular matrices."""
-    eye = jnp.broadcast_to(jnp.eye(L.shape[-1]), L.shape)
-    return solve_triangular(L, eye, lower=True)
-
-
-def _outer(w):
-    return w[..., :, None] * w[..., None, :]
+def _rows(v, inverse, mask):
+    """Return the rows of `InnovationNoise`, from innovations and the inverses of their factors."""
+    w = jnp.einsum("tij,tj->ti", inverse, v)
+    pairs = _pairs(jnp.eye(v.shape[-1])[None] - w[:, :, None] * w[:, None, :], mask)
+    log_det = -jnp.sum(jnp.log(jnp.diagonal(inverse, axis1=-2, axis2=-1)), axis=-1)
+    return jnp.concatenate([w, pairs, log_det[:, None], v], axis=-1)
 
 
 def _pairs(symmetric, mask):

@@ -5,7 +5,7 @@ through their exact derivative `Phi`:
 
     x <- step(x),    P <- Phi P Phi' + Qd,    Qd = int_0^h e^(A s) G G' e^(A' s) ds
 
-with `A` and `G` at the middle of the step. The integral is its Taylor series,
+with `A` and `G` at the third stage of the step, its middle. The integral is its Taylor series,
 
     Qd = sum_k h^(k+1)/(k+1)! M_k,    M_0 = G G',    M_(k+1) = A M_k + M_k A'
 
@@ -20,11 +20,11 @@ deviations also where it is singular (a known initial state, no process noise), 
 derivative of a factor does not exist. Joseph's form keeps it positive semidefinite.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.linalg import solve_triangular
 
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
@@ -44,9 +44,7 @@ class Filtered(NamedTuple):
     Attributes:
         y: predicted outputs, one sample ahead.
         v: innovations `z - y`, zero at missing samples.
-        w: whitened innovations `L^-1 v`.
-        L: Cholesky factor of the covariance of the innovations, with a row of the identity for
-            each missing sample.
+        B: covariance of the innovations, with a row of the identity for each missing sample.
         x_predicted, P_predicted: state and covariance before the sample (A.19).
         x, P: state and covariance after the sample (A.24, A.25).
         Phi, Q: transition from each sample to the next, and the covariance of its noise.
@@ -54,8 +52,7 @@ class Filtered(NamedTuple):
 
     y: Float[Array, "time output"]
     v: Float[Array, "time output"]
-    w: Float[Array, "time output"]
-    L: Float[Array, "time output output"]
+    B: Float[Array, "time output output"]
     x_predicted: Float[Array, "time state"]
     P_predicted: Float[Array, "time state state"]
     x: Float[Array, "time state"]
@@ -120,9 +117,9 @@ def kalman_filter(
         sample, steps = now
         update = _update(model, x, P, sample, deviations, updates)
         x_next, Phi, Q = _predict(model, update.x, steps)
-        P_next = Phi @ update.P @ Phi.T + Q
+        P_next = congruence(Phi, update.P) + Q
         return (x_next, (P_next + P_next.T) / 2), Filtered(
-            update.y, update.v, update.w, update.L, x, P, update.x, update.P, Phi, Q
+            update.y, update.v, update.B, x, P, update.x, update.P, Phi, Q
         )
 
     return jax.lax.scan(interval, (initial_state, P), (samples, steps))[1]
@@ -133,8 +130,7 @@ class Update(NamedTuple):
 
     y: Float[Array, " output"]
     v: Float[Array, " output"]
-    w: Float[Array, " output"]
-    L: Float[Array, "output output"]
+    B: Float[Array, "output output"]
     x: Float[Array, " state"]
     P: Float[Array, "state state"]
 
@@ -146,28 +142,28 @@ def _update(model, x, P, sample: Sample, deviations, updates: int) -> Update:
     def outputs(x):
         return model.output(t, x, u)
 
-    R = jnp.diag(jnp.where(mask, deviations**2, 1.0))
+    R = jnp.where(mask, deviations**2, 1.0)
     y, H = value_and_jacobian(outputs, x)
     H = jnp.where(mask[:, None], H, 0.0)
     v = jnp.where(mask, z - y, 0.0)
-    L = jnp.linalg.cholesky(H @ P @ H.T + R)
-    w = solve_triangular(L, v, lower=True)
-    later, gain = x, _gain(P, H, L)
-    later = x + gain @ v
+    B, gain = _gain(P, H, R)
+    later = x + product(gain, v)
     for _ in range(updates - 1):
         value, H = value_and_jacobian(outputs, later)
         H = jnp.where(mask[:, None], H, 0.0)
-        gain = _gain(P, H, jnp.linalg.cholesky(H @ P @ H.T + R))
-        later = x + gain @ (jnp.where(mask, z - value, 0.0) - H @ (x - later))
-    remaining = jnp.eye(x.size) - gain @ H
-    P = remaining @ P @ remaining.T + gain @ R @ gain.T
-    return Update(y, v, w, L, later, (P + P.T) / 2)
+        _, gain = _gain(P, H, R)
+        later = x + product(gain, jnp.where(mask, z - value, 0.0) - product(H, x - later))
+    remaining = jnp.eye(x.size) - product(gain, H)
+    P = congruence(remaining, P) + product(gain * R[None], gain.T)
+    return Update(y, v, B, later, (P + P.T) / 2)
 
 
-def _gain(P, H, L):
-    """Return `P H' (L L')^-1`."""
-    half = solve_triangular(L, H @ P, lower=True)
-    return solve_triangular(L, half, lower=True, trans=1).T
+def _gain(P, H, R):
+    """Return the covariance of the innovations, and the gain `P H' B^-1`."""
+    projected = product(H, P)
+    B = product(projected, H.T) + jnp.diag(R)
+    inverse = inverse_cholesky(B)
+    return B, product(product(inverse, projected).T, inverse)
 
 
 def _predict(model, x, steps: Steps):
@@ -176,32 +172,39 @@ def _predict(model, x, steps: Steps):
     def substep(carry, now):
         x, Phi, Q = carry
         begin, h, u = now
-        x_next, own = value_and_jacobian(lambda x: _step(model, x, begin, h, u), x)
-        middle = (begin + h / 2, (x + x_next) / 2, u[1])
-        _, A = value_and_jacobian(lambda x: model.rhs(middle[0], x, middle[2]), middle[1])
-        Q = own @ Q @ own.T + _integral(A, model.diffusion(*middle), h)
-        return (x_next, own @ Phi, (Q + Q.T) / 2), None
+        k, K = jnp.zeros_like(x), jnp.zeros((x.size, x.size))
+        slope, own = k, K
+        eye = jnp.eye(x.size)
+        at, A = x, K
+        for node, weight, column in RK4_STAGES:
+            t, at = begin + node * h, x + node * h * k
+            k, A = value_and_jacobian(partial(_rate, model, t, u[column]), at)
+            K = product(A, eye + node * h * K)
+            slope, own = slope + weight * k, own + weight * K
+            if column == 1:
+                middle = t, at, u[1], A
+        t, at, u_middle, A = middle
+        own = eye + h / 6 * own
+        Q = congruence(own, Q) + _integral(A, model.diffusion(t, at, u_middle), h)
+        return (x + h / 6 * slope, product(own, Phi), (Q + Q.T) / 2), None
 
     begin = (x, jnp.eye(x.size), jnp.zeros((x.size, x.size)))
+    if steps.begin.size == 1:
+        return substep(begin, jax.tree.map(lambda leaf: leaf[0], steps))[0]
     return jax.lax.scan(substep, begin, steps)[0]
 
 
-def _step(model, x, t, h, u):
-    """Return the state after a step of the classical Runge-Kutta method."""
-    k, total = jnp.zeros_like(x), jnp.zeros_like(x)
-    for node, weight, at in RK4_STAGES:
-        k = model.rhs(t + node * h, x + node * h * k, u[at])
-        total = total + weight * k
-    return x + h / 6 * total
+def _rate(model, t, u, x):
+    return model.rhs(t, x, u)
 
 
 def _integral(A, G, h):
     """Return the covariance `Qd` that white noise adds over a step."""
-    term = h * (G @ G.T)
+    term = h * product(G, G.T)
     total = term
     for k in range(1, SERIES_TERMS):
-        product = A @ term
-        term = h / (k + 1) * (product + product.T)
+        half = product(A, term)
+        term = h / (k + 1) * (half + half.T)
         total = total + term
     return total
 
@@ -228,3 +231,38 @@ def _steady_covariance(model, x, sample: Sample, steps: Steps, deviations):
 
 
 DOUBLINGS = 30  # chosen: 2^30 samples
+
+
+def product(a, b):
+    """Return `a @ b` for small matrices.
+
+    As a sum of products, which XLA fuses with its neighbours: in the loop over the samples the call
+    of a matrix product costs more than its arithmetic.
+    """
+    if b.ndim == 1:
+        return jnp.sum(a * b[None], axis=1)
+    return jnp.sum(a[:, :, None] * b[None], axis=1)
+
+
+def congruence(a, P):
+    """Return `a P a'`."""
+    return product(product(a, P), a.T)
+
+
+def inverse_cholesky(B: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]:
+    """Return the inverse of the lower Cholesky factor of a small matrix, `L^-1` with `B = L L'`.
+
+    Column by column, with the rows of the identity eliminated alongside. NaN where B is not
+    positive definite.
+    """
+    n = B.shape[-1]
+    rest, inverse = B, jnp.broadcast_to(jnp.eye(n), B.shape)
+    rows = []
+    for j in range(n):
+        pivot = 1.0 / jnp.sqrt(rest[..., j, j])
+        row = inverse[..., j, :] * pivot[..., None]
+        column = rest[..., :, j] * pivot[..., None]
+        rows.append(row)
+        inverse = inverse - column[..., :, None] * row[..., None, :]
+        rest = rest - column[..., :, None] * column[..., None, :]
+    return jnp.stack(rows, axis=-2)

@@ -165,7 +165,7 @@ def test_iterated_update_changes_nothing_in_linear_model():
     theta = [THETA[name] for name in NAMES]
     once, _ = filter_of(problem, theta)
     thrice, _ = filter_of(problem, theta, updates=3)
-    np.testing.assert_allclose(once.w, thrice.w, atol=1e-12)
+    np.testing.assert_allclose(once.v, thrice.v, atol=1e-12)
     np.testing.assert_allclose(once.P, thrice.P, atol=1e-14)
 
 

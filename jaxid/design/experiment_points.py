@@ -20,7 +20,7 @@ Basis = Callable[[Array], Array]
 FLAT, SMALLEST_SHARE = 1e-3, 2e-3
 # Number of starts of a design of limited size that are improved by moves of points, limit of these
 # moves, and the smallest step relative to the one to the nearest peak (chosen).
-STARTS, MOVES, SMALLEST_STEP = 2, 50, 0.1
+SUBSETS, MOVES, SMALLEST_MOVE = 2, 50, 0.1
 
 
 class ExperimentPoints(eqx.Module):
@@ -160,7 +160,7 @@ def at_most(
     index = np.searchsorted(np.asarray(candidate.points), np.asarray(optimum.points))
     starts = [np.array(subset) for subset in itertools.combinations(index, count)]
     starts.sort(key=lambda start: experiments.cost(start, experiments.weights(start)))
-    best = [_moved(experiments, start) for start in starts[:STARTS]]
+    best = [_moved(experiments, start) for start in starts[:SUBSETS]]
     _, chosen = min(best, key=lambda pair: pair[0])
     return _design(candidate, experiments, chosen, total)
 
@@ -205,7 +205,7 @@ def _moved(experiments: Experiments, index: np.ndarray) -> tuple[float, np.ndarr
         phi = experiments.gains(index, weight)
         distance = np.array([_peak(phi, int(at)) for at in index]) - index
         share, lower = 1.0, False
-        while not lower and share > SMALLEST_STEP:
+        while not lower and share > SMALLEST_MOVE:
             trial = index + np.round(share * distance).astype(int)
             trial_weight = experiments.weights(trial, weight)
             trial_cost = experiments.cost(trial, trial_weight)

@@ -27,7 +27,7 @@ from .exchange import allocate
 from .measures import AbstractMeasure
 from .signals import InputSignal, combine, multisine_inputs
 
-SMALLEST_SHARE = 1e-3  # of the power; a line with less is left out of a realised signal (chosen)
+SMALLEST_LINE = 1e-3  # of the power; a line with less is left out of a realised signal (chosen)
 
 
 class OptimalSpectrum(eqx.Module):
@@ -52,7 +52,7 @@ class OptimalSpectrum(eqx.Module):
     @property
     def lines(self) -> tuple[Float[np.ndarray, " line"], Float[np.ndarray, " line"]]:
         """Frequencies with power [Hz], and their shares; neighbours on the grid are joined."""
-        support = np.flatnonzero(self.shares > SMALLEST_SHARE)
+        support = np.flatnonzero(self.shares > SMALLEST_LINE)
         groups = np.split(support, np.flatnonzero(np.diff(support) > 1) + 1)
         shares = np.array([np.sum(self.shares[group]) for group in groups])
         mean = [np.average(self.frequencies[group], weights=self.shares[group]) for group in groups]

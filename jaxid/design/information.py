@@ -29,7 +29,7 @@ WELL, ROUGHLY = 0.1, 0.5
 
 
 class PlannedInformation(eqx.Module):
-    """What an input will show of the free parameters.
+    """Predicted knowledge of the free parameters from one input.
 
     Attributes:
         name: name of the input.

@@ -1,8 +1,8 @@
 """Measures of an information matrix, computed from its square-root factor.
 
 With a factor `T` of the information, `M = T'T`, every measure is a cost to be minimised. Its
-derivative by M is `-K'K`; the rows `K` decide what an additional experiment with rows `a` is worth:
-`|a K'|^2`, the function of the general equivalence theorem (Theorem C.1).
+derivative by M is `-K'K`. An additional experiment with rows `a` has the value `|a K'|^2`, the
+function of the general equivalence theorem (Theorem C.1).
 """
 
 import abc
@@ -246,8 +246,8 @@ def discrimination(
         T = min_d |difference - sensitivities d|^2
 
     the part of the difference that the free parameters of the wrong hypothesis cannot absorb. The
-    mean of twice the difference of the log-likelihoods is T where the first hypothesis is true and
-    both are estimated, beside the expected value from the number of their parameters.
+    mean of twice the difference of the log-likelihoods where the first hypothesis is true is T
+    plus the difference of the numbers of free parameters.
 
     Source: A. C. Atkinson, V. V. Fedorov, The design of experiments for discriminating between two
     rival models, Biometrika 62(1), 1975.

@@ -3,7 +3,6 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 import jaxid
 from jaxid.models.base import AbstractModel
@@ -45,21 +44,14 @@ def measured(seed, damping, records=2, count=200):
     return made
 
 
-@pytest.mark.parametrize(
-    ("records", "noise", "damping", "names"),
-    [
-        (3, jaxid.DiagonalNoise(), 0.7, ("gain", "damping", "offset")),
-        (1, jaxid.FixedNoise([SIGMA**2]), 0.0, ("gain", "offset", "wind")),
-    ],
-)
-def test_offset_of_free_start_does_not_stop_fit(seed, records, noise, damping, names):
+def test_offset_of_free_start_does_not_stop_fit(seed):
     """The determined parameters are those of the fit without the offset, which is reported."""
-    data = measured(seed, damping, records)
-    model, likelihood = mass(1.0, damping + 0.3 * ("damping" in names)), jaxid.OutputError(noise)
-    start = ("initial_state",)
-    kept = tuple(name for name in names if name not in ("offset", "wind"))
+    data, model, likelihood = measured(seed, 0.7), mass(1.0, 1.0), jaxid.OutputError()
+    start, kept = ("initial_state",), ("gain", "damping")
     alone = jaxid.estimate(model, jaxid.free(model, *kept, per_record=start), data, likelihood)
-    both = jaxid.estimate(model, jaxid.free(model, *names, per_record=start), data, likelihood)
+    both = jaxid.estimate(
+        model, jaxid.free(model, *kept, "offset", per_record=start), data, likelihood
+    )
     assert bool(alone.successful)
     assert bool(both.successful), both.status
     for name in kept:

@@ -74,12 +74,13 @@ def curved():
 
 
 def test_bootstrap_of_regular_problem_equals_cramer_rao(white):
-    """400 draws give a standard error to 3.5 % (one sigma)."""
+    """200 draws give a standard error to 5 % (one sigma)."""
     fit, data, likelihood, _ = white
-    result = bootstrap(fit, data, likelihood, key=jax.random.key(1), draws=400)
+    result = bootstrap(fit, data, likelihood, key=jax.random.key(1), draws=200)
     assert bool(jnp.all(result.successful))
-    np.testing.assert_allclose(result.standard_errors, fit.standard_errors, rtol=0.13)
-    np.testing.assert_allclose(result.interval(), fit.interval(), atol=0.6 * fit.standard_errors[0])
+    np.testing.assert_allclose(result.standard_errors, fit.standard_errors, rtol=0.18)
+    ends = np.asarray(result.interval() - fit.interval()) / np.asarray(fit.standard_errors)[:, None]
+    assert (np.abs(ends) < 0.7).all(), ends  # a quantile of 200 draws is right to 0.2 (one sigma)
     assert (np.abs(result.bias) < 0.25 * np.asarray(fit.standard_errors)).all()
 
 
@@ -88,7 +89,7 @@ def test_block_bootstrap_keeps_colour_of_residuals(coloured):
     one by one give the Cramer-Rao bound, a third of the error.
     """
     fit, data, likelihood, _ = coloured
-    result = bootstrap(fit, data, likelihood, key=jax.random.key(1), draws=400, block=30)
+    result = bootstrap(fit, data, likelihood, key=jax.random.key(1), draws=200, block=30)
     ratio = np.asarray(result.standard_errors / fit.corrected_errors)
     assert ((ratio > 0.65) & (ratio < 1.25)).all(), ratio
     assert (np.asarray(result.standard_errors) > 1.6 * np.asarray(fit.standard_errors)).all()

@@ -1,4 +1,6 @@
-"""Functions of an estimated model: derivatives against NumPy, coverage, draws, curves."""
+"""Functions of an estimated model and errors of fixed constants: against closed forms and refits,
+and their coverage.
+"""
 
 import equinox as eqx
 import jax
@@ -9,11 +11,13 @@ from scipy.stats import binom
 
 import jaxid
 from jaxid._foundation.checks import InputError
-from jaxid.data import Record, record
+from jaxid.data import record
 from jaxid.models import LinearModel
-from jaxid.uncertainty import combine_curves, curve, propagate
+from jaxid.uncertainty import combine_curves, consider, curve, propagate
 
-DRAWS, ROWS, SIGMA = 2000, 48, 0.2
+DRAWS, ROWS, SIGMA, WIDTH = 2000, 48, 0.2, 1.959963984540054
+NOISE = np.array([0.002, 0.005])
+KNOWN = jaxid.OutputError(jaxid.FixedNoise(NOISE**2))
 A = np.array([[-0.6, 1.0], [-4.0, -0.9]])
 CHANNELS = {"states": ("alpha", "q"), "inputs": ("elevator",), "outputs": ("alpha", "q")}
 
@@ -23,20 +27,34 @@ def mode(model):
     return {"damping": -jnp.trace(model.A) / (2 * frequency), "frequency": frequency}
 
 
-@pytest.fixture(scope="module")
-def short_period():
-    """The estimate of a short period: two records, free initial states."""
-    model = LinearModel(A, [[0.0], [-3.0]], np.eye(2), np.zeros((2, 1)), **CHANNELS)
+def linear_model(upper_right=1.0):
+    matrix = np.add(A, [[0.0, upper_right - 1.0], [0.0, 0.0]])
+    return LinearModel(matrix, [[0.0], [-3.0]], np.eye(2), np.zeros((2, 1)), **CHANNELS)
+
+
+def manoeuvres(noise=1.0):
+    """Two records of a short period."""
     rng, records = np.random.default_rng(1974), []
     for start in ([0.1, 0.0], [-0.05, 0.1]):
         t = 0.05 * np.arange(120)
         u = 0.1 * (((t > 0.5) & (t < 1.5)) * 1.0 - ((t >= 1.5) & (t < 2.5)))
-        y = jaxid.simulate(model, t, u[:, None], jnp.array(start)).y
-        z = np.asarray(y) + [0.002, 0.005] * rng.normal(size=y.shape)
+        y = jaxid.simulate(linear_model(), t, u[:, None], jnp.array(start)).y
+        z = np.asarray(y) + noise * NOISE * rng.normal(size=y.shape)
         records.append(record(t, u, z, inputs=("elevator",), outputs=("alpha", "q")))
+    return records
+
+
+def short_period_of(records, upper_right=1.0):
+    """The estimate of a short period with free initial states."""
+    model = linear_model(upper_right)
     names = ("A[0,0]", "A[1,0]", "A[1,1]", "B[1,0]")
     chosen = jaxid.free(model, *names, per_record=("initial_state",))
-    return jaxid.estimate(model, chosen, records, jaxid.OutputError())
+    return jaxid.estimate(model, chosen, records, KNOWN)
+
+
+@pytest.fixture(scope="module")
+def short_period():
+    return short_period_of(manoeuvres())
 
 
 def test_error_of_mode_equals_derivative_in_numpy(short_period):
@@ -76,68 +94,134 @@ def ratio(model):
     return model.D[0, 0] / model.D[0, 2] + model.D[0, 1] ** 2
 
 
-@pytest.fixture(scope="module")
-def static():
-    """`y = D u` with three parameters, and the inputs of 48 samples."""
-    names = ("a", "b", "c")
+def regression(fixed=0.0):
+    """`y = D u` of which the last coefficient is fixed: a function that estimates the others."""
+    names = ("a", "b", "c", "fixed")
+    D = [[0.0, 0.0, 0.0, fixed]]
     model = LinearModel(
-        [[-1.0]], [[0.0] * 3], [[0.0]], [[0.0] * 3], states=("x",), inputs=names, outputs=("y",)
+        [[-1.0]], [[0.0] * 4], [[0.0]], D, states=("x",), inputs=names, outputs=("y",)
     )
-    u = np.random.default_rng(7).normal(size=(ROWS, 3))
+    likelihood = jaxid.OutputError(jaxid.FixedNoise([SIGMA**2]))
 
-    def estimated(z, u, model=model):
-        t, units = jnp.arange(ROWS * 1.0), ("",) * 3
-        mask = jnp.ones((ROWS, 1), bool)
-        data = Record(t, u, z[:, None], mask, {}, names, ("y",), units, ("",), ("",))
-        noise = jaxid.FixedNoise([SIGMA**2])
-        return jaxid.estimate(model, jaxid.free(model, "D"), data, jaxid.OutputError(noise))
+    def estimated(z, u):
+        data = record(np.arange(ROWS * 1.0), u, z, inputs=names, outputs=("y",))
+        chosen = jaxid.free(model, "D[0,0]", "D[0,1]", "D[0,2]")
+        return jaxid.estimate(model, chosen, data, likelihood), data, likelihood
 
-    return estimated, u
+    return estimated
 
 
-def test_interval_of_function_covers_nominal_share(static):
-    """2,000 records under `vmap`; the band holds a right share with 99.9 %."""
-    estimated, u = static
-    truth = np.array([1.0, -2.0, 0.5])
-    z = jnp.asarray(u @ truth)[None] + SIGMA * jax.random.normal(
-        jax.random.key(1974), (DRAWS, ROWS)
-    )
-    run = eqx.filter_jit(
-        eqx.filter_vmap(lambda z: propagate(estimated(z, jnp.asarray(u)), ratio).interval())
-    )
-    ends = np.asarray(run(z))
+def inputs(last=0.0):
+    u = np.random.default_rng(7).normal(size=(ROWS, 4))
+    u[:, 3] = last * (u[:, 3] + 0.7 * u[:, 0])
+    return u
+
+
+def band():
+    """Shares that a right 95 % interval meets with 99.9 % probability."""
+    return binom.ppf([0.0005, 0.9995], DRAWS, 0.95) / DRAWS
+
+
+def test_interval_of_function_covers_nominal_share():
+    """2,000 estimates: of a linear model they are least squares, and their covariance is one."""
+    u, truth = inputs(), np.array([1.0, -2.0, 0.5])
+    free, rng = u[:, :3], np.random.default_rng(1974)
+    z = (free @ truth)[:, None] + SIGMA * rng.normal(size=(ROWS, DRAWS))
+    values = np.linalg.solve(free.T @ free, free.T @ z).T
+    fit, _, _ = regression()(z[:, 0], u)
+    np.testing.assert_allclose(fit.values, values[0], rtol=1e-8)
+
+    def ends_of(values):
+        return propagate(eqx.tree_at(lambda e: e.values, fit, values), ratio).interval()
+
+    ends = np.asarray(jax.jit(jax.vmap(ends_of))(jnp.asarray(values)))
     expected = truth[0] / truth[2] + truth[1] ** 2
     covered = np.mean((ends[:, 0] <= expected) & (expected <= ends[:, 1]))
-    low, high = binom.ppf([0.0005, 0.9995], DRAWS, 0.95) / DRAWS
+    low, high = band()
     assert low <= covered <= high, covered
 
 
-def test_sum_is_determined_where_terms_are_not(static):
+def test_covariance_widened_by_constant_equals_closed_form_and_covers():
+    """2,000 draws in NumPy, each with its own true constant and noise."""
+    u, deviation = inputs(last=1.0), 0.1
+    truth, rng = np.array([1.0, -2.0, 0.5, 0.8]), np.random.default_rng(1974)
+    estimated = regression(fixed=truth[3])
+    fit, data, likelihood = estimated(u @ truth + SIGMA * rng.normal(size=ROWS), u)
+    result = consider(fit, data, likelihood, {"D[0,3]": deviation})
+    free, fixed = u[:, :3], u[:, 3]
+    inverse = np.linalg.inv(free.T @ free)
+    K = -inverse @ free.T @ fixed
+    P = SIGMA**2 * inverse + deviation**2 * np.outer(K, K)
+    np.testing.assert_allclose(result.gain[:, 0], K, rtol=1e-9)
+    np.testing.assert_allclose(result.covariance, P, rtol=1e-9)
+    error = deviation * rng.normal(size=DRAWS)
+    noise = SIGMA * rng.normal(size=(ROWS, DRAWS))
+    errors = inverse @ free.T @ (fixed[:, None] * error + noise)
+    low, high = band()
+
+    def covered(deviation):
+        return np.mean(np.abs(errors) < WIDTH * np.asarray(deviation)[:, None], axis=1)
+
+    together = covered(result.standard_errors)
+    assert (low <= together).all(), together
+    assert (together <= high).all(), together
+    assert covered(fit.standard_errors)[0] < 0.75  # without the constant
+    # A function of parameter and constant: their errors are correlated.
+    total = propagate(fit, lambda model: model.D[0, 0] + model.D[0, 3], considered=result)
+    variance = SIGMA**2 * inverse[0, 0] + (deviation * (K[0] + 1)) ** 2
+    np.testing.assert_allclose(total.standard_errors, np.sqrt(variance), rtol=1e-9)
+    assert "by D[0,3]" in str(result)
+    with pytest.raises(InputError, match="is free"):
+        consider(fit, data, likelihood, {"D[0,0]": 0.1})
+    with pytest.raises(InputError, match="must be positive"):
+        consider(fit, data, likelihood, {"D[0,3]": 0.0})
+    with pytest.raises(InputError, match="no fixed constant 'mass'"):
+        consider(fit, data, likelihood, {"mass": 1.0})
+
+
+def test_gain_of_constant_equals_difference_of_refits():
+    """Without noise; the initial states of both records are free. Step 1e-4: the difference is
+    right to 1e-7 of the curvature.
+    """
+    step, records = 1e-4, manoeuvres(noise=1e-6)
+    fit = short_period_of(records)
+    result = consider(fit, records, KNOWN, {"A[0,1]": 0.05})
+    high, low = (short_period_of(records, 1.0 + change) for change in (step, -step))
+    by_refit = np.asarray(high.values - low.values) / (2 * step)
+    np.testing.assert_allclose(result.gain[:, 0], by_refit, rtol=1e-4, atol=1e-5)
+    own = fit.information.own
+    reaction = -np.asarray(own.inverse) @ np.asarray(own.coupling)
+    total = np.asarray(result.own_gain[..., 0]) + reaction @ np.asarray(result.gain[:, 0])
+    by_refit = np.asarray(high.own - low.own) / (2 * step)
+    np.testing.assert_allclose(total, by_refit, rtol=1e-4, atol=1e-5)
+
+
+def test_sum_is_determined_where_terms_are_not():
     """Two equal inputs: only the sum of their coefficients has information."""
-    estimated, u = static
-    equal = u[:, [0, 0, 2]]
-    fit = estimated(jnp.asarray(equal @ [1.0, 2.0, 0.5]), jnp.asarray(equal))
+    u = inputs()
+    u[:, 1] = u[:, 0]
+    fit, _, _ = regression()(u @ [1.0, 2.0, 0.5, 0.0], u)
     result = propagate(fit, lambda model: {"both": model.D[0, 0] + model.D[0, 1], "D": model.D[0]})
     errors = np.append(result.standard_errors["both"], result.standard_errors["D"])
     assert np.isinf(errors[1:3]).all()
-    gram = np.linalg.inv(equal[:, 1:].T @ equal[:, 1:])
+    gram = np.linalg.inv(u[:, 1:3].T @ u[:, 1:3])
     np.testing.assert_allclose(errors[[0, 3]], SIGMA * np.sqrt(np.diagonal(gram)), rtol=1e-9)
+    assert errors[4] == 0.0  # the fixed coefficient
 
 
-def test_curve_of_polynomial_and_weighted_mean_equal_closed_form(static):
+def test_curve_of_polynomial_and_weighted_mean_equal_closed_form():
     """Eq. 4.15 with inverse variances, each curve where it is valid."""
-    estimated, u = static
+    estimated, u = regression(), inputs()
     rng, points = np.random.default_rng(3), np.linspace(-1.0, 1.0, 9)
     powers = np.stack([np.ones(9), points, points**2], axis=-1)
 
     def polynomial(model, alpha):
-        return model.D[0] @ jnp.stack([jnp.ones(()), alpha, alpha**2])
+        return model.D[0, :3] @ jnp.stack([jnp.ones(()), alpha, alpha**2])
 
     curves, fits = [], []
     for scale, within in ((1.0, (-1.0, 0.5)), (2.0, (-0.5, 1.0))):
-        inputs = scale * u
-        z = inputs @ [1.0, -2.0, 0.5] + SIGMA * rng.normal(size=ROWS)
-        fits.append(estimated(jnp.asarray(z), jnp.asarray(inputs)))
+        z = scale * u @ [1.0, -2.0, 0.5, 0.0] + SIGMA * rng.normal(size=ROWS)
+        fits.append(estimated(z, scale * u)[0])
         curves.append(curve(fits[-1], polynomial, points, within=within))
     variances = [
         np.einsum("kp,pq,kq->k", powers, np.asarray(fit.covariance), powers) for fit in fits

@@ -23,6 +23,7 @@ from .data import (
 from .diagnosis import predict, prediction_bands, residual_tests
 from .effects import Augmented, Effect
 from .estimation import (
+    AutoregressiveNoise,
     Estimate,
     FilterError,
     FirstOrder,
@@ -35,7 +36,6 @@ from .estimation import (
 from .estimation import spectrum_policy as spectrum
 from .models import (
     AbstractModel,
-    AutoregressiveNoise,
     DiagonalNoise,
     FixedNoise,
     Free,

@@ -1,5 +1,6 @@
 """Likelihoods, the Gauss-Newton solver with the report's eigenvalue fixes, and `estimate`."""
 
+from .autoregressive_noise import AutoregressiveNoise, select_order
 from .estimate import estimate
 from .filter_error import FilterError
 from .likelihoods import OutputError
@@ -11,6 +12,7 @@ from .solver import GaussNewton
 from .spectrum_policy import Clip, Plain, Truncate, TwoStep
 
 __all__ = [
+    "AutoregressiveNoise",
     "Clip",
     "Estimate",
     "FilterError",
@@ -24,5 +26,6 @@ __all__ = [
     "TwoStep",
     "estimate",
     "listing",
+    "select_order",
     "smooth",
 ]

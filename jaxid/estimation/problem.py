@@ -227,10 +227,7 @@ class Problem(eqx.Module):
 
         def transforms(S, own, mask):
             white = whiten(S, mask)
-            columns = [
-                white[..., :count] @ own.inverse[:, None],
-                self._projected(white, own) @ half,
-            ]
+            columns = white[..., :count] @ own.inverse[:, None], self._projected(white, own) @ half
             return jnp.fft.rfft(jnp.concatenate(columns, axis=-1), 2 * mask.shape[1], axis=1)
 
         def power(columns):

@@ -1,6 +1,5 @@
 """Models: abstract base class, free parameters, polynomials, tables, linear and noise models."""
 
-from .autoregressive_noise import AutoregressiveNoise
 from .base import AbstractModel
 from .free import Free, Parameters, free, with_values
 from .linear import LinearModel
@@ -13,7 +12,6 @@ from .tables import Extrapolation, Interpolation, Table, range_violations, requi
 
 __all__ = [
     "AbstractModel",
-    "AutoregressiveNoise",
     "DiagonalNoise",
     "Extrapolation",
     "FixedNoise",

@@ -12,9 +12,8 @@ from scipy.stats import binom
 
 from jaxid._foundation.checks import InputError
 from jaxid.data import Record, record
-from jaxid.estimation import OutputError, estimate
-from jaxid.models import AutoregressiveNoise, free
-from jaxid.models.autoregressive_noise import select_order
+from jaxid.estimation import AutoregressiveNoise, OutputError, estimate, select_order
+from jaxid.models import free
 
 DRAWS, P, B, X0, SIGMA = 500, 1.0, 2.0, 0.5, 0.2
 COEFFICIENTS = {1: (0.8,), 2: (1.2, -0.5)}

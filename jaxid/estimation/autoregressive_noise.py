@@ -24,7 +24,7 @@ import optimistix as optx
 from .._foundation.checks import InputError, require
 from .._foundation.grid import is_uniform
 from .._foundation.types import Array, Bool, Float
-from .noise import AbstractNoise, AbstractWhitening
+from ..models.noise import AbstractNoise, AbstractWhitening
 
 # Samples with valid predecessors that a channel needs for each coefficient (chosen).
 SAMPLES_PER_COEFFICIENT = 10
@@ -186,8 +186,8 @@ def _most_likely(products, count, lags):
 
     search = optx.BFGS(rtol=TOLERANCE, atol=TOLERANCE)
     start = jnp.arctanh(_partial_correlations(lags))
-    found = optx.minimise(cost, search, start, max_steps=MAX_STEPS, throw=False).value
-    predictors = _predictors(jnp.tanh(found))
+    best = optx.minimise(cost, search, start, max_steps=MAX_STEPS, throw=False).value
+    predictors = _predictors(jnp.tanh(best))
     return predictors, variance(predictors)
 
 

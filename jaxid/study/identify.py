@@ -2,7 +2,8 @@
 tuning.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -79,12 +80,12 @@ def identify(
     single = unstack(as_stack(records)) if isinstance(records, Record) else list(records)
     require(len(single) > 0, "There is no record to identify from. Give at least one.")
     measured = [model.pseudo_measurements(record) for record in single]
-    known = (model, single, likelihood, options, per_record)
-    chosen = _structure(*known, *_regressions(measured, options))
+    build = partial(_structure, model, single, likelihood, options, per_record)
+    chosen = build(*_regressions(measured, options))
     first = a_priori(chosen.model, chosen.free, chosen.records, likelihood)
     reduced = ""
     if not np.isfinite(first.cost):
-        chosen, reduction = _reduced(known, measured, chosen)
+        chosen, reduction = _reduced(build, measured, options, likelihood, chosen)
         reduced = f"{reduction}, because the terms as selected diverge at the start"
         first = a_priori(chosen.model, chosen.free, chosen.records, likelihood)
     fit = estimate(chosen.model, chosen.free, chosen.records, likelihood, solver=solver)
@@ -140,19 +141,24 @@ def _structure(model, single, likelihood, options, per_record, equations, centre
     return _Structure(equations, centre, start_model, chosen, prepared)
 
 
-def _reduced(known, measured, diverging: _Structure) -> tuple[_Structure, Reduction]:
+def _reduced(
+    build: Callable[..., _Structure],
+    measured: Sequence[PseudoMeasurements],
+    options: IdentifyOptions,
+    likelihood: AbstractLikelihood,
+    diverging: _Structure,
+) -> tuple[_Structure, Reduction]:
     """Return the first reduced structure whose simulation is finite, and its reduction.
 
     Raises:
         InputError: if none is; with record, time and state at which the last one diverges.
     """
-    *_, likelihood, options, _ = known
     structures = [AS_SELECTED]
     for reduction in REDUCTIONS:
         equations, centre = _regressions(measured, options, reduction)
         if not any(one.kept for one in equations.values()):
             break
-        chosen = _structure(*known, equations, centre)
+        chosen = build(equations, centre)
         if chosen.terms == diverging.terms:
             continue
         diverging = chosen

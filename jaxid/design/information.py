@@ -188,7 +188,7 @@ def planned_information(
         f"The sensitivities under the input {name!r} are not finite. Lower its amplitude, or plan "
         "with values for which the model is stable.",
     )
-    triangle = np.linalg.qr(np.pad(factor, ((0, factor.shape[1]), (0, 0))), mode="r")
+    triangle = np.asarray(np.linalg.qr(np.pad(factor, ((0, factor.shape[1]), (0, 0))), mode="r"))
     decomposition = spectrum(triangle, np.zeros(triangle.shape[0]))
     covariance = np.asarray(decomposition.covariance(SPREAD))
     units = model.units()

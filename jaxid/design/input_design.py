@@ -155,11 +155,16 @@ def design_input(
             np.zeros((0, len(free.shared))) if earlier is None else np.array(earlier),
         ]
     )
-    information = InformationObjective(hypothesis, measure, jnp.asarray(known), likelihood)
+    information = InformationObjective(
+        hypothesis=hypothesis,
+        measure=measure,
+        earlier=jnp.asarray(known),
+        likelihood=likelihood,
+    )
     objective = information
     if rival is not None:
         other = _hypothesis(canonical(rival[0]), rival[1], state)
-        objective = Discrimination(hypothesis, other, likelihood)
+        objective = Discrimination(true=hypothesis, wrong=other, likelihood=likelihood)
     task = Task(objective, hypothesis, shape, arrays, t, trim)
     starts, costs, factors = random_starts(task, information, seed)
     _require_shown(model, free, factors)
@@ -212,7 +217,7 @@ def expected_chi_square(
         )
         for model, free in (true, wrong)
     )
-    objective = Discrimination(first, second, canonical(likelihood))
+    objective = Discrimination(true=first, wrong=second, likelihood=canonical(likelihood))
     return float(_chi_square(objective, record.t, record.u))
 
 

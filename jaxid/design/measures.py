@@ -7,7 +7,7 @@ function of the general equivalence theorem (Theorem C.1).
 
 import abc
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -262,12 +262,12 @@ def discrimination(
     return factor[-1, -1] ** 2
 
 
-def _library(array):
+def _library(array) -> Any:
     """Return NumPy for a NumPy array, else `jax.numpy`."""
     return np if isinstance(array, np.ndarray) else jnp
 
 
-def _triangle(factor):
+def _triangle(factor) -> Any:
     """Return the triangle of a factor; in NumPy its diagonal may be negative."""
     if _library(factor) is jnp:
         return triangle(factor)
@@ -275,9 +275,9 @@ def _triangle(factor):
     return np.linalg.qr(np.pad(factor, ((0, missing), (0, 0))), mode="r")
 
 
-def _solve(T, right, *, transposed: bool = False):
+def _solve(T, right, *, transposed: bool = False) -> Any:
     """Return `T^-1 right` or `T^-T right`, not finite where the triangle is singular."""
-    trans = "T" if transposed else "N"
+    trans: Any = "T" if transposed else "N"
     if _library(T) is jnp:
         return jax.scipy.linalg.solve_triangular(T, right, trans=trans)
     try:

@@ -34,7 +34,9 @@ class AbstractShape(eqx.Module):
         """Return random parameters from which an optimisation begins."""
 
     @abc.abstractmethod
-    def scaled(self, p: Float[Array, "*axis parameter"], factor: Float[Array, ""]):
+    def scaled(
+        self, p: Float[Array, "*axis parameter"], factor: Float[Array, ""]
+    ) -> Float[Array, "*axis parameter"]:
         """Return the parameters of the signal times a factor."""
 
 

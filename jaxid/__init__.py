@@ -3,7 +3,7 @@
 Call `configure()` before the first array is made: jaxid computes in float64.
 """
 
-from . import data, diagnosis, effects, models, structure, study, uncertainty
+from . import data, design, diagnosis, effects, models, structure, study, uncertainty
 from ._foundation.checks import InputError
 from ._foundation.configuration import configure
 from .data import (
@@ -31,7 +31,7 @@ from .estimation import (
     GaussNewton,
     OutputError,
     estimate,
-    smooth,
+    smooth_states,
 )
 from .estimation import spectrum_policy as spectrum
 from .models import (
@@ -53,6 +53,7 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     "configure",
     # Modules: the rest of the library, by subject
     "data",
+    "design",
     "diagnosis",
     "effects",
     "hold",
@@ -98,7 +99,7 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     "FilterError",
     "FirstOrder",
     "Fixed",
-    "smooth",
+    "smooth_states",
     "GaussNewton",
     "propagate",
     # Diagnosis

@@ -7,7 +7,7 @@ from .likelihoods import OutputError
 from .listing import listing
 from .noise_options import FirstOrder, Fixed
 from .result import Estimate
-from .smoother import Smoothed, smooth
+from .smoother import Smoothed, smooth_states
 from .solver import GaussNewton
 from .spectrum_policy import Clip, Plain, Truncate, TwoStep
 
@@ -27,5 +27,5 @@ __all__ = [
     "estimate",
     "listing",
     "select_order",
-    "smooth",
+    "smooth_states",
 ]

@@ -1,4 +1,4 @@
-r"""`smooth`: states and disturbances of records given all samples, with standard deviations.
+r"""`smooth_states`: states and disturbances of records given all samples, with standard deviations.
 
 Backwards through the filter of a record (Rauch, Tung & Striebel, AIAA Journal 3, 1965), with
 triangular factors of all covariances, `P = F F'`:
@@ -59,7 +59,7 @@ class Smoothed(eqx.Module):
         return self.values[..., at], self.standard_deviations[..., at]
 
 
-def smooth(
+def smooth_states(
     model: AbstractModel | Estimate, records: Record | Sequence[Record], likelihood: FilterError
 ) -> Smoothed:
     """Return the states and disturbances of records, given all their samples.

@@ -10,7 +10,7 @@ from scipy import optimize
 
 from jaxid import InputError
 from jaxid.data import record
-from jaxid.estimation import FilterError, FirstOrder, Fixed, OutputError, estimate, smooth
+from jaxid.estimation import FilterError, FirstOrder, Fixed, OutputError, estimate, smooth_states
 from jaxid.estimation.estimate import as_stack
 from jaxid.models import LinearModel, free
 
@@ -124,7 +124,7 @@ def test_smoothed_force_and_its_deviation_agree_with_truth():
     )
     z[:, 0] = 0.0  # the start of the state is known, and read from the record
     stack = [as_record(t, u, z[i]) for i in range(10)]
-    smoothed = smooth(truth, stack, likelihood)
+    smoothed = smooth_states(truth, stack, likelihood)
     assert smoothed.names == ("x", "force")
     force, deviation = smoothed.signal("force")
     normalised = (np.asarray(force) - states[..., 1]) / np.asarray(deviation)
@@ -136,13 +136,13 @@ def test_smoothed_force_and_its_deviation_agree_with_truth():
 
 
 def test_smoother_of_estimate_takes_its_initial_states(fit, records):
-    smoothed = smooth(fit, records, FilterError(FORCED))
+    smoothed = smooth_states(fit, records, FilterError(FORCED))
     assert smoothed.values.shape == (2, 400, 2)
     assert bool(jnp.all(jnp.isfinite(smoothed.values)))
     # a free initial state is known: the smoother leaves it where it is
     np.testing.assert_allclose(smoothed.values[:, 0, 0], fit.own[:, 0], rtol=1e-9)
     with pytest.raises(InputError, match="each of 2 records, and there are 1"):
-        smooth(fit, records[0], FilterError(FORCED))
+        smooth_states(fit, records[0], FilterError(FORCED))
 
 
 UNSEEN = LinearModel(

@@ -268,7 +268,8 @@ class Problem(eqx.Module):
 
     def _fold(self, S, v, mask, whiten: AbstractWhitening):
         """Return the triangles of some records, and their rows of the noise's curvature."""
-        white_v, white_S = whiten(v[:, :, : S.shape[2]], mask), whiten(S, mask)
+        v, mask = v[..., : S.shape[2]], mask[..., : S.shape[2]]
+        white_v, white_S = whiten(v, mask), whiten(S, mask)
         count = self.positions.rows.size
         triangles = record_triangles(white_S[..., :count], white_S[..., count:], white_v)
         return triangles, self.likelihood.noise.profile_rows(white_S, white_v, mask)

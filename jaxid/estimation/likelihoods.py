@@ -87,7 +87,13 @@ class AbstractLikelihood(eqx.Module):
             theta: values of the free parameters, those of this record first.
             record: a single record.
         """
-        return forward_sensitivities(self, family, theta, record)
+
+        def rows(theta):
+            model, initial_state = family(theta)
+            return self.rows(model, record, initial_state)
+
+        value, jacobian = value_and_jacobian(rows, theta)
+        return value, -jacobian
 
     def compact(self) -> "AbstractLikelihood":
         """Return the same likelihood in its fastest-compiling form, for models of many effects."""
@@ -130,8 +136,7 @@ class OutputError(AbstractLikelihood):
         model, initial_state = family(theta)
         solution = self.solve(model, record, initial_state)
         trajectory = Trajectory(record.t, record.u, solution.x, self.hold, stepper)
-        S = trajectory_sensitivities(family, theta, trajectory)
-        return _residuals(record, solution.y), jnp.where(record.mask[..., None], S, 0.0)
+        return _residuals(record, solution.y), trajectory_sensitivities(family, theta, trajectory)
 
     def compact(self):
         return OutputError(self.noise, self.hold, self.stepper.compact())
@@ -150,19 +155,20 @@ def forward_sensitivities(
     family: FreeModel,
     theta: Float[Array, " column"],
     record: Record,
-) -> tuple[Float[Array, "time row"], Float[Array, "time row column"]]:
-    """Return the rows and sensitivities of one record by forward mode through `rows`.
+) -> tuple[Float[Array, "time output"], Float[Array, "time output column"]]:
+    """Return the residuals of one record and the sensitivities of its outputs, at missing samples
+    too, by forward mode through `solve`.
 
-    It serves every likelihood, stepper and model, at the cost of pushing each column through the
-    whole simulation.
+    It serves every stepper and model, at the cost of pushing each column through the whole
+    simulation.
     """
 
-    def rows(theta):
+    def outputs(theta):
         model, initial_state = family(theta)
-        return likelihood.rows(model, record, initial_state)
+        return likelihood.solve(model, record, initial_state).y
 
-    value, jacobian = value_and_jacobian(rows, theta)
-    return value, -jacobian
+    y, S = value_and_jacobian(outputs, theta)
+    return _residuals(record, y), S
 
 
 def _residuals(record: Record, y: Float[Array, "time output"]) -> Float[Array, "time output"]:

@@ -1,0 +1,300 @@
+"""Designed inputs against conventional ones: `python -m benchmarks.input_design [--json]`.
+
+A nonlinear longitudinal aircraft (short period) and a linear lateral one (dutch roll, aileron and
+rudder). Each input is designed under three limits: equal energy, equal peak, and an envelope of the
+motion. The conventional inputs (doublet, 3-2-1-1, 2-1-1, sine, sweep, multisines), each with pulses
+for five frequencies about the mode's, are scaled to the same limits. The table shows the total
+standard error, `sqrt(sum (error / value)^2)`, of the design over that of the best input of each
+family, at equal duration. Goal: at least 30 % below the best of all.
+
+The standard errors that the design and the best conventional input within the envelope predict are
+compared with the scatter of the estimates from simulated flights, 500 by default, in one `vmap`.
+"""
+
+import argparse
+import json
+import math
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxid import FixedNoise, LinearModel, OutputError, configure, estimate, free
+from jaxid._foundation.types import Array
+from jaxid.aircraft.flight.longitudinal_flight import (
+    LONGITUDINAL_SPEED,
+    NOISE_DEG,
+    NOISE_SI,
+    level_trim,
+    true_aircraft,
+)
+from jaxid.data import Record
+from jaxid.design import (
+    Design,
+    InputSignal,
+    Limits,
+    PlannedInformation,
+    Trace,
+    conventional_inputs,
+    design_input,
+    information_of,
+    planned_record,
+    sample_times,
+    spline,
+)
+from jaxid.models import AbstractModel, Free
+from jaxid.models.names import read_parameters
+
+FREQUENCY_FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
+UNBOUNDED = math.radians(80.0)  # envelope of the designs under equal energy and equal peak
+
+
+class Case(NamedTuple):
+    """An aircraft at a trim, with its instruments and limits.
+
+    Attributes:
+        peak: largest deflection from trim [rad].
+        energy: of all deflections [rad^2 s].
+        envelope: largest deviation from trim of some states or outputs [rad, rad/s].
+        frequency: of the mode [Hz].
+    """
+
+    model: AbstractModel
+    free: Free
+    likelihood: OutputError
+    t: Array
+    trim_state: Array
+    trim_input: Array
+    peak: float
+    energy: float
+    envelope: dict[str, float]
+    frequency: float
+    knots: int
+
+    @property
+    def start(self) -> dict[str, Array]:
+        """Keyword arguments that begin a simulation at trim."""
+        return {"trim_input": self.trim_input, "initial_state": self.trim_state}
+
+
+def short_period() -> Case:
+    """Return the longitudinal aircraft in level flight, elevator with 3 deg and 10 s at 25 Hz."""
+    aircraft = true_aircraft()
+    state, elevator, thrust = level_trim(aircraft, LONGITUDINAL_SPEED)
+    model = eqx.tree_at(lambda m: m.thrust, aircraft, thrust)
+    deviations = [
+        np.radians(NOISE_DEG[name]) if name in NOISE_DEG else NOISE_SI[name]
+        for name in model.outputs
+    ]
+    names = [f"{c}.{term}" for c in ("CZ", "Cm") for term in ("alpha", "qhat", "elevator")]
+    return Case(
+        model,
+        free(model, *names, per_record=("initial_state",)),
+        OutputError(FixedNoise(jnp.array(deviations) ** 2)),
+        sample_times(10.0, 0.04),
+        state,
+        elevator[None],
+        peak=math.radians(3.0),
+        energy=0.006,
+        envelope={"alpha": math.radians(4.0), "q": math.radians(12.0)},
+        frequency=0.25,
+        knots=24,
+    )
+
+
+def dutch_roll() -> Case:
+    """Return a linear lateral aircraft of a fighter's magnitude, our choice; 12 s at 25 Hz."""
+    model = LinearModel(
+        A=[
+            [-0.12, 0.1, -1.0, 0.05],
+            [-9.0, -1.4, 0.6, 0.0],
+            [4.0, -0.05, -0.3, 0.0],
+            [0, 1, 0.1, 0],
+        ],
+        B=[[0.0, 0.03], [9.0, 2.0], [0.4, -2.5], [0.0, 0.0]],
+        C=np.eye(4),
+        D=np.zeros((4, 2)),
+        states=("beta", "p", "r", "phi"),
+        inputs=("aileron", "rudder"),
+        outputs=("beta_vane", "p_gyro", "r_gyro", "phi_gyro"),
+    )
+    elements = [f"{m}[{i},{j}]" for i in (1, 2) for m, j in (("A", 0), ("A", 1), ("A", 2))]
+    controls = [f"B[{i},{j}]" for i in (1, 2) for j in (0, 1)]
+    return Case(
+        model,
+        free(model, *elements, *controls, per_record=("initial_state",)),
+        OutputError(FixedNoise(jnp.radians(jnp.array([0.1, 0.15, 0.1, 0.1])) ** 2)),
+        sample_times(12.0, 0.04),
+        jnp.zeros(4),
+        jnp.zeros(2),
+        peak=math.radians(4.0),
+        energy=0.012,
+        envelope={"beta": math.radians(4.0), "p": math.radians(30.0), "phi": math.radians(40.0)},
+        frequency=0.33,
+        knots=20,
+    )
+
+
+CASES = {"short period": short_period, "dutch roll": dutch_roll}
+
+
+def limits_of(case: Case) -> dict[str, Limits]:
+    """Return the limits of the three comparisons."""
+    inputs = case.model.inputs
+    trim = trim_values(case)
+    wide = {name: (value - UNBOUNDED, value + UNBOUNDED) for name, value in trim.items()}
+    tight = {
+        name: (value - case.envelope[name], value + case.envelope[name])
+        for name, value in trim.items()
+    }
+    large = dict.fromkeys(inputs, math.radians(25.0))
+    rate = dict.fromkeys(inputs, math.radians(100.0))
+    peak = dict.fromkeys(inputs, case.peak)
+    return {
+        "equal energy": Limits(large, rate, case.energy, wide),
+        "equal peak": Limits(peak, rate, None, wide),
+        "envelope": Limits(large, rate, None, tight),
+    }
+
+
+def trim_values(case: Case) -> dict[str, float]:
+    """Return the limited quantities at trim."""
+    y = case.model.output(jnp.zeros(()), case.trim_state, case.trim_input)
+    known = dict(zip(case.model.outputs, y, strict=True))
+    known |= dict(zip(case.model.states, case.trim_state, strict=True))
+    return {name: float(known[name]) for name in case.envelope}
+
+
+def families(case: Case) -> list[InputSignal]:
+    """Return the conventional inputs for several frequencies about the mode's."""
+    signals = []
+    for factor in FREQUENCY_FACTORS:
+        f = factor * case.frequency
+        inputs = conventional_inputs(case.t, f, (0.4 * f, 4.0 * f), case.model.inputs, start=0.2)
+        signals += list(inputs.values())
+    return signals
+
+
+def compare(case: Case, seed: int) -> tuple[dict[str, Any], Design]:
+    """Return the ratios of total standard errors for the three limits, and the last design."""
+    values = read_parameters(case.model, case.free.shared)
+    measure = Trace(1.0 / values**2)
+    signals = families(case)
+    table: dict[str, Any] = {}
+    for name, limits in limits_of(case).items():
+        begin = time.process_time()
+        design = design_input(
+            case.model,
+            case.free,
+            case.t,
+            spline(case.t, case.knots),
+            measure,
+            limits,
+            case.likelihood,
+            conventional=signals,
+            seed=seed,
+            **case.start,
+        )
+        best: dict[str, float] = {}
+        for comparison in design.comparisons:
+            lowest = min(best.get(comparison.name, np.inf), comparison.within_limits)
+            best[comparison.name] = lowest
+        ratios = {family: math.exp(0.5 * (design.cost - cost)) for family, cost in best.items()}
+        table[name] = {
+            "total_relative_error": math.exp(0.5 * design.cost),
+            "ratio_to_family": ratios,
+            "ratio_to_best": max(ratios.values()),
+            "largest_use_of_a_limit": max(design.limits_used.values()),
+            "processor_seconds": time.process_time() - begin,
+        }
+    return table, design
+
+
+class PlannedFlight(NamedTuple):
+    """A record to fly, and what it is predicted to show."""
+
+    record: Record
+    information: PlannedInformation
+
+
+def best_conventional(case: Case, design: Design) -> PlannedFlight:
+    """Return the best conventional input, scaled to the peak of the design."""
+    index = int(np.argmin([comparison.equal_peak for comparison in design.comparisons]))
+    signal = families(case)[index].with_peak(float(jnp.max(design.signal.peak)))
+    record = planned_record(case.model, signal, case.likelihood, **case.start)
+    shown = information_of(
+        case.model, case.free, record, case.likelihood, initial_state=case.trim_state
+    )
+    return PlannedFlight(record, shown)
+
+
+def realised(case: Case, flight: PlannedFlight, draws: int, seed: int) -> dict[str, float]:
+    """Return the scatter of estimates from simulated flights over the predicted error, by name."""
+    deviation = jnp.sqrt(jnp.diagonal(case.likelihood.noise.R))
+    noise = jax.random.normal(jax.random.key(seed), (draws, *flight.record.z.shape)) * deviation
+
+    def values(noise):
+        noisy = eqx.tree_at(lambda record: record.z, flight.record, flight.record.z + noise)
+        return estimate(case.model, case.free, noisy, case.likelihood).values
+
+    scatter = np.std(np.asarray(eqx.filter_jit(jax.vmap(values))(noise)), axis=0)
+    ratio = scatter / flight.information.standard_errors
+    return dict(zip(case.free.shared, ratio.tolist(), strict=True))
+
+
+def measure(draws: int, seed: int, names: Sequence[str] = tuple(CASES)) -> dict[str, Any]:
+    """Return all comparisons of the given cases."""
+    results: dict[str, Any] = {}
+    for name in names:
+        case = CASES[name]()
+        table, design = compare(case, seed)
+        results[name] = {"designs": table}
+        if draws:
+            planned = {
+                "design": PlannedFlight(design.record, design.information),
+                "best conventional": best_conventional(case, design),
+            }
+            results[name]["realised_over_predicted"] = {
+                label: realised(case, flight, draws, seed) for label, flight in planned.items()
+            }
+    return results
+
+
+def table(results: dict[str, Any]) -> str:
+    """Return the comparisons as text."""
+    lines = []
+    for name, result in results.items():
+        lines.append(f"{name}: total standard error of the design over that of")
+        families = list(next(iter(result["designs"].values()))["ratio_to_family"])
+        lines.append(f"{'':<22}" + "".join(f"{limit:>14}" for limit in result["designs"]))
+        for family in families:
+            cells = [d["ratio_to_family"][family] for d in result["designs"].values()]
+            lines.append(f"{family:<22}" + "".join(f"{cell:>14.2f}" for cell in cells))
+        cells = [d["ratio_to_best"] for d in result["designs"].values()]
+        lines.append(f"{'the best of them':<22}" + "".join(f"{cell:>14.2f}" for cell in cells))
+        for label, ratios in result.get("realised_over_predicted", {}).items():
+            low, high = min(ratios.values()), max(ratios.values())
+            lines.append(f"scatter over predicted error, {label}: {low:.2f} to {high:.2f}")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the comparisons and print them."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--draws", type=int, default=500, help="simulated flights per input")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--cases", nargs="*", choices=CASES, default=list(CASES))
+    options = parser.parse_args(arguments)
+    configure()
+    results = measure(options.draws, options.seed, options.cases)
+    sys.stdout.write((json.dumps(results, indent=2) if options.json else table(results)) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""Design of experiments: measures of information, inputs, spectra and experiment points."""
+
+from .exchange import Allocation, allocate
+from .experiment_points import Candidates, ExperimentPoints, at_most, candidates, optimal_points
+from .frequency import OptimalSpectrum, optimal_spectrum
+from .information import PlannedInformation, compare_inputs, information_of, planned_record
+from .input_design import Comparison, Design, design_input, expected_chi_square
+from .limits import Limits
+from .measures import (
+    AbstractMeasure,
+    Combination,
+    CurveWidth,
+    Determinant,
+    SmallestEigenvalue,
+    SubsetDeterminant,
+    Trace,
+    curve_width,
+    discrimination,
+)
+from .objectives import Discrimination, InformationObjective
+from .shapes import AbstractShape, Multisine, Spline, SquareWave, multisine, spline, square_wave
+from .signals import (
+    InputSignal,
+    alternating_pulses,
+    combine,
+    conventional_inputs,
+    multisine_inputs,
+    sample_times,
+)
+
+__all__ = [
+    "AbstractMeasure",
+    "AbstractShape",
+    "Allocation",
+    "Candidates",
+    "Combination",
+    "Comparison",
+    "CurveWidth",
+    "Design",
+    "Determinant",
+    "Discrimination",
+    "ExperimentPoints",
+    "InformationObjective",
+    "InputSignal",
+    "Limits",
+    "Multisine",
+    "OptimalSpectrum",
+    "PlannedInformation",
+    "SmallestEigenvalue",
+    "Spline",
+    "SquareWave",
+    "SubsetDeterminant",
+    "Trace",
+    "allocate",
+    "alternating_pulses",
+    "at_most",
+    "candidates",
+    "combine",
+    "compare_inputs",
+    "conventional_inputs",
+    "curve_width",
+    "design_input",
+    "discrimination",
+    "expected_chi_square",
+    "information_of",
+    "multisine",
+    "multisine_inputs",
+    "optimal_points",
+    "optimal_spectrum",
+    "planned_record",
+    "sample_times",
+    "spline",
+    "square_wave",
+]

@@ -1,0 +1,186 @@
+"""Limits of a designed manoeuvre: the inputs' size, rate and energy, and the flight envelope."""
+
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.checks import InputError, require, require_known
+from .._foundation.types import Array, Float
+from ..models.base import AbstractModel
+from ..simulation.solution import Solution
+
+# Sharpness of the smooth maximum, which lies above the maximum by at most log(samples) over it
+# (chosen: 3 % for 500 samples).
+SHARPNESS = 200.0
+
+
+class Limits(eqx.Module):
+    """Limits of a manoeuvre.
+
+    Attributes:
+        amplitude: largest deviation of each input from trim [unit of the input].
+        rate: largest rate of each input [unit/s]; none by default.
+        energy: largest integral of the sum of squares of all deviations [unit^2 s].
+        envelope: lowest and highest value of states, outputs and signals of the model; None for no
+            bound.
+    """
+
+    amplitude: dict[str, float] = eqx.field(static=True)
+    rate: dict[str, float] = eqx.field(static=True, default_factory=dict)
+    energy: float | None = eqx.field(static=True, default=None)
+    envelope: dict[str, tuple[float | None, float | None]] = eqx.field(
+        static=True, default_factory=dict
+    )
+
+
+class Ratios(eqx.Module):
+    """Limited quantities over their limits, 1 at the limit; the core of `Limits` as arrays.
+
+    Attributes:
+        amplitude, rate: limits of all inputs, infinite without one.
+        energy: limit of the energy, infinite without one.
+        room: distance from trim to the lower and the upper limit of each quantity of the envelope.
+        trim: value of each quantity at trim.
+        axes: positions of the inputs that move.
+        names: names of the quantities of the envelope.
+    """
+
+    amplitude: Float[Array, " axis"]
+    rate: Float[Array, " axis"]
+    energy: Float[Array, ""]
+    room: Float[Array, "quantity 2"]
+    trim: Float[Array, " quantity"]
+    axes: tuple[int, ...] = eqx.field(static=True)
+    inputs: tuple[str, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    def labels(self) -> tuple[str, ...]:
+        """Return the name of each ratio."""
+        return (
+            *(f"{name}, amplitude" for name in self.inputs),
+            *(f"{name}, rate" for name in self.inputs),
+            "energy",
+            *(f"{name}, {side}" for name in self.names for side in ("lower", "upper")),
+        )
+
+    def of(
+        self, t: Float[Array, " time"], deviation: Float[Array, "time input"], quantities, largest
+    ) -> Float[Array, " ratio"]:
+        """Return the ratios of a manoeuvre.
+
+        Args:
+            t: sample times [s].
+            deviation: inputs less their values at trim.
+            quantities: values of the envelope's quantities, shape (time, quantity).
+            largest: function that returns the maximum over time, smooth or exact.
+        """
+        moved = deviation[:, jnp.array(self.axes, int)]
+        step = t[1] - t[0]
+        rate = jnp.abs(jnp.diff(moved, axis=0)) / step / self.rate[None]
+        energy = jnp.sum(moved**2) * step / self.energy
+        away = quantities - self.trim[None]
+        sides = jnp.stack([-away / self.room[:, 0][None], away / self.room[:, 1][None]], axis=-1)
+        return jnp.concatenate(
+            [
+                largest(jnp.abs(moved) / self.amplitude[None]),
+                largest(rate),
+                energy[None],
+                largest(sides.reshape(t.size, -1)),
+            ]
+        )
+
+
+def smooth_maximum(values: Float[Array, "time ratio"]) -> Float[Array, " ratio"]:
+    """Return a differentiable upper bound of the maximum over time."""
+    return jax.nn.logsumexp(SHARPNESS * values, axis=0) / SHARPNESS
+
+
+def exact_maximum(values: Float[Array, "time ratio"]) -> Float[Array, " ratio"]:
+    """Return the maximum over time."""
+    return jnp.max(values, axis=0)
+
+
+def quantities(
+    model: AbstractModel, names: tuple[str, ...], solution: Solution, u: Float[Array, "time input"]
+) -> Float[Array, "time quantity"]:
+    """Return states, outputs or signals of the model along a trajectory, by name."""
+
+    def at(t, x, y, u):
+        known = {
+            **model.signals(t, x, u),
+            **dict(zip(model.outputs, y, strict=True)),
+            **dict(zip(model.states, x, strict=True)),
+        }
+        return jnp.stack([known[name] for name in names]) if names else jnp.zeros(0)
+
+    return jax.vmap(at)(solution.t, solution.x, solution.y, u)
+
+
+def ratios(
+    limits: Limits,
+    model: AbstractModel,
+    axes: tuple[str, ...],
+    initial_state: Float[Array, " state"],
+    trim_input: Float[Array, " input"],
+) -> Ratios:
+    """Return the limits of a model at a trim as arrays.
+
+    Raises:
+        InputError: for an unknown name, an axis without amplitude, a limit that is not positive, or
+            an envelope that excludes the trim.
+    """
+    for option in (limits.amplitude, limits.rate):
+        require_known("input", option, model.inputs)
+    for axis in axes:
+        require(
+            axis in limits.amplitude,
+            f"The amplitude of the input {axis!r} has no limit. Give one in `amplitude`.",
+        )
+    _require_positive({**limits.amplitude, **limits.rate, "energy": limits.energy})
+    names = tuple(limits.envelope)
+    known = (*model.states, *model.outputs, *_signal_names(model, initial_state, trim_input))
+    require_known("state, output or signal", names, tuple(dict.fromkeys(known)))
+    trim = _trim_values(model, names, initial_state, trim_input)
+    room = np.full((len(names), 2), np.inf)
+    for row, (name, (low, high)) in enumerate(limits.envelope.items()):
+        value = trim[row]
+        low, high = -np.inf if low is None else low, np.inf if high is None else high
+        if not low < value < high:
+            raise InputError(
+                f"The limits of {name!r}, {low:g} to {high:g}, exclude the trim, where it is "
+                f"{value:g}. Widen the limits, or begin at another trim."
+            )
+        room[row] = value - low, high - value
+    return Ratios(
+        jnp.array([limits.amplitude[axis] for axis in axes], float),
+        jnp.array([limits.rate.get(axis, np.inf) for axis in axes], float),
+        jnp.asarray(np.inf if limits.energy is None else limits.energy, float),
+        jnp.asarray(room),
+        jnp.asarray(trim),
+        tuple(model.inputs.index(axis) for axis in axes),
+        axes,
+        names,
+    )
+
+
+def _signal_names(model, x, u) -> tuple[str, ...]:
+    return tuple(jax.eval_shape(lambda x, u: model.signals(jnp.zeros(()), x, u), x, u))
+
+
+@eqx.filter_jit
+def _trim_values(model, names: tuple[str, ...], x, u):
+    t = jnp.zeros(())
+    y = model.output(t, x, u)
+    solution = Solution(t[None], x[None], y[None], jnp.asarray(True))
+    return quantities(model, names, solution, u[None])[0]
+
+
+def _require_positive(values: Mapping[str, float | None]) -> None:
+    for name, value in values.items():
+        require(
+            value is None or value > 0.0,
+            f"The limit of {name!r} is {value}; it must be positive.",
+        )

@@ -1,0 +1,214 @@
+"""Optimisation of a parametrised input through the simulation, within limits."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import minimize
+
+from .._foundation.checks import InputError
+from .._foundation.compiler import fast_compile_jit
+from .._foundation.types import Array, Float
+from ..estimation.likelihoods import AbstractLikelihood
+from ..simulation.hold import AbstractHold, Linear
+from ..simulation.simulate import run
+from ..simulation.steppers import RK4
+from .limits import Ratios, exact_maximum, quantities, smooth_maximum
+from .objectives import AbstractObjective, Hypothesis, InformationObjective
+from .shapes import AbstractShape
+
+# Random starts that are compared, those of them that are optimised, and steps of the latter; number
+# of steps that scale an input to its limits (all chosen).
+RANDOM_INPUTS, OPTIMISED, SQP_STEPS, SCALINGS = 48, 2, 80, 6
+CHUNK = 8  # inputs that one compiled program simulates at once (chosen)
+MARGIN = 0.95  # of the limits at which an optimisation begins (chosen)
+FINER = 4  # factor of the sample rate in the final check of the envelope (chosen)
+CHECKS = 4  # rounds of the final check, each with limits tighter by the violation (chosen)
+
+
+class Task(eqx.Module):
+    """Everything that the compiled functions of a design need.
+
+    Attributes:
+        objective: cost of the samples of the input.
+        hypothesis: model for the envelope.
+        shape: parametrised input.
+        limits: the limits.
+        t: sample times [s].
+        trim_input: inputs at trim.
+    """
+
+    objective: AbstractObjective
+    hypothesis: Hypothesis
+    shape: AbstractShape
+    limits: Ratios
+    t: Float[Array, " time"]
+    trim_input: Float[Array, " input"]
+
+    def deviation(self, p: Float[Array, "axis parameter"]) -> Float[Array, "time input"]:
+        """Return the samples of the inputs, less their values at trim."""
+        moved = jax.vmap(self.shape.samples)(p).T * self.limits.amplitude[None]
+        zero = jnp.zeros((self.t.size, self.trim_input.size))
+        return zero.at[:, np.array(self.limits.axes, int)].set(moved)
+
+    def cost(self, deviation: Float[Array, "time input"]) -> Float[Array, ""]:
+        """Return the cost of an input."""
+        return self.objective.cost(self.t, deviation + self.trim_input[None])
+
+    def ratios(self, deviation, largest) -> Float[Array, " ratio"]:
+        """Return the limited quantities over their limits."""
+        hold, stepper = _integration(self.objective.likelihood)
+        u = deviation + self.trim_input[None]
+        model = self.hypothesis.model
+        solution = run(model, self.t, u, self.hypothesis.initial_state, hold, stepper)
+        values = quantities(model, self.limits.names, solution, u)
+        return self.limits.of(self.t, deviation, values, largest)
+
+    def scale(self, deviation: Float[Array, "time input"]) -> Float[Array, ""]:
+        """Return the factor with which an input reaches its limits."""
+
+        def worst(factor):
+            return jnp.max(self.ratios(factor * deviation, exact_maximum))
+
+        def step(_, factor):
+            value = worst(factor)
+            change = jnp.where(jnp.isfinite(value), 1.0 / jnp.maximum(value, 1e-3), 0.5)
+            return factor * jnp.clip(change, 0.3, 10.0)
+
+        factor = jax.lax.fori_loop(0, SCALINGS, step, jnp.ones(()))
+        value = worst(factor)
+        return factor / jnp.maximum(jnp.where(jnp.isfinite(value), value, 2.0), 1.0)
+
+
+def _integration(likelihood: AbstractLikelihood) -> tuple[AbstractHold, Any]:
+    return getattr(likelihood, "hold", Linear()), getattr(likelihood, "stepper", RK4())
+
+
+def random_starts(task: Task, information: InformationObjective, seed: int):
+    """Return random starts scaled to the limits, their costs and their information."""
+    rng = np.random.default_rng(seed)
+    columns = [task.shape.starts(rng, RANDOM_INPUTS) for _ in task.limits.axes]
+    p = jnp.asarray(np.stack(columns, axis=1))
+    deviations = deviations_of(task, p)
+    factor = MARGIN * in_chunks(lambda chunk: scales_of(task, chunk), deviations)
+    costs, factors = summaries(task, information, deviations * factor[:, None, None])
+    p = np.stack([task.shape.scaled(*pair) for pair in zip(p, jnp.asarray(factor), strict=True)])
+    return p, costs, factors
+
+
+@fast_compile_jit
+def deviations_of(task: Task, p):
+    return jax.vmap(task.deviation)(p)
+
+
+@fast_compile_jit
+def scales_of(task: Task, deviations):
+    return jax.vmap(task.scale)(deviations)
+
+
+def summaries(task: Task, information: InformationObjective, deviations):
+    """Return costs, infinite where not finite, and square-root information of inputs."""
+    costs, factors = in_chunks(lambda chunk: _summary(task, information, chunk), deviations)
+    return np.where(np.isfinite(costs), costs, np.inf), factors
+
+
+@fast_compile_jit
+def _summary(task: Task, information: InformationObjective, deviations):
+    def at(deviation):
+        u = deviation + task.trim_input[None]
+        return task.cost(deviation), jnp.linalg.qr(information.factor(task.t, u), mode="r")
+
+    return jax.vmap(at)(deviations)
+
+
+def in_chunks(function, deviations):
+    """Return the results of a function of a fixed number of inputs for all, in NumPy."""
+    count = deviations.shape[0]
+    padded = np.pad(np.asarray(deviations), ((0, -count % CHUNK), (0, 0), (0, 0)), mode="edge")
+    chunks = np.split(padded, padded.shape[0] // CHUNK)
+    results = [function(jnp.asarray(chunk)) for chunk in chunks]
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *results)
+
+
+def optimise(task: Task, start: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the parameters and the cost that sequential quadratic programming reaches."""
+    shape = start.shape
+    memory: dict[bytes, tuple[np.ndarray, ...]] = {}
+
+    def evaluate(p):
+        key = p.tobytes()
+        if key not in memory:
+            memory.clear()
+            memory[key] = tuple(map(np.asarray, _evaluate(task, jnp.asarray(p.reshape(shape)))))
+        return memory[key]
+
+    def cost(p):
+        value = float(evaluate(p)[0])
+        return value if np.isfinite(value) else 1e6
+
+    result = minimize(
+        cost,
+        start.ravel(),
+        jac=lambda p: np.nan_to_num(evaluate(p)[1].ravel()),
+        constraints={
+            "type": "ineq",
+            "fun": lambda p: np.nan_to_num(1.0 - evaluate(p)[2], nan=-1e3),
+            "jac": lambda p: np.nan_to_num(-evaluate(p)[3].reshape(-1, p.size)),
+        },
+        method="SLSQP",
+        options={"maxiter": SQP_STEPS, "ftol": 1e-6},
+    )
+    feasible = np.all(1.0 - evaluate(result.x)[2] > -1e-3)
+    if not (feasible and np.isfinite(result.fun) and cost(result.x) <= cost(start.ravel())):
+        return start, cost(start.ravel())
+    return result.x.reshape(shape), cost(result.x)
+
+
+@fast_compile_jit
+def _evaluate(task: Task, p):
+    """Return cost and limits with their derivatives. Limits that are never reached are constant."""
+
+    def limited(p):
+        return jnp.minimum(task.ratios(task.deviation(p), smooth_maximum), 1e3)
+
+    value, slope = jax.value_and_grad(lambda p: task.cost(task.deviation(p)))(p)
+    return value, slope, limited(p), jax.jacfwd(limited)(p)
+
+
+def within_limits(task: Task, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the parameters scaled so that the limits hold in a finer simulation.
+
+    Raises:
+        InputError: when the limits do not hold after several scalings.
+    """
+    for _ in range(CHECKS):
+        used = np.asarray(_fine_ratios(task, jnp.asarray(p)))
+        if np.all(used <= 1.0):
+            return p, used
+        p = np.asarray(task.shape.scaled(jnp.asarray(p), jnp.asarray(0.995 / np.max(used))))
+    raise InputError(
+        f"In a simulation at {FINER} times the sample rate the design does not keep its limits. "
+        "Shorten the sample time."
+    )
+
+
+@fast_compile_jit
+def _fine_ratios(task: Task, p):
+    """Return the ratios of a simulation at a higher rate, with the input as the hold gives it."""
+    hold, stepper = _integration(task.objective.likelihood)
+    deviation = task.deviation(p)
+    path = hold.path(task.t, deviation)
+    count = FINER * (task.t.size - 1)
+    fine = task.t[0] + (task.t[-1] - task.t[0]) * jnp.arange(count + 1) / count
+    between = jax.vmap(path)(fine)
+    u = between + task.trim_input[None]
+    model = task.hypothesis.model
+    solution = run(model, fine, u, task.hypothesis.initial_state, hold, stepper)
+    values = quantities(model, task.limits.names, solution, u)
+    exact = task.limits.of(fine, between, values, exact_maximum)
+    # A rate is limited from sample to sample: a zero-order hold jumps in between.
+    coarse = task.limits.of(task.t, deviation, values[::FINER], exact_maximum)
+    n_axes = len(task.limits.axes)
+    return exact.at[n_axes : 2 * n_axes].set(coarse[n_axes : 2 * n_axes])

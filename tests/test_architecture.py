@@ -684,7 +684,7 @@ DEPENDENCIES = (
     "optimistix",
     "diffrax",
     "interpax",
-    "scipy",
+    "scipy.optimize",
     "pandas",
     "xarray",
     "pint",

@@ -31,7 +31,7 @@ from .optimisation import (
     deviations_of,
     in_chunks,
     optimise,
-    random_starts,
+    scaled_starts,
     scales_of,
     summaries,
     within_limits,
@@ -109,8 +109,9 @@ def design_input(
         min_p measure( M(u(p)) )    with  |u - u_trim| <= amplitude, |du/dt| <= rate,
                                     integral |u - u_trim|^2 dt <= energy, envelope of the motion
 
-    Random starts are scaled to the limits and compared in one batch; sequential quadratic
-    programming improves the best, with derivatives of costs and limits through the simulation.
+    Random starts, and those nearest to the conventional inputs, are scaled to the limits and
+    compared in one batch; sequential quadratic programming improves the best, with derivatives of
+    costs and limits through the simulation.
 
     Args:
         model: the model with declared values, whose motion must stay in the envelope.
@@ -126,7 +127,7 @@ def design_input(
         earlier: factor of the information of records already flown.
         rival: another model with its free parameters; the input then separates it from `model`, in
             the sense that it loses as much chi-square as possible if `model` is true.
-        conventional: inputs to compare.
+        conventional: inputs to compare, from which the search also starts.
         seed: of the random starts.
 
     Raises:
@@ -145,6 +146,7 @@ def design_input(
     zero_state, zero_input = jnp.zeros(len(model.states)), jnp.zeros(len(model.inputs))
     state = zero_state if initial_state is None else as_float(initial_state)
     trim = zero_input if trim_input is None else as_float(trim_input)
+    _require_same_samples(conventional, model, t)
     model = canonical(model)
     arrays = ratios(limits, model, axes, state, trim)
     _require_control(model, axes, state, trim)
@@ -166,7 +168,7 @@ def design_input(
         other = _hypothesis(canonical(rival[0]), rival[1], state)
         objective = Discrimination(true=hypothesis, wrong=other, likelihood=likelihood)
     task = Task(objective, hypothesis, shape, arrays, t, trim)
-    starts, costs, factors = random_starts(task, information, seed)
+    starts, costs, factors = scaled_starts(task, information, seed, conventional)
     _require_shown(model, free, factors)
     order = np.argsort(costs)[:OPTIMISED]
     require(
@@ -227,6 +229,15 @@ def _hypothesis(model: AbstractModel, free: Free, state) -> Hypothesis:
     return Hypothesis(model, free.positions(model), jnp.concatenate([vector, state, extra]))
 
 
+def _require_same_samples(conventional: Sequence[InputSignal], model: AbstractModel, t) -> None:
+    for signal in conventional:
+        require(
+            signal.u.shape == (t.size, len(model.inputs)) and signal.inputs == model.inputs,
+            f"The input {signal.name!r} has other samples or inputs than the design. Build it with "
+            "the same times and the inputs of the model.",
+        )
+
+
 def _require_control(model: AbstractModel, axes, state, trim) -> None:
     point = linearise(model, 0.0, state, trim)
     for axis in axes:
@@ -264,12 +275,6 @@ def _comparisons(
     conventional: Sequence[InputSignal],
 ) -> tuple[Comparison, ...]:
     """Return the costs of conventional inputs at equal energy, at equal peak and at the limits."""
-    for signal in conventional:
-        require(
-            signal.u.shape == deviation.shape and signal.inputs == task.hypothesis.model.inputs,
-            f"The input {signal.name!r} has other samples or inputs than the design. Build it with "
-            "the same times and the inputs of the model.",
-        )
     if not conventional:
         return ()
     axes = list(task.limits.axes)

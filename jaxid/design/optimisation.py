@@ -1,5 +1,6 @@
 """Optimisation of a parametrised input through the simulation, within limits."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -18,6 +19,7 @@ from ..simulation.steppers import RK4
 from .limits import Ratios, exact_maximum, quantities, smooth_maximum
 from .objectives import AbstractObjective, Hypothesis, InformationObjective
 from .shapes import AbstractShape
+from .signals import InputSignal
 
 # Random starts that are compared, those of them that are optimised, and steps of the latter; number
 # of steps that scale an input to its limits (all chosen).
@@ -86,16 +88,32 @@ def _integration(likelihood: AbstractLikelihood) -> tuple[AbstractHold, Any]:
     return getattr(likelihood, "hold", Linear()), getattr(likelihood, "stepper", RK4())
 
 
-def random_starts(task: Task, information: InformationObjective, seed: int):
-    """Return random starts scaled to the limits, their costs and their information."""
+def scaled_starts(
+    task: Task, information: InformationObjective, seed: int, conventional: Sequence[InputSignal]
+):
+    """Return random starts and those nearest to conventional inputs, scaled to the limits, with
+    their costs and their information.
+    """
     rng = np.random.default_rng(seed)
     columns = [task.shape.starts(rng, RANDOM_INPUTS) for _ in task.limits.axes]
-    p = jnp.asarray(np.stack(columns, axis=1))
+    p = jnp.asarray(np.concatenate([np.stack(columns, axis=1), *_nearest(task, conventional)]))
     deviations = deviations_of(task, p)
     factor = MARGIN * in_chunks(lambda chunk: scales_of(task, chunk), deviations)
     costs, factors = summaries(task, information, deviations * factor[:, None, None])
     p = np.stack([task.shape.scaled(*pair) for pair in zip(p, jnp.asarray(factor), strict=True)])
     return p, costs, factors
+
+
+def _nearest(task: Task, conventional: Sequence[InputSignal]) -> list[np.ndarray]:
+    """Return the parameters of the signals nearest to conventional inputs of peak 1."""
+    starts = []
+    for signal in conventional:
+        u = np.asarray(signal.u)[:, list(task.limits.axes)] / np.asarray(task.limits.amplitude)
+        size = max(np.max(np.abs(u)), np.finfo(float).tiny)
+        columns = [task.shape.nearest(column / size) for column in u.T]
+        if not any(column is None for column in columns):
+            starts.append(np.stack(columns)[None])
+    return starts
 
 
 @fast_compile_jit

@@ -33,6 +33,12 @@ class AbstractShape(eqx.Module):
     def starts(self, rng: np.random.Generator, number: int) -> Float[np.ndarray, "start parameter"]:
         """Return random parameters from which an optimisation begins."""
 
+    def nearest(
+        self, samples: Float[np.ndarray, " time"]
+    ) -> Float[np.ndarray, " parameter"] | None:
+        """Return the parameters of the signal nearest to given samples, None if not defined."""
+        return None
+
     @abc.abstractmethod
     def scaled(
         self, p: Float[Array, "*axis parameter"], factor: Float[Array, ""]
@@ -63,6 +69,9 @@ class Spline(AbstractShape):
         sign = (-1.0) ** np.sum(place[None, :, None] > edges[:, None], axis=2)
         return sign * rng.choice([-1.0, 1.0], size=(number, 1))
 
+    def nearest(self, samples):
+        return np.linalg.lstsq(np.asarray(self.basis), samples, rcond=None)[0]
+
     def scaled(self, p, factor):
         return p * factor
 
@@ -85,6 +94,9 @@ class Multisine(AbstractShape):
 
     def starts(self, rng, number):
         return rng.normal(size=(number, self.count)) / np.sqrt(self.count)
+
+    def nearest(self, samples):
+        return np.linalg.lstsq(np.asarray(self.basis), samples, rcond=None)[0]
 
     def scaled(self, p, factor):
         return p * factor

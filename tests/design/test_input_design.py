@@ -19,8 +19,10 @@ from jaxid.design import (
     design_input,
     expected_chi_square,
     information_of,
+    multisine,
     sample_times,
     spline,
+    square_wave,
 )
 from jaxid.design.objectives import Hypothesis
 
@@ -155,3 +157,10 @@ def test_impossible_designs_are_refused():
     refuse("No input of these axes shows unused", names=("k", "unused"), axes=("force",))
     refuse("amplitude of the input 'force' has no limit", Limits({"idle": 1.0}))
     refuse("no input 'thrust'", axes=("thrust",))
+
+
+@pytest.mark.parametrize("shape", [SHAPE, multisine(T, 0.1, 0.7)], ids=["spline", "multisine"])
+def test_nearest_signal_of_shape(shape):
+    p = np.random.default_rng(4).normal(size=shape.count)
+    np.testing.assert_allclose(shape.nearest(np.asarray(shape.samples(p))), p, rtol=1e-8)
+    assert square_wave(T, 3).nearest(np.ones(T.size)) is None

@@ -17,13 +17,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import require, require_float64, require_known
+from .._foundation.checks import require_float64, require_known
 from .._foundation.types import Array, Float, Numbers
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free, all_names
 from ..models.names import flatten
 from .exchange import allocate
+from .information import require_known_noise
 from .measures import AbstractMeasure
 from .signals import InputSignal, combine, multisine_inputs
 
@@ -119,10 +120,7 @@ def optimal_spectrum(
             unknown.
     """
     require_float64()
-    require(
-        likelihood.noise.is_known,
-        "The noise covariance is unknown. Give the instruments' noise: OutputError(FixedNoise(R)).",
-    )
+    require_known_noise(likelihood)
     axis = model.inputs[0] if axis is None else axis
     require_known("input", [axis], model.inputs)
     require_known("parameter", free.shared, all_names(model))

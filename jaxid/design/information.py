@@ -4,6 +4,7 @@ M = S' R^-1 S,    S = dy/dtheta at the declared values of the parameters    (sec
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -153,7 +154,7 @@ def information_of(
     require_float64()
     records = as_stack(record)
     check_channels(model, records)
-    _require_known_noise(likelihood)
+    require_known_noise(likelihood)
     likelihood.check(model, records)
     model, free = canonical(model), canonical(free)
     flat = flat_vectors(model, records)[0]
@@ -242,18 +243,7 @@ def whitened_sensitivities(
     """
     family = FreeModel(model, flat, positions)
     theta = flat[jnp.concatenate([positions.rows, positions.shared])]
-    case = Record(
-        records.t[0],
-        records.u[0],
-        records.z[0],
-        records.mask[0],
-        {},
-        records.inputs,
-        records.outputs,
-        records.input_units,
-        records.output_units,
-        ("",),
-    )
+    case = jax.tree.map(lambda leaf: leaf[0], records)
     _, S = likelihood.sensitivities(family, theta, case)
     L = likelihood.noise.cholesky(jnp.zeros(records.z.shape), records.mask)
     white = whiten(L, S[None], records.mask)
@@ -300,7 +290,8 @@ def compare_inputs(
     return "\n".join(lines)
 
 
-def _require_known_noise(likelihood: AbstractLikelihood) -> None:
+def require_known_noise(likelihood: AbstractLikelihood) -> None:
+    """Refuse a likelihood whose noise is estimated."""
     require(
         likelihood.noise.is_known,
         "The noise covariance is unknown, and a planned record has no residual from which to "

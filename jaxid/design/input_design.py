@@ -21,6 +21,7 @@ from .information import (
     planned_information,
     planned_record,
     prior_rows,
+    require_known_noise,
 )
 from .limits import Limits, ratios
 from .measures import AbstractMeasure
@@ -138,10 +139,7 @@ def design_input(
     axes = tuple(model.inputs) if axes is None else tuple(axes)
     require_known("input", axes, model.inputs)
     likelihood = canonical(likelihood)
-    require(
-        likelihood.noise.is_known,
-        "The noise covariance is unknown. Give the instruments' noise: OutputError(FixedNoise(R)).",
-    )
+    require_known_noise(likelihood)
     t = as_float(t)
     zero_state, zero_input = jnp.zeros(len(model.states)), jnp.zeros(len(model.inputs))
     state = zero_state if initial_state is None else as_float(initial_state)

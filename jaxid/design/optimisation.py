@@ -110,9 +110,10 @@ def _nearest(task: Task, conventional: Sequence[InputSignal]) -> list[np.ndarray
     for signal in conventional:
         u = np.asarray(signal.u)[:, list(task.limits.axes)] / np.asarray(task.limits.amplitude)
         size = max(np.max(np.abs(u)), np.finfo(float).tiny)
-        columns = [task.shape.nearest(column / size) for column in u.T]
-        if not any(column is None for column in columns):
-            starts.append(np.stack(columns)[None])
+        nearest = [task.shape.nearest(column / size) for column in u.T]
+        defined = [column for column in nearest if column is not None]
+        if len(defined) == len(nearest):
+            starts.append(np.stack(defined)[None])
     return starts
 
 

@@ -13,6 +13,7 @@ from scipy.interpolate import BSpline
 
 from .._foundation.checks import require
 from .._foundation.types import Array, Float
+from .signals import harmonics_within
 
 START_PULSES = 6  # pulses of the random square wave with which a spline begins (chosen)
 
@@ -46,7 +47,26 @@ class AbstractShape(eqx.Module):
         """Return the parameters of the signal times a factor."""
 
 
-class Spline(AbstractShape):
+class AbstractLinearShape(AbstractShape):
+    """A shape whose samples are linear in its parameters, `basis @ p`."""
+
+    basis: eqx.AbstractVar[Float[Array, "time parameter"]]
+
+    @property
+    def count(self):
+        return self.basis.shape[1]
+
+    def samples(self, p):
+        return self.basis @ p
+
+    def nearest(self, samples):
+        return np.linalg.lstsq(np.asarray(self.basis), samples, rcond=None)[0]
+
+    def scaled(self, p, factor):
+        return p * factor
+
+
+class Spline(AbstractLinearShape):
     """Cubic spline with uniform knots, at rest at both ends.
 
     Args:
@@ -55,13 +75,6 @@ class Spline(AbstractShape):
 
     basis: Float[Array, "time parameter"]
 
-    @property
-    def count(self):
-        return self.basis.shape[1]
-
-    def samples(self, p):
-        return self.basis @ p
-
     def starts(self, rng, number):
         # Random square waves have the spectrum of multisteps.
         place = np.linspace(0.0, 1.0, self.count)
@@ -69,14 +82,8 @@ class Spline(AbstractShape):
         sign = (-1.0) ** np.sum(place[None, :, None] > edges[:, None], axis=2)
         return sign * rng.choice([-1.0, 1.0], size=(number, 1))
 
-    def nearest(self, samples):
-        return np.linalg.lstsq(np.asarray(self.basis), samples, rcond=None)[0]
 
-    def scaled(self, p, factor):
-        return p * factor
-
-
-class Multisine(AbstractShape):
+class Multisine(AbstractLinearShape):
     """Sum of harmonics with free amplitudes and phases, smoothly faded in and out.
 
     Args:
@@ -85,21 +92,8 @@ class Multisine(AbstractShape):
 
     basis: Float[Array, "time parameter"]
 
-    @property
-    def count(self):
-        return self.basis.shape[1]
-
-    def samples(self, p):
-        return self.basis @ p
-
     def starts(self, rng, number):
         return rng.normal(size=(number, self.count)) / np.sqrt(self.count)
-
-    def nearest(self, samples):
-        return np.linalg.lstsq(np.asarray(self.basis), samples, rcond=None)[0]
-
-    def scaled(self, p, factor):
-        return p * factor
 
 
 class SquareWave(AbstractShape):
@@ -175,9 +169,7 @@ def multisine(
     """
     times = np.asarray(t - t[0])
     period = float(times[-1])
-    harmonics = np.arange(
-        max(int(np.ceil(low * period - 1e-6)), 1), int(np.floor(high * period + 1e-6)) + 1
-    )
+    harmonics = harmonics_within(low, high, period)
     require(
         harmonics.size > 0,
         f"From {low:g} to {high:g} Hz there is no harmonic of {period:g} s. Widen the band.",

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from .._foundation.checks import require, require_float64, require_known
-from .._foundation.types import Array, Float, Numbers
+from .._foundation.types import Array, Float, Int, Numbers
 from ..data.signals import linear_sweep, pulses, sine, step
 
 # Exponents of the norms that replace the maximum in turn (chosen, as in the source), and the number
@@ -169,9 +169,7 @@ def multisine_inputs(
     """
     times = np.asarray(t)
     period = float(times[-1] - times[0])
-    harmonics = np.arange(
-        max(math.ceil(low * period - 1e-6), 1), math.floor(high * period + 1e-6) + 1
-    )
+    harmonics = harmonics_within(low, high, period)
     require(
         harmonics.size >= len(inputs),
         f"From {low:g} to {high:g} Hz a period of {period:g} s has {harmonics.size} harmonics for "
@@ -190,6 +188,14 @@ def multisine_inputs(
         for j in range(len(inputs))
     ]
     return InputSignal(jnp.asarray(times), jnp.asarray(np.stack(columns, 1)), tuple(inputs), name)
+
+
+def harmonics_within(low: float, high: float, period: float) -> Int[np.ndarray, " harmonic"]:
+    """Return the numbers of the harmonics of a period [s] from a lowest to a highest frequency
+    [Hz].
+    """
+    # A band that ends at a harmonic includes it, whatever the rounding.
+    return np.arange(max(math.ceil(low * period - 1e-6), 1), math.floor(high * period + 1e-6) + 1)
 
 
 def _periodic(times, period, harmonics, power, optimise):

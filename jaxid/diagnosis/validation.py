@@ -43,8 +43,7 @@ class Prediction(eqx.Module):
     @property
     def rms(self) -> Float[Array, " output"]:
         """Root mean square error of each channel over the scored samples of all records."""
-        has_samples = jnp.any(self.scored, axis=(0, 1))
-        return jnp.where(has_samples, root_mean_square(self.residuals, self.scored), jnp.nan)
+        return _scored_rms(self.z, self.y, self.scored)
 
 
 def predict(
@@ -136,6 +135,14 @@ def predict_stack(
     return Prediction(records.t, records.z, y, records.mask & after_window, initial)
 
 
+@eqx.filter_jit
+def _scored_rms(z, y, scored) -> Float[Array, " output"]:
+    """Root mean square error of each channel, NaN without a scored sample (jitted)."""
+    rms = root_mean_square(jnp.where(scored, z - y, 0.0), scored)
+    return jnp.where(jnp.any(scored, axis=(0, 1)), rms, jnp.nan)
+
+
+@eqx.filter_jit
 def root_mean_square(v: Float[Array, "case time output"], mask: Array) -> Float[Array, " output"]:
     """Root mean square of each channel over valid samples."""
     count: Int[Array, " output"] = jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)

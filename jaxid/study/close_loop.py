@@ -153,7 +153,7 @@ def _checked_library(
         for stacked in predicted:
             check_window(model, stacked, window, len(starting_states(free, model, model)))
     require(
-        bool(jnp.any(records.check.mask[:, window or 0 :])),
+        bool(np.any(np.asarray(records.check.mask)[:, window or 0 :])),
         "No output of the check records has a valid sample after the window. Give other records, "
         "or leave `check` out.",
     )

@@ -1,6 +1,5 @@
 """Jitted functions of a workbench, and the concurrent compilation of the large ones."""
 
-import inspect
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -11,15 +10,15 @@ import jax.numpy as jnp
 
 from .._foundation.compiler import compiler_options, fast_compile_jit
 from .._foundation.types import Array, Bool, Float, Int
-from ..diagnosis.scores import sensitivities
-from ..diagnosis.validation import predict_stack
+from ..data.record import Record
 from ..effects.augmented import Augmented
 from ..effects.shape_initialisation import RECORD
-from ..estimation.estimate import fit_problem
+from ..estimation.host_iteration import ModelPrograms
+from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..models.base import AbstractModel
-from ..models.free import Parameters
-from ..models.names import flatten
+from ..models.free import Parameters, Positions
+from ..models.free_model import FreeModel
 from ..simulation.steppers import rate
 from .thresholds import COMPILE_COST, COMPILE_COST_PER_OPERATION
 
@@ -72,12 +71,14 @@ class EvictingJit:
             self.compiled = jax.jit(self.run, static_argnums=1, compiler_options=compiler_options())
         return self.compiled
 
-    def _noted(self, arguments: tuple) -> tuple[list, tuple]:
+    def key(self, *arguments: Any) -> tuple:
+        """Return a key of the program for such arguments."""
         arrays, others = _apart(arguments)
-        self.known.add(
-            (others, tuple((array.shape, array.dtype) for array in arrays if array is not None))
-        )
-        return arrays, others
+        return others, tuple((array.shape, array.dtype) for array in arrays if array is not None)
+
+    def _noted(self, arguments: tuple) -> tuple[list, tuple]:
+        self.known.add(self.key(*arguments))
+        return _apart(arguments)
 
 
 def _apart(arguments: tuple) -> tuple[list, tuple]:
@@ -103,17 +104,65 @@ def compile_together(programs: Sequence[tuple[EvictingJit, tuple]]) -> None:
     Args:
         programs: pairs of a program and the arguments that it will be called with.
     """
+    different = {(program, program.key(*arguments)): arguments for program, arguments in programs}
     with ThreadPoolExecutor() as executor:
         for future in [
-            executor.submit(program.lower(*arguments).compile) for program, arguments in programs
+            executor.submit(program.lower(*arguments).compile)
+            for (program, _), arguments in different.items()
         ]:
             future.result()
 
 
+def outputs(
+    model: AbstractModel,
+    flat: Float[Array, "case flat"],
+    records: Record,
+    likelihood: AbstractLikelihood,
+) -> Float[Array, "case time output"]:
+    """Return the outputs of a model at every sample of every record.
+
+    Args:
+        model: structure of the model; its parameters stand in the flat vectors.
+        flat: flat vector of the parameters and the initial state, for each record.
+        records: a stack.
+        likelihood: the likelihood, which simulates.
+    """
+    nothing = Positions(jnp.zeros(0, int), jnp.zeros(0, int), ())
+
+    def of_case(flat, record):
+        declared, initial_state = FreeModel(model, flat, nothing).build(())
+        return likelihood.solve(declared, record, initial_state).y
+
+    return jax.vmap(of_case)(flat, records)
+
+
+def sensitivities(
+    model: AbstractModel,
+    flat: Float[Array, "case flat"],
+    records: Record,
+    likelihood: AbstractLikelihood,
+    at: Int[Array, " column"],
+    leaves: tuple[int, ...],
+) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
+    """Return the outputs of a model, and their derivatives by elements of the flat vectors.
+
+    Args:
+        model, flat, records, likelihood: as in `outputs`.
+        at: positions of the elements; a position beyond the vector gives a column of zeros.
+        leaves: indices of the leaves that hold these elements (`Positions.leaves`).
+    """
+    positions = Positions(at, jnp.zeros(0, int), leaves)
+
+    def of_case(flat, record):
+        family = FreeModel(model, flat, positions)
+        values = flat.at[at].get(mode="fill", fill_value=0.0)
+        return likelihood.sensitivities(family, values, record)
+
+    return jax.vmap(of_case)(flat, records)
+
+
 # Shared by all workbenches, so that studies of the same shapes compile once.
-FITS = EvictingJit(inspect.unwrap(fit_problem))
-PASSES = EvictingJit(inspect.unwrap(sensitivities))
-PREDICTIONS = EvictingJit(inspect.unwrap(predict_stack))
+PROGRAMS = ModelPrograms(EvictingJit(outputs), EvictingJit(sensitivities))
 
 
 def use_reduced_model(model: Augmented, samples: int) -> bool:
@@ -157,18 +206,6 @@ def _count(program) -> int:
     ]
     called = [[part for part in parts if hasattr(part, "eqns")] for parts in inner]
     return sum(sum(map(_count, parts)) if parts else 1 for parts in called)
-
-
-@eqx.filter_jit
-def placed(
-    model: Augmented, at: Int[Array, " column"], values: Float[Array, " column"]
-) -> Augmented:
-    """Return the model with `values` at positions `at` of its flat vector.
-
-    Jitted, because it is called before each program runs.
-    """
-    vector, unflatten = flatten(model)
-    return unflatten(vector.at[at].set(values))
 
 
 @fast_compile_jit

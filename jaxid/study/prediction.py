@@ -1,5 +1,6 @@
 """Prediction of held-out records in a study, by the programs that its fits use."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -97,7 +98,7 @@ class Predictor(eqx.Module):
             part = np.asarray(leaf)[case : case + 1]
             return to_device(part[:, : self.window] if part.ndim > 1 else part)
 
-        return jax.tree.map(cut, records)
+        return _unnamed(jax.tree.map(cut, records))
 
     def _parts(self, model, flat, records: Record, likelihood) -> list[tuple]:
         """Return the arguments of `outputs` for groups of as many records as the training has.
@@ -109,5 +110,13 @@ class Predictor(eqx.Module):
         for begin in range(0, count, self.n_cases):
             chosen = np.minimum(begin + np.arange(self.n_cases), count - 1)
             take = lambda leaf, chosen=chosen: to_device(np.asarray(leaf)[chosen])  # noqa: E731
-            parts.append((model, take(flat), jax.tree.map(take, records), likelihood))
+            part = _unnamed(jax.tree.map(take, records))
+            parts.append((model, take(flat), part, likelihood))
         return parts
+
+
+def _unnamed(records: Record) -> Record:
+    """Return a stack with one empty name per record; another number of names is another structure,
+    which compiles again.
+    """
+    return dataclasses.replace(records, names=("",) * records.n_cases)

@@ -1,9 +1,8 @@
 """`fit_by_steps`: a fit whose iteration runs on the host, between programs of the model.
 
-`fit_problem` compiles the model into the iteration, anew for each set of parameters. Here the model
-is in two programs only, its outputs and their sensitivities, which serve all fits and predictions
-of a model. One step of the iteration takes their results as arrays; it is compiled once for each
-shape, whatever the model.
+`fit_problem` compiles the model into the iteration. Here the model is in two programs, its outputs
+and their sensitivities, which serve all fits and predictions of a model. One step of the iteration
+takes their results as arrays; it is compiled once for each shape, whatever the model.
 """
 
 from collections.abc import Callable
@@ -146,7 +145,7 @@ class _Evaluated(AbstractLikelihood):
 
 
 class _Arrays(NamedTuple):
-    """What a step needs of a problem besides its evaluation."""
+    """Arrays of a problem that a step uses besides its evaluation."""
 
     t: Float[Array, "case time"]
     z: Float[Array, "case time output"]
@@ -232,7 +231,7 @@ def minimise_by_steps(
 
 
 def _objective(y, problem):
-    """Stand for the objective, of which the minimiser needs the shape alone."""
+    """Stand for the objective: the minimiser reads its shape only."""
     return jnp.zeros(()), None
 
 

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -55,6 +56,7 @@ def strictly_increasing(t: Float[Array, " time"]) -> Float[Array, " time"]:
     return jnp.concatenate([t[:1], t[0] + jnp.cumsum(jnp.where(step > 0, step, step[0]))])
 
 
+@eqx.filter_jit
 def typical_step(t: Float[Array, "*case time"]) -> Float[Array, ""]:
     """Return the median of all non-zero steps."""
     step = jnp.diff(t, axis=-1)

@@ -5,7 +5,6 @@ The places are equations, inputs, sensors, parameters and the air, one at a time
 the outputs to a disturbance is computed in `free_form`; the part of it that the free parameters can
 reproduce is projected out.
 """
-# Pyright miscounts arguments of functions that equinox and jaxtyping wrap; the tests execute them.
 # pyright: reportCallIssue=false
 
 from collections.abc import Mapping, Sequence
@@ -19,6 +18,7 @@ import numpy as np
 from .._foundation.checks import require, require_known
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.grid import typical_step
+from .._foundation.host import to_device
 from .._foundation.location import Location, LocationKind
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
@@ -275,8 +275,8 @@ def localise(
     noise_known = problem.likelihood.noise.is_known
     if not noise_known:
         # An estimated R contains the model error, and would hide the channel with the largest one.
-        white = white_noise_variance(linearised[0], problem.records.mask)
-        noise = jnp.diag(jnp.clip(white, 1e-6 * jnp.diagonal(noise), jnp.diagonal(noise)))
+        white, R = white_noise_variance(linearised[0], problem.records.mask), np.diagonal(noise)
+        noise = to_device(np.diag(np.clip(np.asarray(white), 1e-6 * R, R)))
     arrays = search(problem, parameters, linearised, noise, *splines, tuple(places.items()))
     squares, samples = float(arrays.squares), float(arrays.samples)
     most = float(np.max(np.asarray(arrays.score) - np.asarray(arrays.dof)))
@@ -290,7 +290,7 @@ def localise(
         for k, (location, score, dof) in enumerate(zip(locations, scores, dofs, strict=True))
     ]
     variables = (*problem.model.states, *problem.model.inputs, *problem.model.outputs)
-    named = {name: np.asarray(arrays.variables[..., k]) for k, name in enumerate(variables)}
+    named = dict(zip(variables, np.moveaxis(np.asarray(arrays.variables), -1, 0), strict=True))
     return LocalisationResult(
         tuple(sorted(rows, key=lambda place: -place.score + place.dof)),
         np.asarray(arrays.knots),

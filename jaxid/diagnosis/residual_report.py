@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -84,10 +85,14 @@ def analyse_residual(
     """
     moving = {name: signal for name, signal in signals.items() if name != "t"}
     lags = min(WHITENESS_LAGS, max(residuals.shape[1] // 5, 1))
-    by_record = jax.vmap(lambda v, mask: ljung_box(v[None], mask[None], lags).p_value)(
-        residuals, mask
-    )
+    by_record = _whiteness_by_record(residuals, mask, lags)
     tests = residual_tests(residuals, mask, moving, outputs, lags=lags)
     return ResidualReport(
         tests, residual_maps(residuals, mask, signals, outputs), np.asarray(by_record)
     )
+
+
+@eqx.filter_jit
+def _whiteness_by_record(v, mask, lags: int) -> Float[Array, "case output"]:
+    """Return the p-values of the test of whiteness of each record (jitted)."""
+    return jax.vmap(lambda v, mask: ljung_box(v[None], mask[None], lags).p_value)(v, mask)

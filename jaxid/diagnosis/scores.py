@@ -14,11 +14,14 @@ In the code a column is the sensitivity to one parameter; shared parameters have
 records, per-record parameters (`own`) one value per record.
 """
 
+from statistics import NormalDist
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import on_host
 from .._foundation.types import Array, Bool, Float
 from ..estimation.coloured import colour_inflation
 from ..estimation.problem import Problem
@@ -162,17 +165,27 @@ def exchange_falls(
         of the free columns that remain.
     """
     information = _information(_finite(S, is_free)[0], v, is_free.size)
-    return jnp.stack(
-        [
-            _exchange_fall(information.triangle, information.rhs, is_free, replaced, values)
-            for replaced in out
-        ]
+    return _stacked(
+        [_exchange_fall(information, is_free, replaced, values) for replaced in _rows(out)]
     )
 
 
+@on_host
+def _rows(xp, array):
+    """Return the rows of an array."""
+    return tuple(array)
+
+
+@on_host
+def _stacked(xp, rows):
+    """Return rows as one array."""
+    return xp.stack(rows)
+
+
 @eqx.filter_jit
-def _exchange_fall(columns, rhs, is_free, out, values) -> Float[Array, " shared"]:
+def _exchange_fall(information: Information, is_free, out, values) -> Float[Array, " shared"]:
     """Decrease of chi-square for one set of replaced columns, by each column in turn."""
+    columns, rhs = information.triangle, information.rhs
     rhs_without = rhs + columns @ jnp.where(out, values, 0.0)
     remainder, _ = _orthogonal_part(columns, rhs_without, is_free & ~out)
     orthogonal, target = remainder[:, :-1], remainder[:, -1]
@@ -257,4 +270,4 @@ def _least_squares(
 
 def critical(probability: float) -> float:
     """Return the chi-square (one degree of freedom) exceeded with the given probability."""
-    return float(jax.scipy.special.ndtri(0.5 * probability) ** 2)
+    return NormalDist().inv_cdf(0.5 * probability) ** 2

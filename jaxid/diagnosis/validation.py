@@ -1,6 +1,9 @@
 """Prediction of held-out records by a fixed model, started at each record's own initial state."""
 
+import dataclasses
 from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -8,15 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
-from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import to_device
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels, check_sampling
+from ..estimation.host_iteration import minimise_by_steps
 from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.model_programs import PROGRAMS, FlatProblem
 from ..estimation.problem import Limits, Problem
-from ..estimation.solver import GaussNewton, minimise
+from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel, canonical
-from ..models.free import INITIAL_STATE, Free, initial_parameters
+from ..models.free import INITIAL_STATE, Free, Parameters, initial_parameters
 
 
 class Prediction(eqx.Module):
@@ -43,8 +48,7 @@ class Prediction(eqx.Module):
     @property
     def rms(self) -> Float[Array, " output"]:
         """Root mean square error of each channel over the scored samples of all records."""
-        has_samples = jnp.any(self.scored, axis=(0, 1))
-        return jnp.where(has_samples, root_mean_square(self.residuals, self.scored), jnp.nan)
+        return _scored_rms(self.z, self.y, self.scored)
 
 
 def predict(
@@ -87,9 +91,8 @@ def predict(
     require_known("state", states, model.states)
     if window is not None:
         check_window(model, records, window, len(states))
-    return predict_stack(
-        canonical(model), records.anonymous(), canonical(likelihood), window, states
-    )
+    predictor = Predictor(canonical(likelihood), window, states, records.n_cases)
+    return predictor.predict(canonical(model), records.anonymous())
 
 
 def check_window(model: AbstractModel, records: Record, window: int, unknown: int) -> None:
@@ -108,35 +111,116 @@ def check_window(model: AbstractModel, records: Record, window: int, unknown: in
     )
 
 
-@fast_compile_jit
-def predict_stack(
-    model: AbstractModel,
-    records: Record,
-    likelihood: AbstractLikelihood,
-    window: int | None,
-    states: tuple[str, ...],
-) -> Prediction:
-    """Array computation of `predict`."""
-    names = tuple(f"{INITIAL_STATE}.{state}" for state in states)
-    positions = Free((), names).positions(model)
-    limits = Limits.of(Free((), names), 1)
-
-    def predict_one(record: Record):
-        begin = initial_parameters(model, positions, record)
-        if window is not None:
-            head = jax.tree.map(lambda leaf: leaf[:, :window] if leaf.ndim > 1 else leaf, record)
-            problem = Problem(model, positions, head, likelihood, limits)
-            begin, _ = minimise(problem, begin, GaussNewton())
-        problem = Problem(model, positions, record, likelihood, limits)
-        return problem.outputs(begin)[0], begin.rows[0]
-
-    single = jax.tree.map(lambda leaf: leaf[:, None], records)
-    y, initial = jax.vmap(predict_one)(single)
-    after_window = (jnp.arange(records.t.shape[1]) >= (window or 0))[None, :, None]
-    return Prediction(records.t, records.z, y, records.mask & after_window, initial)
+@eqx.filter_jit
+def _scored_rms(z, y, scored) -> Float[Array, " output"]:
+    """Root mean square error of each channel, NaN without a scored sample (jitted)."""
+    rms = root_mean_square(jnp.where(scored, z - y, 0.0), scored)
+    return jnp.where(jnp.any(scored, axis=(0, 1)), rms, jnp.nan)
 
 
+@eqx.filter_jit
 def root_mean_square(v: Float[Array, "case time output"], mask: Array) -> Float[Array, " output"]:
     """Root mean square of each channel over valid samples."""
     count: Int[Array, " output"] = jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)
     return jnp.sqrt(jnp.sum(jnp.where(mask, v, 0.0) ** 2, axis=(0, 1)) / count)
+
+
+class Predictor(eqx.Module):
+    """Prediction of records by a model, each from an initial state fitted in a window.
+
+    Attributes:
+        likelihood: the likelihood, which simulates.
+        window: samples at the start of a record in which its initial state is fitted, or None.
+        states: states whose initial value is fitted; the others start at `model.initial_state`.
+        n_cases: number of records that are simulated at once, that of the training records of a
+            study.
+    """
+
+    likelihood: AbstractLikelihood
+    window: int | None = eqx.field(static=True)
+    states: tuple[str, ...] = eqx.field(static=True)
+    n_cases: int = eqx.field(static=True)
+
+    def predict(self, model: AbstractModel, records: Record) -> Prediction:
+        """Return the prediction of records.
+
+        Args:
+            model: the model, with its parameter values.
+            records: a stack, anonymous.
+        """
+        rows = self._rows(model, records)
+        case = FlatProblem.of(self._problem(model, records))
+        arguments = case.outputs_arguments(Parameters(to_device(np.zeros(0)), rows))
+        y = np.concatenate([PROGRAMS.outputs(*part) for part in self._parts(*arguments)])
+        y = to_device(y[: records.n_cases])
+        after_window = (np.arange(records.t.shape[1]) >= (self.window or 0))[None, :, None]
+        scored = to_device(np.asarray(records.mask) & after_window)
+        return Prediction(records.t, records.z, y, scored, rows)
+
+    def programs(self, model: AbstractModel, records: Record) -> list[tuple[Any, tuple]]:
+        """Return the programs of a prediction, each with its arguments, to compile them."""
+        problem = self._problem(model, records)
+        begin = initial_parameters(model, problem.positions, records)
+        case = FlatProblem.of(problem)
+        programs: list[tuple[Any, tuple]] = [
+            (PROGRAMS.outputs, self._parts(*case.outputs_arguments(begin))[0])
+        ]
+        if self.window is not None:
+            head = self._problem(model, self._head(records, 0))
+            begin = Parameters(begin.shared, to_device(np.asarray(begin.rows)[:1]))
+            arguments = FlatProblem.of(head).sensitivities_arguments(begin)
+            programs.append((PROGRAMS.sensitivities, arguments))
+        return programs
+
+    def _rows(self, model: AbstractModel, records: Record) -> Float[Array, "case state"]:
+        """Return the initial state of each record."""
+        problem = self._problem(model, records)
+        rows = np.array(initial_parameters(model, problem.positions, records).rows)
+        if self.window is not None:
+            for k, row in enumerate(rows):
+                head = self._problem(model, self._head(records, k))
+                begin = Parameters(to_device(np.zeros(0)), to_device(row[None].copy()))
+                end = minimise_by_steps(head, begin, GaussNewton())
+                rows[k] = np.asarray(end.parameters.rows)[0]
+        return to_device(rows)
+
+    def _problem(self, model: AbstractModel, records: Record) -> Problem:
+        """Return the problem of fitting the initial states of records."""
+        free = Free((), tuple(f"{INITIAL_STATE}.{state}" for state in self.states))
+        limits = Limits.of(free, records.n_cases)
+        return Problem(model, free.positions(model), records, self.likelihood, limits)
+
+    def _head(self, records: Record, case: int) -> Record:
+        """Return the window of one record, as a stack."""
+
+        def cut(leaf):
+            part = np.asarray(leaf)[case : case + 1]
+            return to_device(part[:, : self.window] if part.ndim > 1 else part)
+
+        return _unnamed(jax.tree.map(cut, records))
+
+    def _parts(self, model, flat, records: Record, likelihood) -> list[tuple]:
+        """Return the arguments of `outputs` for groups of as many records as the training has.
+
+        The last group is filled with repetitions of the last record.
+        """
+        count = records.n_cases
+        parts = []
+        for begin in range(0, count, self.n_cases):
+            chosen = np.minimum(begin + np.arange(self.n_cases), count - 1)
+            take = partial(_take, chosen=chosen)
+            part = _unnamed(jax.tree.map(take, records))
+            parts.append((model, take(flat), part, likelihood))
+        return parts
+
+
+def _take(leaf, chosen):
+    """Return chosen rows of an array."""
+    return to_device(np.asarray(leaf)[chosen])
+
+
+def _unnamed(records: Record) -> Record:
+    """Return a stack with one empty name per record; another number of names is another structure,
+    which compiles again.
+    """
+    return dataclasses.replace(records, names=("",) * records.n_cases)

@@ -10,11 +10,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.host import to_device
 from .._foundation.types import Array, Bool
 from ..models.base import AbstractModel, canonical, equations_of, right_hand_sides
 from ..models.free import Positions, leaves_at
 from ..models.free_model import insert
-from ..models.names import flatten
+from ..models.names import flat_vector
 from ..models.polynomial import require_readable
 from ..models.signal_dependence import RANDOM_POINTS, absent_signals, differences, with_differences
 from .actuator import InputDeadZone, InputHysteresis, InputPositionLimit, InputRateLimit
@@ -75,7 +76,7 @@ def general_effects(
     """
     if equations is None:
         equations = uncertain_equations(
-            canonical(model), np.arange(flatten(canonical(model))[0].size)
+            canonical(model), np.arange(flat_vector(canonical(model)).size)
         )
     declared, _ = split_effects(model)
     require_readable(declared.states + declared.inputs)
@@ -229,10 +230,10 @@ def uncertain_equations(model: AbstractModel, free_positions: np.ndarray) -> tup
         model: the model.
         free_positions: positions of the free shared parameters in the model's flat vector.
     """
-    flat = jnp.concatenate([flatten(model)[0], jnp.zeros(len(model.states))])
-    positions = Positions(
-        jnp.asarray(free_positions, int), jnp.zeros(0, int), leaves_at(model, free_positions)
-    )
+    vector, none = np.asarray(flat_vector(model)), np.zeros(0, int)
+    flat = to_device(np.concatenate([vector, np.zeros(len(model.states))]))
+    at = to_device(np.array(free_positions, int))
+    positions = Positions(at, to_device(none), leaves_at(model, free_positions))
     uncertain = np.asarray(_depends(model, flat, positions))
     declared = equations_of(split_effects(model)[0])
     return tuple(

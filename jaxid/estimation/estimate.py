@@ -25,7 +25,7 @@ from .coloured_errors import coloured_variances
 from .likelihoods import AbstractLikelihood
 from .problem import Problem
 from .result import Estimate
-from .solver import GaussNewton, minimise
+from .solver import GaussNewton, State, minimise
 
 
 class Fit(eqx.Module):
@@ -120,25 +120,31 @@ def _check_known(model: AbstractModel, records: Record, likelihood: AbstractLike
 
 
 @fast_compile_jit
-def fit_problem(
-    problem: Problem,
-    begin: Parameters,
-    solver: GaussNewton,
-    S: Float[Array, "case time sensitive column"] | None = None,
-) -> Fit:
+def fit_problem(problem: Problem, begin: Parameters, solver: GaussNewton) -> Fit:
     """Return the fit of a problem: the jitted core of `estimate`, compiled once for each shape.
 
     The arguments are those of `minimise`.
     """
-    parameters, state = minimise(problem, begin, solver, S)
+    return fit_of(problem, *minimise(problem, begin, solver), solver)
+
+
+def fit_of(problem: Problem, parameters: Parameters, state: State, solver: GaussNewton) -> Fit:
+    """Return the fit at the end of an iteration.
+
+    Args:
+        problem: the estimation problem.
+        parameters: the best parameters.
+        state: last state of the solver.
+        solver: options of the iteration.
+    """
     linearised, policy = state.linearised, solver.policy
     information, v = linearised.information, linearised.v
     svd = (
         spectrum(information.triangle, information.rhs, problem.limits.scale)
-        if begin.shared.size
+        if parameters.shared.size
         else _no_spectrum()
     )
-    covariance = svd.covariance(policy.threshold) if begin.shared.size else jnp.zeros((0, 0))
+    covariance = svd.covariance(policy.threshold) if parameters.shared.size else jnp.zeros((0, 0))
     limits = problem.limits
     on_bound = jax.tree.map(
         lambda x, low, high: (x <= low) | (x >= high), parameters, limits.lower, limits.upper

@@ -275,7 +275,21 @@ def minimise(
         solver: options of the iteration.
         S: sensitivities at the initial parameters, used by a solver with `chord`; NaN if unknown.
     """
-    minimiser = Minimiser(  # pyright: ignore[reportCallIssue]  (as in effects/library.py)
+    solution = optx.minimise(
+        lambda y, problem: jnp.zeros(()),  # for its shape; the minimiser evaluates the problem
+        minimiser_of(problem, solver),
+        begin,
+        args=problem,
+        options={"S": S},
+        max_steps=solver.max_steps,
+        throw=False,
+    )
+    return solution.value, solution.state
+
+
+def minimiser_of(problem: Problem, solver: GaussNewton) -> Minimiser:
+    """Return the minimiser with the options of a solver, for the limits of a problem."""
+    return Minimiser(  # pyright: ignore[reportCallIssue]  (as in effects/library.py)
         SpectrumDescent(
             solver.policy,
             problem.limits.scale,
@@ -288,16 +302,6 @@ def minimise(
         solver.max_steps,
         solver.chord,
     )
-    solution = optx.minimise(
-        lambda y, problem: jnp.zeros(()),  # for its shape; the minimiser evaluates the problem
-        minimiser,
-        begin,
-        args=problem,
-        options={"S": S},
-        max_steps=solver.max_steps,
-        throw=False,
-    )
-    return solution.value, solution.state
 
 
 @eqx.filter_jit

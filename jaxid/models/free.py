@@ -1,7 +1,7 @@
 """`Free`: selection of free parameters, shared or one per record; `Parameters`: their values."""
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Literal, TypeVar
 
 import equinox as eqx
 import jax
@@ -10,12 +10,13 @@ import numpy as np
 
 from .._foundation.checks import InputError, require, require_known, require_unique
 from .._foundation.host import on_host
-from .._foundation.types import Array, Float, Int
+from .._foundation.types import Array, Float, Int, Numbers
 from ..data.record import Record
 from .base import AbstractModel, as_float, canonical
-from .names import array_leaves, flatten, parameter_names
+from .names import array_leaves, flatten, parameter_names, with_array_leaves
 
 INITIAL_STATE = "initial_state"
+Model = TypeVar("Model", bound=AbstractModel)
 
 
 class Parameters(eqx.Module):
@@ -199,9 +200,27 @@ def with_values(
     model = canonical(model)
     available = parameter_names(model)
     require_known("parameter", names, available)
-    vector, unflatten = flatten(model)
-    return unflatten(
-        vector.at[np.array([available.index(name) for name in names], int)].set(values)
+    at = np.array([available.index(name) for name in names], int)
+    return with_values_at(model, at, values)
+
+
+def with_values_at(model: Model, at: Int[np.ndarray, " p"], values: Float[Numbers, " p"]) -> Model:
+    """The model with new values at positions of its flat vector."""
+    return with_array_leaves(model, list(_replaced(array_leaves(model), at, values)))
+
+
+@on_host
+def _replaced(xp, leaves, at, values):
+    """Return leaves with values at positions of their flat vector."""
+    vector = xp.concatenate([xp.zeros(0), *(xp.ravel(leaf) for leaf in leaves)])
+    if xp is np:
+        vector[at] = values
+    else:
+        vector = vector.at[at].set(values)
+    ends = np.cumsum([0, *(leaf.size for leaf in leaves)])
+    return tuple(
+        vector[begin:end].reshape(leaf.shape)
+        for leaf, begin, end in zip(leaves, ends[:-1], ends[1:], strict=True)
     )
 
 

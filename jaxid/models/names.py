@@ -17,7 +17,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from .._foundation.checks import require_unique
-from .._foundation.host import is_integer_array
+from .._foundation.host import is_integer_array, on_host
 from .._foundation.types import Array, Float
 
 
@@ -45,6 +45,17 @@ def flatten(model):
     arrays, static = eqx.partition(model, eqx.is_inexact_array)
     vector, unravel = ravel_pytree(arrays)
     return vector.astype(float), lambda values: eqx.combine(unravel(values), static)
+
+
+def flat_vector(model) -> Float[Array, " parameter"]:
+    """The flat vector of a model's parameters; compiles nothing where the values are known."""
+    return _joined(array_leaves(model))
+
+
+@on_host
+def _joined(xp, leaves):
+    """Return arrays as one vector."""
+    return xp.concatenate([xp.zeros(0), *(xp.ravel(leaf) for leaf in leaves)])
 
 
 def array_leaves(model) -> list[Array]:

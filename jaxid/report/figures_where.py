@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from .._foundation.location import Location
 from ..diagnosis.localise import LocalisationResult, Place
-from .style import AFTER, FONT, INK, MEASURED, OTHER, canvas, plain
+from .style import AFTER, FONT, INK, MEASURED, OTHER, canvas, lay_out, plain
 from .words import percent
 
 MOST_PLACES_DRAWN = 10  # chosen
@@ -31,6 +31,7 @@ def where(located: LocalisationResult) -> Figure:
     first = best[0]
     _in_time(time, located, first)
     _against(against, located, first)
+    lay_out(figure)
     return figure
 
 

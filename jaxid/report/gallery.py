@@ -151,6 +151,4 @@ def _saved(figure: Figure, kind: str, **options) -> bytes:
         metadata={"Date": None} if kind == "svg" else {"Software": None},
         **options,
     )
-    # The layout is computed once and reused for a second format.
-    figure.set_layout_engine("none")
     return buffer.getvalue()

@@ -75,11 +75,33 @@ def key(figure: Figure, entries: list[tuple[str, str]], title: str = "") -> None
         labelcolor="linecolor",
         columnspacing=1.6,
     )
-    figure.align_ylabels()
     for text, (_, colour) in zip(legend.get_texts(), entries, strict=True):
         text.set_color(colour if colour != OTHER else INK)
     if title:
         figure.suptitle(title, x=0.0, ha="left", fontsize=FONT + 1, color=INK, parse_math=False)
+    lay_out(figure)
+
+
+def lay_out(figure: Figure) -> None:
+    """Compute the layout of a complete figure once, with the y labels of each column in line.
+
+    Each draw would compute it again, and `Figure.align_ylabels` measures at each draw the tick
+    labels of all panels for every panel.
+
+    Args:
+        figure: the figure, from `canvas`.
+    """
+    figure.draw_without_rendering()
+    figure.set_layout_engine(None)
+    columns: dict[int, list[Axes]] = {}
+    for ax in figure.axes:
+        place = ax.get_subplotspec()
+        if place is not None:
+            columns.setdefault(place.colspan.start, []).append(ax)
+    for panels in columns.values():
+        left = min(ax.yaxis.label.get_position()[0] for ax in panels)
+        for ax in panels:
+            ax.yaxis.set_label_coords(ax.transAxes.inverted().transform((left, 0.0))[0], 0.5)
 
 
 def channel_label(name: str, unit: str) -> str:

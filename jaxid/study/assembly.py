@@ -131,7 +131,12 @@ def _side(
 
 def _unpadded(fitted: Fitted) -> Fit:
     """Remove the padding columns of a fit."""
-    fit, count = fitted.fit, len(fitted.columns)
+    return _first_columns(fitted.fit, len(fitted.columns))
+
+
+@eqx.filter_jit
+def _first_columns(fit: Fit, count: int) -> Fit:
+    """Keep the first columns of a fit (jitted)."""
     keep = np.r_[np.arange(count), fit.parameters.shared.size]
     information = eqx.tree_at(
         lambda node: (node.factor, node.own.coupling),

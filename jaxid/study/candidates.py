@@ -15,7 +15,6 @@ from ..effects.library import general_effects, uncertain_equations
 from ..effects.parameter import ParameterDrift, not_free
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free
-from ..models.names import read_parameters
 
 
 def candidates(model: AbstractModel, free: Free, *records: Record) -> tuple[Effect, ...]:
@@ -48,7 +47,7 @@ def require_absent(library: Sequence[Effect], model: AbstractModel) -> None:
             effect.name not in known,
             f"The declared model holds {effect.name!r} already. Leave this candidate out.",
         )
-        gain = float(read_parameters(effect, ("gain",))[0])
+        gain = float(effect.gain)
         require(
             gain == 0.0,
             f"The candidate {effect.name!r} has a gain of {gain:g}; a candidate starts absent. "

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.host import to_device
 from .._foundation.types import Bool, Float
 from ..diagnosis.validation import Prediction
 from ..estimation.coloured import score_covariance, tapered_covariance, valid_pairs
@@ -34,8 +35,9 @@ def seen(prediction: Prediction) -> Bool[np.ndarray, " output"]:
 
 def of_channel(prediction: Prediction, index: int) -> Prediction:
     """A prediction of which one channel counts alone."""
-    alone = jnp.arange(prediction.scored.shape[-1]) == index
-    return eqx.tree_at(lambda one: one.scored, prediction, prediction.scored & alone[None, None])
+    scored = np.array(prediction.scored)
+    scored[..., np.arange(scored.shape[-1]) != index] = False
+    return eqx.tree_at(lambda one: one.scored, prediction, to_device(scored))
 
 
 def difference_error(before: Prediction, after: Prediction) -> float:
@@ -45,6 +47,14 @@ def difference_error(before: Prediction, after: Prediction) -> float:
     d(log rms) = 1/(2 N) sum_i (v_i^2 / mean v^2 - 1), the sum's variance from its autocovariance
     """
 
+    error = float(_difference_error(before, after))
+    return error if np.isfinite(error) else 0.0
+
+
+@eqx.filter_jit
+def _difference_error(before: Prediction, after: Prediction):
+    """Standard error of the difference of two `mean_log` (jitted)."""
+
     def influence(one: Prediction):
         v, counts = jnp.where(one.scored, one.residuals, 0.0), jnp.sum(one.scored, axis=(0, 1))
         power = jnp.where(one.rms > 0, one.rms, 1.0) ** 2  # of a channel that was seen and missed
@@ -52,8 +62,7 @@ def difference_error(before: Prediction, after: Prediction) -> float:
 
     apart = jnp.sum(influence(before) - influence(after), axis=-1, keepdims=True)
     rows = jnp.any(before.scored, axis=-1, keepdims=True)
-    error = float(jnp.sqrt(score_covariance(rows[..., None] * 1.0, apart, rows)[0, 0]))
-    return error if np.isfinite(error) else 0.0
+    return jnp.sqrt(score_covariance(rows[..., None] * 1.0, apart, rows)[0, 0])
 
 
 def uncertainty(prediction: Prediction) -> float:
@@ -65,10 +74,16 @@ def uncertainty(prediction: Prediction) -> float:
     for a Gaussian residual with autocorrelation r_k, of which n_k pairs of valid samples are k
     samples apart.
     """
+    return float(_uncertainty(prediction))
+
+
+@eqx.filter_jit
+def _uncertainty(prediction: Prediction):
+    """Standard error of `mean_log` (jitted)."""
     v = jnp.where(prediction.scored, prediction.residuals, 0.0)
     count = jnp.sum(prediction.scored, axis=(0, 1))
     covariance = tapered_covariance(v, prediction.scored)
     correlation = covariance / jnp.where(covariance[:1] > 0, covariance[:1], 1.0)
     squared = jnp.sum(valid_pairs(prediction.scored) * correlation**2, axis=0)
     variance = jnp.where(count > 0, 0.5 * squared / jnp.maximum(count, 1) ** 2, 0.0)
-    return float(jnp.sqrt(jnp.sum(variance)) / jnp.sum(count > 0))
+    return jnp.sqrt(jnp.sum(variance)) / jnp.sum(count > 0)

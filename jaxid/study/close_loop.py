@@ -26,6 +26,7 @@ from ..estimation.estimate import (
     check_sampling,
     divergence,
 )
+from ..estimation.filter_error import FilterError
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel
@@ -143,6 +144,11 @@ def _checked_library(
         check_channels(model, stacked)
         check_sampling(model, stacked, likelihood)
     check_samples(records.fitted)
+    require(
+        not isinstance(likelihood, FilterError),
+        "A study fits by output error and finds random forces in the residual. Use OutputError(); "
+        "then estimate the model found with FilterError.",
+    )
     likelihood.check(model, records.fitted)
     library = candidates(model, free, *everything) if effects is None else tuple(effects)
     require_absent(library, model)
@@ -153,7 +159,7 @@ def _checked_library(
         for stacked in predicted:
             check_window(model, stacked, window, len(starting_states(free, model, model)))
     require(
-        bool(jnp.any(records.check.mask[:, window or 0 :])),
+        bool(np.any(np.asarray(records.check.mask)[:, window or 0 :])),
         "No output of the check records has a valid sample after the window. Give other records, "
         "or leave `check` out.",
     )

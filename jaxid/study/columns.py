@@ -5,9 +5,9 @@ parameters and those of its effects.
 from collections.abc import Sequence
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.host import to_device
 from .._foundation.types import Array, Bool
 from ..effects.base import Effect
 from ..estimation.problem import Limits
@@ -60,7 +60,9 @@ class Columns:
 
     def marked(self, columns: Sequence[int]) -> Bool[Array, " column"]:
         """Return a mask that is True at `columns`."""
-        return jnp.zeros(len(self.names), bool).at[np.array(columns, int)].set(True)
+        marked = np.zeros(len(self.names), bool)
+        marked[np.array(columns, int)] = True
+        return to_device(marked)
 
     def same_named(self, first: str, other: str) -> tuple[tuple[int, int], ...]:
         """Return the pairs of columns of the parameters that two effects have under one name."""
@@ -89,12 +91,12 @@ class Columns:
             The vector is first extended to all columns by `fill`.
             """
             extended = np.r_[np.asarray(vector), np.full(len(self.names) - len(vector), fill)]
-            return jnp.asarray(np.r_[extended[[*chosen]], np.full(padding, fill)])
+            return to_device(np.r_[extended[[*chosen]], np.full(padding, fill)])
 
         pad = np.full(padding, np.inf)
         return Limits(
-            Parameters(jnp.asarray(np.r_[self.lower[[*chosen]], -pad]), own.lower.rows),
-            Parameters(jnp.asarray(np.r_[self.upper[[*chosen]], pad]), own.upper.rows),
+            Parameters(to_device(np.r_[self.lower[[*chosen]], -pad]), own.lower.rows),
+            Parameters(to_device(np.r_[self.upper[[*chosen]], pad]), own.upper.rows),
             wide(declared.scale, np.nan),
             wide(declared.prior_mean, 0.0),
             wide(declared.prior_deviation, np.inf),

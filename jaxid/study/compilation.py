@@ -1,119 +1,17 @@
-"""Jitted functions of a workbench, and the concurrent compilation of the large ones."""
+"""Signals of a fit, and the choice between one program for all sets of effects and one for each."""
 
-import inspect
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
-
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._foundation.compiler import compiler_options, fast_compile_jit
-from .._foundation.types import Array, Bool, Float, Int
-from ..diagnosis.scores import sensitivities
-from ..diagnosis.validation import predict_stack
+from .._foundation.compiler import fast_compile_jit
+from .._foundation.types import Array, Bool
 from ..effects.augmented import Augmented
 from ..effects.shape_initialisation import RECORD
-from ..estimation.estimate import fit_problem
 from ..estimation.problem import Problem
 from ..models.base import AbstractModel
 from ..models.free import Parameters
-from ..models.names import flatten
 from ..simulation.steppers import rate
 from .thresholds import COMPILE_COST, COMPILE_COST_PER_OPERATION
-
-
-class EvictingJit:
-    """A jitted function whose compiled programs can be released.
-
-    `jax.jit` keeps its compiled programs as long as the function lives. A search compiles one fit
-    for each set of effects, and each takes about 300 of the 65,530 memory maps that Linux grants a
-    process (`vm.max_map_count`): more than about 200 of them crash the process.
-
-    Args:
-        function: pure, of arguments whose leaves are arrays, or hashable.
-    """
-
-    def __init__(self, function: Callable[..., Any]):
-        self.function = function
-        self._begin()
-
-    def __call__(self, *arguments: Any) -> Any:
-        """Return the function's result; compile it first if necessary."""
-        return self.jitted(*self._noted(arguments))
-
-    def lower(self, *arguments: Any) -> Any:
-        """Return the lowered program for such arguments."""
-        return self.jitted.lower(*self._noted(arguments))
-
-    def make_room(self, count: int, most: int) -> None:
-        """Release all programs if `count` further ones would make more than `most`."""
-        if len(self.known) + count > most:
-            self._begin()
-
-    def _begin(self) -> None:
-        def run(arrays, others):
-            static, structure = others
-            both = zip(arrays, static, strict=True)
-            return self.function(
-                *jax.tree.unflatten(structure, [b if a is None else a for a, b in both])
-            )
-
-        run.__name__ = self.function.__name__  # the name that JAX gives to the program
-        self.run, self.compiled, self.known = run, None, set()
-
-    @property
-    def jitted(self) -> Any:
-        """The jitted function; made at its first use, because the compiler options are unknown at
-        import.
-        """
-        if self.compiled is None:
-            self.compiled = jax.jit(self.run, static_argnums=1, compiler_options=compiler_options())
-        return self.compiled
-
-    def _noted(self, arguments: tuple) -> tuple[list, tuple]:
-        arrays, others = _apart(arguments)
-        self.known.add(
-            (others, tuple((array.shape, array.dtype) for array in arrays if array is not None))
-        )
-        return arrays, others
-
-
-def _apart(arguments: tuple) -> tuple[list, tuple]:
-    """Split the leaves of the arguments into arrays and static leaves.
-
-    Returns:
-        The arrays, None at the static leaves; and the static leaves, None at the arrays, with the
-        tree structure of both.
-    """
-    leaves, structure = jax.tree.flatten(arguments)
-    is_array = [eqx.is_array(leaf) for leaf in leaves]
-    arrays = [leaf if known else None for leaf, known in zip(leaves, is_array, strict=True)]
-    static = tuple(None if known else leaf for leaf, known in zip(leaves, is_array, strict=True))
-    return arrays, (static, structure)
-
-
-def compile_together(programs: Sequence[tuple[EvictingJit, tuple]]) -> None:
-    """Compile programs concurrently, each for its arguments; later calls need no compilation.
-
-    XLA compiles one program on little more than one core, and without Python's global lock.
-    Programs that run at the same time could deadlock on few cores; these are only compiled.
-
-    Args:
-        programs: pairs of a program and the arguments that it will be called with.
-    """
-    with ThreadPoolExecutor() as executor:
-        for future in [
-            executor.submit(program.lower(*arguments).compile) for program, arguments in programs
-        ]:
-            future.result()
-
-
-# Shared by all workbenches, so that studies of the same shapes compile once.
-FITS = EvictingJit(inspect.unwrap(fit_problem))
-PASSES = EvictingJit(inspect.unwrap(sensitivities))
-PREDICTIONS = EvictingJit(inspect.unwrap(predict_stack))
 
 
 def use_reduced_model(model: Augmented, samples: int) -> bool:
@@ -157,18 +55,6 @@ def _count(program) -> int:
     ]
     called = [[part for part in parts if hasattr(part, "eqns")] for parts in inner]
     return sum(sum(map(_count, parts)) if parts else 1 for parts in called)
-
-
-@eqx.filter_jit
-def placed(
-    model: Augmented, at: Int[Array, " column"], values: Float[Array, " column"]
-) -> Augmented:
-    """Return the model with `values` at positions `at` of its flat vector.
-
-    Jitted, because it is called before each program runs.
-    """
-    vector, unflatten = flatten(model)
-    return unflatten(vector.at[at].set(values))
 
 
 @fast_compile_jit

@@ -4,12 +4,15 @@ kept.
 
 import dataclasses
 
+import equinox as eqx
 import numpy as np
 
+from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..diagnosis.autoregression import autoregressive_r2, chance_level
 from ..diagnosis.scores import critical
 from ..diagnosis.validation import Prediction, root_mean_square
+from ..models.noise import AbstractNoise
 from .check import difference_error, mean_log
 from .fit import Fitted
 from .options import LoopOptions
@@ -126,7 +129,7 @@ class Judge:
         A check record by itself is short: where a model drifts, its error is a matter of luck.
         """
         predicted = self.check_prediction(fitted)
-        check_cost = float(self.bench.likelihood.noise.cost(predicted.residuals, predicted.scored))
+        check_cost = float(_cost(self.bench.likelihood.noise, predicted))
         return -2.0 * (fitted.cost + check_cost)
 
     def worth(self, fitted: Fitted) -> float:
@@ -175,3 +178,9 @@ class Judge:
         """Share of the training residual that its own past predicts, per channel."""
         share = autoregressive_r2(fitted.fit.residuals, self.bench.records.mask)
         return dict(zip(self.bench.records.outputs, map(float, share), strict=True))
+
+
+@eqx.filter_jit
+def _cost(noise: AbstractNoise, prediction: Prediction) -> Float[Array, ""]:
+    """Negative log-likelihood of the errors of a prediction (jitted)."""
+    return noise.cost(prediction.residuals, prediction.scored)

@@ -2,10 +2,10 @@
 settle the form.
 """
 
-import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import to_device
 from .._foundation.types import Array, Bool, Float
 from ..diagnosis.scores import exchange_falls, sensitivities, whitened
 from ..effects.augmented import Augmented, split_effects
@@ -58,9 +58,9 @@ def misfits_of_kin(bench: Workbench, found: Fitted) -> dict[str, float]:
     model = Augmented(model.model, (*model.effects_in, *by_name.values()))
     problem = Problem.of(model, Free(columns, free.per_record), bench.records, bench.likelihood)
     shared = initial_parameters(problem.model, problem.positions, problem.records).shared
-    is_free = jnp.arange(len(columns)) < len(free.shared)
-    out = jnp.array([[column == f"{name}.gain" for column in columns] for name, _ in kin])
-    falls = _falls(problem, Parameters(shared, found.fit.parameters.rows), is_free, out)
+    is_free = to_device(np.arange(len(columns)) < len(free.shared))
+    out = np.array([[column == f"{name}.gain" for column in columns] for name, _ in kin])
+    falls = _falls(problem, Parameters(shared, found.fit.parameters.rows), is_free, to_device(out))
     into = [columns.index(f"{one.name}.gain") for _, one in kin]
     misfits = -np.asarray(falls)[np.arange(len(kin)), into]
     return {one.name: float(worse) for (_, one), worse in zip(kin, misfits, strict=True)}

@@ -5,10 +5,10 @@ All problems are made from one augmented model, which holds every candidate effe
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.host import to_device
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..effects.augmented import Augmented
@@ -21,16 +21,15 @@ from ..models.base import AbstractModel, canonical, equations_of
 from ..models.free import (
     INITIAL_STATE,
     Free,
-    Parameters,
     Positions,
     all_names,
     leaves_at,
     with_values,
+    with_values_at,
 )
-from ..models.names import flatten
-from ..models.noise import FixedNoise
+from ..models.names import flat_vector
 from .columns import Columns
-from .compilation import placed, use_reduced_model
+from .compilation import use_reduced_model
 from .fit import Fitted
 from .thresholds import COLUMN_BLOCK
 
@@ -73,7 +72,7 @@ class LoopProblem:
         self.names = all_names(self.model)
         position = {name: index for index, name in enumerate(self.names)}
         self.at = np.array([position[name] for name in self.columns.names], int)
-        self.rows = jnp.array([position[name] for name in free.per_record], int)
+        self.rows = to_device(np.array([position[name] for name in free.per_record], int))
         self.starts = starting_states(free, model, self.model)
         uncertain = uncertain_equations(
             canonical(model), np.asarray(self.free.positions(canonical(model)).shared)
@@ -87,21 +86,16 @@ class LoopProblem:
 
     def initial_values(self) -> Float[np.ndarray, " column"]:
         """Return the values of all columns in the model."""
-        return np.array(flatten(self.model)[0])[self.at]
+        return np.array(flat_vector(self.model))[self.at]
 
     def model_at(self, values) -> Augmented:
         """Return the model with values of all columns."""
-        return placed(self.model, jnp.asarray(self.at), jnp.asarray(values))
+        return with_values_at(self.model, self.at, np.asarray(values))
 
     def padded_width(self, chosen: Sequence[int]) -> int:
         """Return the number of columns of a fit of the chosen columns, with the padding."""
         declared = self.columns.declared
         return declared + COLUMN_BLOCK * max(1, -(-(len(chosen) - declared) // COLUMN_BLOCK))
-
-    def all_columns_free(self, values, rows) -> tuple[Problem, Parameters]:
-        """Return the problem with all columns free, and its parameters."""
-        problem, shared = self.padded_problem(range(len(self.at)), len(self.at), values)
-        return problem, Parameters(shared, rows)
 
     def padded_problem(
         self, chosen: Sequence[int], width: int, values
@@ -112,10 +106,10 @@ class LoopProblem:
         padding = width - len(chosen)
         chosen = [*chosen]
         model = self.model_at(values)
-        shared = jnp.asarray(np.r_[self.at[chosen], np.full(padding, len(self.names))], int)
+        shared = to_device(np.r_[self.at[chosen], np.full(padding, len(self.names))])
         positions = Positions(shared, self.rows, self.leaves)
         limits = self.columns.limits(chosen, padding, self.records.n_cases)
-        shared = jnp.asarray(np.r_[values[chosen], np.zeros(padding)])
+        shared = to_device(np.r_[values[chosen], np.zeros(padding)])
         return Problem(model, positions, self.records, self.likelihood, limits), shared
 
     def reduced_problem(
@@ -129,14 +123,7 @@ class LoopProblem:
         positions = Free(names, self.free.per_record).positions(model)
         limits = self.columns.limits(chosen, 0, self.records.n_cases)
         problem = Problem(model, positions, self.records, self.likelihood, limits)
-        return problem, jnp.asarray(values[chosen])
-
-    def prediction_arguments(self, values, noise, records: Record, window: int | None):
-        """Return the arguments of `predict_stack`."""
-        known = eqx.tree_at(
-            lambda likelihood: likelihood.noise, self.likelihood, FixedNoise(regular(noise))
-        )
-        return self.model_at(values), records.anonymous(), known, window, self.starts
+        return problem, to_device(values[chosen])
 
     def model_and_free(self, fitted: Fitted) -> tuple[AbstractModel, Free]:
         """Return the declared model with the effects and the values of a fit, and its free
@@ -202,5 +189,6 @@ def starting_states(
 
 def regular(R: Float[Array, "output output"]) -> Float[Array, "output output"]:
     """Return R with a floor on its diagonal, for a channel that is fitted without any error."""
-    floor = jnp.finfo(float).eps * jnp.max(jnp.diagonal(R))
-    return R + floor * jnp.eye(R.shape[0])
+    known = np.asarray(R)
+    floor = np.finfo(float).eps * np.max(np.diagonal(known))
+    return to_device(known + floor * np.eye(known.shape[0]))

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.stats import chi2
@@ -134,7 +135,9 @@ def stands_out(where: LocalisationResult, level: float) -> bool:
     It asks more than that the past of the residual predict little of it: what is slow and small
     passes there.
     """
-    chances = [float(chi2.sf(one.score, one.dof)) for one in where.places if one.dof]
+    places = [one for one in where.places if one.dof]
+    scores, dofs = (np.array([getattr(one, name) for one in places]) for name in ("score", "dof"))
+    chances = np.asarray(jax.jit(chi2.sf)(scores, dofs * 1.0)).tolist()
     return min(chances, default=1.0) < level / max(len(chances), 1)
 
 

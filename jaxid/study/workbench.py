@@ -1,12 +1,15 @@
 """`Workbench`: fits and scores of any set of effects, and analysis of the residual of a fit."""
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.evicting_jit import compile_together
 from .._foundation.grid import typical_step
+from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Float
@@ -16,19 +19,31 @@ from ..diagnosis.localise import LocalisationResult, localise, resolution
 from ..diagnosis.process_noise import ProcessNoise, process_noise
 from ..diagnosis.residual_report import ResidualReport, analyse_residual
 from ..diagnosis.scores import Scores, exchange_falls, scores_of, whitened
-from ..diagnosis.validation import Prediction
+from ..diagnosis.validation import Prediction, Predictor
 from ..effects.base import Effect
 from ..effects.library import initialise_shapes
 from ..effects.shape_initialisation import RESIDUAL, SIMULATED
+from ..estimation.host_iteration import fit_by_steps
 from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.model_programs import PROGRAMS, FlatProblem
 from ..estimation.problem import Problem
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free, Parameters, initial_parameters, with_values
-from .compilation import FITS, PASSES, PREDICTIONS, compile_together, signals_of
+from ..models.noise import FixedNoise
+from .compilation import signals_of
 from .fit import Fitted, worth_continuing
 from .loop_problem import LoopProblem, regular
 from .thresholds import MAX_COMPILED_FITS, MIN_CONTINUATION_SHARE
+
+
+class Pass(NamedTuple):
+    """Residuals `v` and sensitivities `S` to all columns at the values of a fit."""
+
+    fitted: Fitted
+    records: Record
+    v: Float[Array, "case time output"]
+    S: Float[Array, "case time output column"]
 
 
 class Workbench(LoopProblem):
@@ -48,7 +63,7 @@ class Workbench(LoopProblem):
     Attributes:
         measured: valid samples of each measured output, by name.
         variables: signals against which the residual is tested: declared states, inputs and time.
-        latest_pass: the latest fit, its problem, parameters, and residuals with sensitivities.
+        latest_pass: sensitivities to all columns at the latest fit that needed them.
     """
 
     def __init__(
@@ -63,7 +78,7 @@ class Workbench(LoopProblem):
         super().__init__(model, free, effects, likelihood, records, solver)
         self.measured: dict[str, np.ndarray] = {}
         self.variables: dict[str, Array] = {}
-        self.latest_pass: tuple | None = None
+        self.latest_pass: Pass | None = None
 
     def compile(self, tests: Sequence[Record], window: int | None) -> None:
         """Compile the programs that every study needs, concurrently, before any of them runs.
@@ -73,17 +88,15 @@ class Workbench(LoopProblem):
             window: window of `predict`.
         """
         values = self.initial_values()
-        declared = self._fit_arguments((), values, None)
-        noise = jnp.eye(len(self.records.outputs))
-        by_shape = {(records.z.shape, records.u.shape): records for records in tests}
-        programs = [
-            (FITS, declared),
-            (PASSES, self.all_columns_free(values, declared[1].rows)),
-            *(
-                (PREDICTIONS, self.prediction_arguments(values, noise, records, window))
-                for records in by_shape.values()
-            ),
+        problem, parameters, _ = self._fit_arguments((), values, None)
+        case = FlatProblem.of(problem)
+        programs: list[tuple[Any, tuple]] = [
+            (PROGRAMS.outputs, case.outputs_arguments(parameters)),
+            (PROGRAMS.sensitivities, case.sensitivities_arguments(parameters)),
         ]
+        predictor, model = self._predictor(self.likelihood, window), self.model_at(values)
+        for records in tests:
+            programs += predictor.programs(model, records.anonymous())
         compile_together(programs)
 
     def base(self) -> Fitted:
@@ -131,7 +144,8 @@ class Workbench(LoopProblem):
         while fit is None or (
             fit.result == RESULTS.steps_exhausted and worth_continuing(costs, creeping)
         ):
-            fit = FITS(*self._fit_arguments(effects, values, rows))
+            problem, parameters, S = self._fit_arguments(effects, values, rows)
+            fit = fit_by_steps(problem, parameters, self.solver, S)
             values[chosen] = np.asarray(fit.parameters.shared)[: len(chosen)]
             rows, costs = fit.parameters.rows, [*costs, float(fit.cost)]
         return Fitted(tuple(effects), values, fit, tuple(chosen))
@@ -151,10 +165,15 @@ class Workbench(LoopProblem):
         """
         if self.uses_reduced_model:
             rows = fitted.fit.parameters.rows
-            FITS.make_room(len(sets), MAX_COMPILED_FITS)
-            compile_together(
-                [(FITS, self._fit_arguments(names, fitted.values, rows)) for names in sets]
-            )
+            for program in PROGRAMS:
+                program.make_room(len(sets), MAX_COMPILED_FITS)
+            programs: list[tuple[Any, tuple]] = []
+            for names in sets:
+                problem, parameters, _ = self._fit_arguments(names, fitted.values, rows)
+                case = FlatProblem.of(problem)
+                programs.append((PROGRAMS.outputs, case.outputs_arguments(parameters)))
+                programs.append((PROGRAMS.sensitivities, case.sensitivities_arguments(parameters)))
+            compile_together(programs)
 
     def score(self, fitted: Fitted) -> Scores:
         """Return the scores of all columns that are not free in a fit."""
@@ -168,17 +187,24 @@ class Workbench(LoopProblem):
         """Return the predicted fall of chi-square with each column in place of each set of effects
         in the model.
         """
-        out = jnp.stack([self.columns.marked(self.columns.of(names)) for names in sets])
-        is_gain = self.columns.marked(tuple(self.columns.gains.values()))
+        out = to_device(
+            np.stack([np.asarray(self.columns.marked(self.columns.of(names))) for names in sets])
+        )
+        is_gain = np.asarray(self.columns.marked(tuple(self.columns.gains.values())))
         white = self._white_columns(fitted)
-        values = jnp.where(is_gain, jnp.asarray(fitted.values), 0.0)
+        values = to_device(np.where(is_gain, fitted.values, 0.0))
         return exchange_falls(*white, self.columns.marked(fitted.columns), out, values)
 
     def predict(self, fitted: Fitted, records: Record, window: int | None) -> Prediction:
         """Return the prediction of records that were not fitted."""
-        return PREDICTIONS(
-            *self.prediction_arguments(fitted.values, fitted.fit.noise, records, window)
-        )
+        known = FixedNoise(regular(fitted.fit.noise))
+        likelihood = eqx.tree_at(lambda node: node.noise, self.likelihood, known)
+        model = self.model_at(fitted.values)
+        return self._predictor(likelihood, window).predict(model, records.anonymous())
+
+    def _predictor(self, likelihood: AbstractLikelihood, window: int | None) -> Predictor:
+        """Return the predictor with the given window."""
+        return Predictor(likelihood, window, self.starts, self.records.n_cases)
 
     def localise(
         self, fitted: Fitted, like: LocalisationResult | None = None
@@ -189,7 +215,7 @@ class Workbench(LoopProblem):
             fitted: a fit to the training records.
             like: an earlier result whose spline basis is reused.
         """
-        _, _, (v, S) = self._pass(fitted)
+        _, v, S = self._pass(fitted)
         # A model with only the effects of the fit is small, so that this program compiles fast.
         model = self.model_at(fitted.values).only(fitted.effects)
         problem = Problem.of(model, Free((), self.free.per_record), self.records, self.likelihood)
@@ -199,9 +225,9 @@ class Workbench(LoopProblem):
             places[LocationKind.AIR] = gusts
         splines = resolution(self.records, fitted.fit.residuals) if like is None else like.splines
         own, padding = len(self.rows), self.padded_width(fitted.columns) - len(fitted.columns)
-        free = jnp.concatenate([S[..., :own], S[..., own + np.array(fitted.columns, int)]], axis=-1)
-        free = jnp.pad(free, ((0, 0), (0, 0), (0, 0), (0, padding)))  # few widths are compiled
-        parameters = Parameters(jnp.zeros(0), fitted.fit.parameters.rows)
+        free = np.asarray(S)[..., np.r_[np.arange(own), own + np.array(fitted.columns, int)]]
+        free = to_device(np.pad(free, ((0, 0), (0, 0), (0, 0), (0, padding))))  # few widths
+        parameters = Parameters(to_device(np.zeros(0)), fitted.fit.parameters.rows)
         return localise(problem, parameters, (v, free), regular(fitted.fit.noise), splines, places)
 
     def analyse_residual(self, fitted: Fitted) -> ResidualReport:
@@ -229,7 +255,7 @@ class Workbench(LoopProblem):
             from_declared: True if the search for the noise model starts from the values of the fit
                 and from the declared values, instead of the default start.
         """
-        problem, parameters, *_ = self._fit_arguments(
+        problem, parameters, _ = self._fit_arguments(
             fitted.effects, fitted.values, fitted.fit.parameters.rows, reduced=True
         )
         values, chosen = np.array(fitted.values), [*fitted.columns]
@@ -242,34 +268,47 @@ class Workbench(LoopProblem):
             )
         noise = process_noise(problem, parameters, force, places, known, starts)
         values[chosen] = noise.parameters.shared[: len(chosen)]
-        complete = self.all_columns_free(values, noise.parameters.rows)
-        columns = jnp.concatenate([noise.of(problem, PASSES(*complete)[1]), noise.probes], axis=-1)
+        _, S = self._all_columns(values, noise.parameters.rows)
+        columns = jnp.concatenate([noise.of(problem, S), noise.probes], axis=-1)
         is_free = self.columns.marked(fitted.columns)
         is_free = jnp.pad(is_free, (0, noise.probes.shape[-1]))
         return noise, scores_of(noise.v, columns, self.records.mask, is_free)
 
     def _white_columns(self, fitted: Fitted):
         """Residuals and sensitivities to all columns, in units of the noise."""
-        problem, _, linearised = self._pass(fitted)
-        return whitened(problem, *linearised)
+        return whitened(*self._pass(fitted))
 
     def _pass(self, fitted: Fitted):
-        """Problem with all columns free, its parameters at the values of a fit, and residuals and
-        sensitivities there.
+        """Problem of a fit, and residuals and sensitivities to all columns at its values.
 
         The latest result is kept, because several methods use it for the same fit.
         """
         if (
             self.latest_pass is None
-            or self.latest_pass[0] is not fitted
-            or self.latest_pass[1][0].records is not self.records
+            or self.latest_pass.fitted is not fitted
+            or self.latest_pass.records is not self.records
         ):
-            arguments = self.all_columns_free(fitted.values, fitted.fit.parameters.rows)
-            self.latest_pass = (fitted, (*arguments, PASSES(*arguments)))
-        return self.latest_pass[1]
+            columns = self._all_columns(fitted.values, fitted.fit.parameters.rows)
+            self.latest_pass = Pass(fitted, self.records, *columns)
+        problem, _ = self.padded_problem((), self.padded_width(()), fitted.values)
+        return problem, self.latest_pass.v, self.latest_pass.S
+
+    def _all_columns(self, values, rows):
+        """Residuals and sensitivities to all columns, in blocks as wide as a fit."""
+        problem, shared = self.padded_problem((), self.padded_width(()), values)
+        case = FlatProblem.of(problem)
+        arguments = case.outputs_arguments(Parameters(shared, rows))
+        at, width = np.r_[np.asarray(self.rows), self.at], case.at.size
+        padded = np.r_[at, np.full(-at.size % width, len(self.names))]
+        blocks = [
+            PROGRAMS.sensitivities(*arguments, to_device(block), self.leaves)
+            for block in padded.reshape(-1, width)
+        ]
+        S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : at.size]
+        return blocks[0][0], to_device(S)
 
     def _fit_arguments(self, effects: Sequence[str], values, rows, reduced: bool = False):
-        """Arguments of `fit_problem`.
+        """Problem of a fit, its initial parameters, and the sensitivities there if known.
 
         The model has no absent effects if `reduced` is True or such fits are faster.
         """
@@ -281,36 +320,27 @@ class Workbench(LoopProblem):
         if rows is None:
             rows = initial_parameters(problem.model, problem.positions, problem.records).rows
         parameters = Parameters(shared, rows)
-        return (
-            problem,
-            parameters,
-            self.solver,
-            self._known_sensitivities(problem, chosen, values, parameters),
-        )
+        return problem, parameters, self._known_sensitivities(chosen, values, parameters)
 
-    def _known_sensitivities(
-        self, problem: Problem, chosen: Sequence[int], values, parameters: Parameters
-    ):
-        """Sensitivities of the latest pass if a fit starts at its parameters, else NaN."""
-        records, width = problem.records, parameters.shared.size
-        if self.latest_pass is not None:
-            fitted, (at_problem, at, (_, S)) = self.latest_pass
-            same = np.array_equal(fitted.values, values) and at.rows is parameters.rows
-            if same and at_problem.records is records:
-                own, padding = len(self.rows), width - len(chosen)
-                columns = np.r_[np.arange(own), own + np.array(chosen, int)]
-                return jnp.pad(S[..., columns], ((0, 0), (0, 0), (0, 0), (0, padding)))
-        return jnp.full((*records.z.shape, len(self.rows) + width), jnp.nan, float)
+    def _known_sensitivities(self, chosen: Sequence[int], values, parameters: Parameters):
+        """Sensitivities of the latest pass if a fit starts at its parameters, else None."""
+        latest = self.latest_pass
+        if latest is None or latest.records is not self.records:
+            return None
+        same = np.array_equal(latest.fitted.values, values)
+        if not (same and latest.fitted.fit.parameters.rows is parameters.rows):
+            return None
+        own, padding = len(self.rows), parameters.shared.size - len(chosen)
+        S = np.asarray(latest.S)[..., np.r_[np.arange(own), own + np.array(chosen, int)]]
+        return to_device(np.pad(S, ((0, 0), (0, 0), (0, 0), (0, padding))))
 
     def _signals(self, fitted: Fitted):
         """Signals of the model over all training records, and the valid samples of the measured
         outputs.
         """
-        declared = with_values(
-            self.model.model, self.free.shared, jnp.asarray(fitted.values[: len(self.free.shared)])
-        )
+        shared = to_device(np.array(fitted.values[: len(self.free.shared)]))
+        declared = with_values(self.model.model, self.free.shared, shared)
         problem = Problem.of(declared, self.free, self.records, self.likelihood)
-        shared = jnp.asarray(fitted.values[: len(self.free.shared)])
         signals, real = signals_of(problem, Parameters(shared, fitted.fit.parameters.rows))
         self.variables = {
             name: signals[name] for name in (*self.model.model.states, *self.model.inputs, "t")

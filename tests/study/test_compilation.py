@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxid._foundation.evicting_jit import EvictingJit, compile_together
 from jaxid._foundation.memory import memory_maps, release_compiled_programs_if_needed
-from jaxid.study.compilation import EvictingJit, compile_together
 
 
 def times(x, factor):
@@ -82,7 +82,7 @@ AS_A_USER = """
 import jax, jax.numpy as jnp
 import jaxid
 from jaxid._foundation import compiler
-from jaxid.study.compilation import EvictingJit
+from jaxid._foundation.evicting_jit import EvictingJit
 
 compiler.FAST |= {{"xla_option_of_no_version": True}}
 options = compiler.compiler_options()

@@ -1,0 +1,235 @@
+"""`fit_by_steps`: a fit whose iteration runs on the host, between programs of the model.
+
+`fit_problem` compiles the model into the iteration. Here the model is in two programs, its outputs
+and their sensitivities, which serve all fits and predictions of a model. One step of the iteration
+takes their results as arrays; it is compiled once for each shape, whatever the model.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import to_device
+from .._foundation.types import Array, Bool, Float
+from ..data.record import Record
+from ..models.base import AbstractModel
+from ..models.free import Parameters, Positions
+from ..models.noise import AbstractNoise
+from ..simulation.solution import Solution
+from .estimate import Fit, fit_of
+from .likelihoods import AbstractLikelihood
+from .model_programs import PROGRAMS, FlatProblem
+from .problem import Limits, Problem
+from .solver import GaussNewton, State, minimiser_of
+
+Outputs = Float[Array, "case time output"]
+Columns = Float[Array, "case time output column"]
+
+
+class Evaluation(NamedTuple):
+    """Residuals of a model at its parameters, zero at missing samples, and its sensitivities."""
+
+    v: Outputs
+    S: Columns
+
+
+class _NoModel(AbstractModel):
+    """A model without states, inputs, outputs and parameters, in place of one already evaluated."""
+
+    states: tuple[str, ...] = eqx.field(static=True, default=())
+    inputs: tuple[str, ...] = eqx.field(static=True, default=())
+    outputs: tuple[str, ...] = eqx.field(static=True, default=())
+
+    def rhs(self, t, x, u):
+        return jnp.zeros(0)
+
+    def output(self, t, x, u):
+        return jnp.zeros(0)
+
+    def initial_state(self, record):
+        return jnp.zeros(0)
+
+
+class _Evaluated(AbstractLikelihood):
+    """A likelihood of known rows and sensitivities, which stand in a record as its inputs.
+
+    Attributes:
+        noise: the noise model.
+        of: the likelihood that has evaluated them.
+        sensitive: number of rows that have sensitivities.
+    """
+
+    noise: AbstractNoise
+    of: AbstractLikelihood
+    sensitive: int = eqx.field(static=True)
+
+    def solve(self, model, record, initial_state):
+        v = self.of.residuals(self.rows(model, record, initial_state), record.mask)
+        y = jnp.where(record.mask, record.z, 0.0) - v
+        return Solution(record.t, jnp.zeros((record.t.size, 0)), y, jnp.all(jnp.isfinite(y)))
+
+    def rows(self, model, record, initial_state):
+        return self._split(record)[0]
+
+    def _split(self, record: Record) -> tuple[Array, Array]:
+        """Return the rows and the flat sensitivities."""
+        count = self.row_mask(record.mask).shape[-1]
+        return record.u[:, :count], record.u[:, count:]
+
+    def row_mask(self, mask):
+        return self.of.row_mask(mask)
+
+    def residuals(self, rows, mask):
+        return self.of.residuals(rows, mask)
+
+    def sensitivities(self, family, theta, record):
+        rows, S = self._split(record)
+        return rows, S.reshape(rows.shape[0], self.sensitive, theta.size)
+
+    def check(self, model, records):
+        self.noise.check(records.mask, records.outputs)
+
+    def check_times(self, t):
+        """Accept all sample times: nothing is simulated."""
+
+
+class _Arrays(NamedTuple):
+    """The parts of a problem, without its model, that a step uses besides an evaluation."""
+
+    t: Float[Array, "case time"]
+    z: Float[Array, "case time output"]
+    mask: Bool[Array, "case time output"]
+    likelihood: AbstractLikelihood
+    limits: Limits
+
+    def problem(self, evaluation: Evaluation) -> Problem:
+        """Return the problem whose rows and sensitivities are those of an evaluation."""
+        v, S = evaluation
+        known = jnp.concatenate([v, S.reshape(*v.shape[:2], -1)], axis=-1)
+        outputs = ("",) * self.z.shape[-1]
+        inputs = ("",) * known.shape[-1]
+        records = Record(self.t, known, self.z, self.mask, {}, inputs, outputs, (), (), ())
+        rows, shared = self.limits.lower.rows.shape[1], self.limits.lower.shared.size
+        positions = Positions(jnp.arange(shared), jnp.arange(rows), ())
+        evaluated = _Evaluated(self.likelihood.noise, self.likelihood, S.shape[2])
+        return Problem(_NoModel(), positions, records, evaluated, self.limits)
+
+
+class Iteration(NamedTuple):
+    """The end of an iteration.
+
+    Attributes:
+        arrays: arrays of the problem.
+        parameters: the best parameters.
+        state: last state of the solver.
+        evaluation: the last evaluation.
+    """
+
+    arrays: "_Arrays"
+    parameters: Parameters
+    state: State
+    evaluation: Evaluation
+
+
+def fit_by_steps(
+    problem: Problem,
+    begin: Parameters,
+    solver: GaussNewton,
+    S: Columns | None = None,
+) -> Fit:
+    """Return the fit of a problem, as `fit_problem` does, with the iteration on the host.
+
+    The arguments are those of `minimise_by_steps`.
+    """
+    end = minimise_by_steps(problem, begin, solver, S)
+    return _fit(end.arrays, end.parameters, end.state, solver, end.evaluation)
+
+
+def minimise_by_steps(
+    problem: Problem,
+    begin: Parameters,
+    solver: GaussNewton,
+    S: Columns | None = None,
+) -> Iteration:
+    """Return the end of an iteration on the host.
+
+    Args:
+        problem: the estimation problem.
+        begin: the initial parameters.
+        solver: options of the iteration.
+        S: sensitivities at the initial parameters, for a solver with `chord`; None if unknown.
+            That solver needs a likelihood whose rows are the residuals.
+    """
+    case, records = FlatProblem.of(problem), problem.records
+    arrays = _Arrays(records.t, records.z, records.mask, problem.likelihood, problem.limits)
+
+    def evaluated(at: Parameters, S: Columns | None) -> Evaluation:
+        if S is None or not np.all(np.isfinite(np.asarray(S))):
+            return Evaluation(*PROGRAMS.sensitivities(*case.sensitivities_arguments(at)))
+        return Evaluation(_residuals(records, PROGRAMS.outputs(*case.outputs_arguments(at))), S)
+
+    evaluation = evaluated(_within(problem.limits, begin), S)
+    y, state = begin, _begin(arrays, begin, solver, evaluation)
+    for _ in range(solver.max_steps - 1):
+        y, state, done = _step(arrays, y, solver, state, evaluation)
+        if bool(done):
+            return Iteration(arrays, y, state, evaluation)
+        keep = solver.chord and not bool(state.renew)
+        evaluation = evaluated(state.trial, state.linearised.S if keep else None)
+    y, state, _ = _step(arrays, y, solver, state, evaluation)
+    return Iteration(arrays, y, state, evaluation)
+
+
+def _within(limits: Limits, parameters: Parameters) -> Parameters:
+    """Return parameters within their bounds, computed on the host."""
+
+    def clip(value, low, high):
+        return to_device(np.clip(np.asarray(value), np.asarray(low), np.asarray(high)))
+
+    return jax.tree.map(clip, parameters, limits.lower, limits.upper)
+
+
+def _residuals(records: Record, y: Outputs) -> Outputs:
+    """Return the residuals of known outputs, computed on the host."""
+    z, mask = np.asarray(records.z), np.asarray(records.mask)
+    return to_device(np.where(mask, z - np.asarray(y), 0.0))
+
+
+def _objective(y, problem):
+    """Stand for the objective: the minimiser reads its shape only."""
+    return jnp.zeros(()), None
+
+
+@fast_compile_jit
+def _begin(arrays: _Arrays, begin: Parameters, solver: GaussNewton, evaluation: Evaluation):
+    """Return the first state of the iteration."""
+    problem = arrays.problem(evaluation)
+    options = {"S": evaluation.S if solver.chord else None}
+    minimiser = minimiser_of(problem, solver)
+    return _strong(minimiser.init(_objective, begin, problem, options, None, None, frozenset()))
+
+
+@fast_compile_jit
+def _step(arrays: _Arrays, y: Parameters, solver: GaussNewton, state, evaluation: Evaluation):
+    """Return the best parameters and the state after one step, and whether it is the last."""
+    problem = arrays.problem(evaluation)
+    minimiser = minimiser_of(problem, solver)
+    y, state, _ = minimiser.step(_objective, y, problem, {}, state, frozenset())
+    done, _ = minimiser.terminate(_objective, y, problem, {}, state, frozenset())
+    return _strong((y, state, done))
+
+
+def _strong(tree):
+    """Return a tree without weak types, with which the next step would be compiled again."""
+    dynamic, static = eqx.partition(tree, eqx.is_array)
+    return eqx.combine(jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), dynamic), static)
+
+
+@fast_compile_jit
+def _fit(arrays: _Arrays, y: Parameters, state, solver: GaussNewton, evaluation: Evaluation) -> Fit:
+    """Return the fit at the end of the iteration."""
+    return fit_of(arrays.problem(evaluation), y, state, solver)

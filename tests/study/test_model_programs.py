@@ -1,0 +1,93 @@
+"""Fits and predictions between two programs of the model equal those in one program."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from small_spring import SIGMA, Spring, fly
+
+from jaxid import OutputError, close_loop, estimate, free, simulate
+from jaxid.data import split_at, stack
+from jaxid.diagnosis.validation import Predictor, predict
+from jaxid.effects.equation import Term
+from jaxid.estimation.estimate import as_stack, fit_problem
+from jaxid.estimation.host_iteration import fit_by_steps
+from jaxid.estimation.model_programs import PROGRAMS
+from jaxid.estimation.problem import Problem
+from jaxid.estimation.solver import GaussNewton
+from jaxid.models import FixedNoise, Parameters
+from jaxid.models.base import canonical
+
+CUBIC = Term("v", "x^3", jnp.array(-0.3))
+SAMPLES = 200
+
+
+@pytest.fixture(scope="module")
+def records():
+    return [fly(seed, CUBIC, samples=SAMPLES)[0] for seed in range(40, 45)]
+
+
+@pytest.mark.parametrize("chord", [False, True])
+def test_fit_by_steps_equals_fit_in_one_program(records, chord):
+    model = Spring(jnp.array(1.5), jnp.array(0.2))
+    chosen = free(model, "k", "c", per_record=["initial_state"], prior={"k": (1.2, 0.5)})
+    problem = Problem.of(model, chosen, as_stack(records[:2]), OutputError())
+    begin = Parameters(jnp.array([1.5, 0.2]), jnp.zeros((2, 2)))
+    solver = GaussNewton(chord=chord)
+    ours = fit_by_steps(problem, begin, solver)
+    theirs = fit_problem(problem, begin, solver)
+    assert bool(ours.result == theirs.result)
+    np.testing.assert_allclose(ours.cost, theirs.cost, rtol=1e-10)
+    for name in ("covariance", "own_covariance", "robust_covariance", "noise"):
+        scale = np.max(np.abs(getattr(theirs, name)))
+        np.testing.assert_allclose(
+            getattr(ours, name), getattr(theirs, name), rtol=1e-5, atol=1e-5 * scale, err_msg=name
+        )
+    # Both ends lie within the solver's tolerance of 1e-6 standard errors of the minimum.
+    error = np.sqrt(np.diagonal(theirs.covariance))
+    moved = np.asarray(ours.parameters.shared) - np.asarray(theirs.parameters.shared)
+    np.testing.assert_array_less(np.abs(moved) / error, 1e-5)
+
+
+@pytest.mark.parametrize("window", [None, 30])
+def test_prediction_starts_at_estimate_of_window(records, window):
+    """Three records in groups of two, as if there were two training records."""
+    model = Spring(jnp.array(1.4), jnp.array(0.25))
+    likelihood = OutputError(FixedNoise(jnp.array([SIGMA**2])))
+    stacked = stack(records[:3])
+    predictor = Predictor(likelihood, window, model.states, 2)
+    ours = predictor.predict(canonical(model), stacked.anonymous())
+    together = predict(model, stacked, likelihood, window=window)
+    for k, one in enumerate(records[:3]):
+        if window is None:
+            start = np.asarray(model.initial_state(one))
+        else:
+            first, _ = split_at(one, window)
+            chosen = free(model, per_record=["initial_state"])
+            start = np.asarray(estimate(model, chosen, first, likelihood).own[0])
+        y = simulate(model, one.t, one.u, initial_state=start).y
+        scale = np.max(np.abs(y))
+        np.testing.assert_allclose(ours.initial_state[k], start, atol=1e-6 * scale)
+        np.testing.assert_allclose(ours.y[k], y, atol=1e-6 * scale)
+        np.testing.assert_allclose(together.y[k], y, atol=1e-6 * scale)
+    after = np.arange(SAMPLES) >= (window or 0)
+    expected = np.asarray(stacked.mask) & after[None, :, None]
+    np.testing.assert_array_equal(ours.scored, expected)
+
+
+def test_study_holds_its_model_in_three_programs(records):
+    """One of the outputs, one of the sensitivities, and one of those in the window."""
+    for program in PROGRAMS:
+        program.make_room(1, 0)
+    model = Spring(jnp.array(1.5), jnp.array(0.2))
+    study = close_loop(
+        model,
+        free(model, "k", "c", per_record=["initial_state"]),
+        OutputError(),
+        train=records[:2],
+        check=records[2:4],
+        test=records[4:],
+        effects=(Term("v", "x^2"), Term("v", "x^3")),
+        window=30,
+    )
+    assert study.effects == ("x^3 in v",)
+    assert [len(program.known) for program in PROGRAMS] == [1, 2]

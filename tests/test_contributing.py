@@ -93,5 +93,5 @@ def test_the_test_of_the_likelihood_passes(pendulum, measure):
     known = _defined(vars(likelihoods))
     told = run(likelihood, "jaxid.estimation", **known)
     run(
-        test, "tests", jaxid=jaxid, np=np, jnp=jnp, AutoregressiveNoise=told["AutoregressiveNoise"]
+        test, "tests", jaxid=jaxid, np=np, jnp=jnp, KnownAutoregression=told["KnownAutoregression"]
     )["test_no_memory_is_output_error"](pendulum, measure)

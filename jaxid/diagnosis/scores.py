@@ -77,7 +77,7 @@ def whitened(
     S: Float[Array, "case time output column"],
 ) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
     """Residuals and sensitivities divided by the square root of the noise covariance."""
-    return problem.whiten(v, v), problem.whiten(v, S)
+    return problem.misfit(v), problem.whiten(v, S)
 
 
 @eqx.filter_jit

@@ -269,7 +269,7 @@ class Problem(eqx.Module):
     def _fold(self, S, v, mask, whiten: AbstractWhitening):
         """Return the triangles of some records, and their rows of the noise's curvature."""
         v, mask = v[..., : S.shape[2]], mask[..., : S.shape[2]]
-        white_v, white_S = whiten(v, mask), whiten(S, mask)
+        white_v, white_S = whiten.misfit(v, mask), whiten(S, mask)
         count = self.positions.rows.size
         triangles = record_triangles(white_S[..., :count], white_S[..., count:], white_v)
         return triangles, self.likelihood.noise.profile_rows(white_S, white_v, mask)
@@ -289,12 +289,12 @@ class Problem(eqx.Module):
     def whiten(
         self, v: Float[Array, "case time row"], rows: Float[Array, "case time sensitive *column"]
     ):
-        """Return `rows` in units of the noise, with its memory removed.
+        """Return `rows` in units of the noise, with its memory removed; `v` are the residuals."""
+        return self.likelihood.noise.whitening(v, self.row_mask)(rows, self.row_mask)
 
-        With estimated noise, `v` is the residual from which it is estimated.
-        """
-        mask = self.row_mask
-        return self.likelihood.noise.whitening(v, mask)(rows, mask)
+    def misfit(self, v: Float[Array, "case time row"]) -> Float[Array, "case time row"]:
+        """Return the whitened residuals (`AbstractWhitening.misfit`)."""
+        return self.likelihood.noise.whitening(v, self.row_mask).misfit(v, self.row_mask)
 
     def projected(self, linearised: "Linearised") -> Float[Array, "case time sensitive parameter"]:
         """Return the whitened sensitivities to the shared parameters, orthogonal to the others.

@@ -7,6 +7,7 @@ from .names import parameter_names
 from .noise import DiagonalNoise, FixedNoise, FullNoise
 from .polynomial import Polynomial
 from .replace import polynomials_of, with_polynomials
+from .robust_noise import HuberNoise, StudentNoise
 from .table_set import TableSet
 from .tables import Extrapolation, Interpolation, Table, range_violations, require_inside
 
@@ -17,10 +18,12 @@ __all__ = [
     "FixedNoise",
     "Free",
     "FullNoise",
+    "HuberNoise",
     "Interpolation",
     "LinearModel",
     "Parameters",
     "Polynomial",
+    "StudentNoise",
     "Table",
     "TableSet",
     "free",

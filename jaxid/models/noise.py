@@ -30,6 +30,19 @@ class AbstractWhitening(eqx.Module):
             mask: valid samples.
         """
 
+    def misfit(
+        self, v: Float[Array, "case time row"], mask: Bool[Array, "case time row"]
+    ) -> Float[Array, "case time row"]:
+        """Return the residuals by which the whitened sensitivities give the gradient of the cost.
+
+        For normal noise they are the whitened residuals.
+
+        Args:
+            v: residuals.
+            mask: valid samples.
+        """
+        return self(v, mask)
+
 
 class Division(AbstractWhitening):
     """Whitening of noise without memory: `L^-1 rows` at every sample.
@@ -76,6 +89,19 @@ class AbstractNoise(eqx.Module):
         self, v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]
     ) -> Float[Array, ""]:
         """Negative log-likelihood, without the constant `N/2 log 2 pi`."""
+
+    def white_power(
+        self, misfit: Float[Array, "case time row"], mask: Bool[Array, "case time row"]
+    ) -> Float[Array, ""]:
+        """Return the least mean square of whitened residuals without colour, one for normal noise.
+
+        A correction for colour does not make variances smaller than this share.
+
+        Args:
+            misfit: residuals, from `AbstractWhitening.misfit`.
+            mask: valid samples.
+        """
+        return jnp.ones(())
 
     def profile_rows(
         self,

@@ -15,7 +15,6 @@ from .measures import (
     SubsetDeterminant,
     Trace,
     curve_width,
-    discrimination,
 )
 from .objectives import Discrimination, InformationObjective
 from .shapes import AbstractShape, Multisine, Spline, SquareWave, multisine, spline, square_wave
@@ -60,7 +59,6 @@ __all__ = [
     "conventional_inputs",
     "curve_width",
     "design_input",
-    "discrimination",
     "expected_chi_square",
     "information_of",
     "multisine",

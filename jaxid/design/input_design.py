@@ -205,15 +205,16 @@ def expected_chi_square(
     Args:
         true: the hypothesis assumed to be true, and its free parameters.
         wrong: the rival, with the same inputs and outputs.
-        record: a record with the input.
+        record: a single record with the input.
         likelihood: the likelihood with known noise.
-        initial_state: state at the first sample; zero by default.
+        initial_state: state at the first sample, to which further states of a model are added as
+            zero; by default each model reads it from the record.
     """
     first, second = (
         _hypothesis(
             canonical(model),
             free,
-            jnp.zeros(len(model.states)) if initial_state is None else as_float(initial_state),
+            as_float(model.initial_state(record) if initial_state is None else initial_state),
         )
         for model, free in (true, wrong)
     )

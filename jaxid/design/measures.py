@@ -238,30 +238,6 @@ def curve_width(
     return CurveWidth(triangle(jnp.sqrt(w)[:, None] * basis(points)))
 
 
-def discrimination(
-    sensitivities: Float[Array, "row parameter"], difference: Float[Array, " row"]
-) -> Float[Array, ""]:
-    """Return the expected chi-square by which a wrong hypothesis loses (T-optimality).
-
-        T = min_d |difference - sensitivities d|^2
-
-    the part of the difference that the free parameters of the wrong hypothesis cannot absorb. The
-    mean of twice the difference of the log-likelihoods where the first hypothesis is true is T
-    plus the difference of the numbers of free parameters.
-
-    Source: A. C. Atkinson, V. V. Fedorov, The design of experiments for discriminating between two
-    rival models, Biometrika 62(1), 1975.
-
-    Args:
-        sensitivities: whitened sensitivities of the wrong hypothesis to its free parameters.
-        difference: whitened difference of the outputs of both hypotheses.
-    """
-    scale = jnp.linalg.norm(sensitivities, axis=0)
-    columns = sensitivities / jnp.where(scale > 0, scale, 1.0)[None]
-    factor = triangle(jnp.column_stack([columns, difference]))
-    return factor[-1, -1] ** 2
-
-
 def _library(array) -> Any:
     """Return NumPy for a NumPy array, else `jax.numpy`."""
     return np if isinstance(array, np.ndarray) else jnp

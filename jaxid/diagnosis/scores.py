@@ -128,21 +128,6 @@ def scores_of(
     )
 
 
-@eqx.filter_jit
-def unexplained_chi_square(
-    v: Float[Array, "case time output"], S: Float[Array, "case time output column"], shared: int
-) -> Float[Array, ""]:
-    """Return the squared length of v orthogonal to all columns: the chi-square of a linear fit.
-
-    Args:
-        v, S: as in `scores_of`.
-        shared: number of columns shared by all records, the last of S.
-    """
-    information = _information(S, v, shared)
-    remainder, _ = _orthogonal_part(information.triangle, information.rhs, jnp.ones(shared, bool))
-    return jnp.sum(remainder[:, -1] ** 2)
-
-
 def exchange_falls(
     v: Float[Array, "case time output"],
     S: Float[Array, "case time output column"],

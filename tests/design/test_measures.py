@@ -97,19 +97,6 @@ def test_badly_scaled_information_keeps_its_measure(rows):
     np.testing.assert_allclose(plain.cost(rows), scaled.cost(rows * scale[None]), rtol=1e-8)
 
 
-def test_discrimination_equals_residual_of_least_squares(rows, seed):
-    difference = np.random.default_rng(seed + 1).normal(size=12)
-    residual = np.linalg.lstsq(rows, difference, rcond=None)[1]
-    np.testing.assert_allclose(
-        measures.discrimination(jnp.asarray(rows), jnp.asarray(difference)), residual[0], rtol=1e-10
-    )
-
-
-def test_discrimination_of_absorbed_difference_is_zero(rows):
-    absorbed = rows @ np.array([1.0, 2.0, 3.0])
-    assert measures.discrimination(jnp.asarray(rows), jnp.asarray(absorbed)) < 1e-24
-
-
 def test_bad_arguments_are_refused():
     with pytest.raises(InputError, match="weights must not be negative"):
         measures.Trace([1.0, -1.0])

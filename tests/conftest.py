@@ -18,6 +18,8 @@ os.environ["MPLBACKEND"] = "Agg"
 # Tests compile much and compute little: without XLA's optimisations the suite takes half the time,
 # and says the same.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+# Two workers on two cores: more threads of linear algebra would wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax
 

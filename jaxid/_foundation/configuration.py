@@ -1,12 +1,14 @@
-"""`configure`: the settings of JAX that jaxid recommends, made by one call."""
+"""`configure`: the settings of JAX and of linear algebra that jaxid recommends, by one call."""
 
 import os
 from pathlib import Path
 
 import jax
+import scipy.linalg  # noqa: F401  (loads the library whose threads are limited)
 from jax.experimental.compilation_cache import compilation_cache
+from threadpoolctl import threadpool_limits
 
-from .checks import InputError
+from .checks import InputError, require
 
 # Thresholds of JAX's persistent compilation cache at which it stores every program. A first
 # estimate of a small model compiles dozens of programs, each far below JAX's default of one second.
@@ -16,8 +18,14 @@ STORE_EVERY_PROGRAM = {
 }
 
 
-def configure(*, cache: bool | str | Path = True, float64: bool = True) -> None:
-    """Set JAX to 64 bit, and store compiled programs on disk for the next process.
+def configure(
+    *,
+    cache: bool | str | Path = True,
+    float64: bool = True,
+    linear_algebra_threads: int | None = 1,
+) -> None:
+    """Set JAX to 64 bit, store compiled programs on disk for the next process, and decompose
+    matrices on one thread.
 
     Call it once, after the imports and before the first array is made; arrays made earlier keep
     their precision. Importing jaxid changes no setting, and a second call is allowed.
@@ -32,10 +40,19 @@ def configure(*, cache: bool | str | Path = True, float64: bool = True) -> None:
             the folder must be writable only by trusted users.
         float64: True switches on 64 bit, without which jaxid refuses to compute; False leaves the
             precision unchanged.
+        linear_algebra_threads: threads of the library (OpenBLAS) by which JAX, NumPy and SciPy
+            decompose matrices on a CPU. The matrices here are narrow; more threads wait for each
+            other, the longer the more programs share the processor. None leaves them unchanged.
 
     Raises:
-        InputError: when the folder cannot be made or written to.
+        InputError: when the number of threads is below one, or the folder cannot be made or written to.
     """
+    if linear_algebra_threads is not None:
+        require(
+            linear_algebra_threads >= 1,
+            f"`linear_algebra_threads` is {linear_algebra_threads}; give at least 1.",
+        )
+        threadpool_limits(linear_algebra_threads, user_api="blas")
     if cache is not False:
         _use_cache(_default_folder() if cache is True else str(cache))
     if float64:

@@ -33,7 +33,7 @@ def test_counted_words_are_rare_in_documents():
     files = [
         ROOT / "README.md",
         ROOT / "jaxid" / "README.md",
-        *sorted((ROOT / "docs").glob("*.md")),
+        *sorted((ROOT / "docs").rglob("*.md")),
     ]
     passages = [
         passage

@@ -3,6 +3,7 @@ API reference contains every public name. `mkdocs` builds it, where that is inst
 """
 
 import importlib.util
+import itertools
 import re
 import subprocess
 import sys
@@ -136,7 +137,7 @@ def test_regressions_find_the_true_terms(printed):
 
 def test_the_cost_falls_and_nothing_is_weak(output):
     costs = numbers(output("method.md", "cost:"))
-    assert all(after <= before for before, after in zip(costs, costs[1:], strict=False))
+    assert all(after <= before for before, after in itertools.pairwise(costs))
     R, mean_square = numbers(output("method.md", "R:"))
     assert mean_square == pytest.approx(R, rel=0.02)
     assert output("method.md", "weak directions").endswith("()")

@@ -7,6 +7,7 @@ from .names import parameter_names
 from .noise import DiagonalNoise, FixedNoise, FullNoise
 from .polynomial import Polynomial
 from .replace import polynomials_of, with_polynomials
+from .saving import Saved, load, save
 from .table_set import TableSet
 from .tables import Extrapolation, Interpolation, Table, range_violations, require_inside
 
@@ -21,13 +22,16 @@ __all__ = [
     "LinearModel",
     "Parameters",
     "Polynomial",
+    "Saved",
     "Table",
     "TableSet",
     "free",
+    "load",
     "parameter_names",
     "polynomials_of",
     "range_violations",
     "require_inside",
+    "save",
     "with_polynomials",
     "with_values",
 ]

@@ -14,7 +14,7 @@ from .free import free as free_parameters
 from .names import flat_vector, parameter_names
 
 FORMAT, FORMAT_VERSION = "jaxid model", 1
-CHANNELS = ("states", "inputs", "outputs")
+CHANNEL_KINDS = ("states", "inputs", "outputs")
 
 
 class Saved(NamedTuple):
@@ -55,7 +55,7 @@ def save(path: str | Path, model: AbstractModel, free: Free | None = None) -> Pa
     values = np.asarray(flat_vector(model))
     content = {
         "model": type(model).__name__,
-        **{kind: list(getattr(model, kind)) for kind in CHANNELS},
+        **{kind: list(getattr(model, kind)) for kind in CHANNEL_KINDS},
         "parameters": dict(zip(parameter_names(model), values.tolist(), strict=True)),
         "units": dict(model.units()),
         "free": None,
@@ -113,7 +113,7 @@ def _require_fit(content: Mapping[str, Any], like: AbstractModel, name: str) -> 
         f"{name} holds a model of the class {content.get('model')!r}, and `like` is a "
         f"{type(like).__name__!r}. Give a model of the class that was saved.",
     )
-    for kind in CHANNELS:
+    for kind in CHANNEL_KINDS:
         written, own = content.get(kind), list(getattr(like, kind))
         require(
             written == own,

@@ -227,7 +227,9 @@ def test_every_public_module_of_the_package_has_a_page():
 
 
 def test_mkdocs_builds_the_site_without_a_warning(tmp_path):
-    """Pages need no network: no script, style, font or image comes from another server."""
+    """Pages need no network: no script, style, font or image comes from another server. No list or
+    table is left as text.
+    """
     if not all(importlib.util.find_spec(name) for name in ("mkdocs", "material", "mkdocstrings")):
         pytest.skip('mkdocs is not installed: pip install -e ".[docs]"')
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
@@ -239,3 +241,6 @@ def test_mkdocs_builds_the_site_without_a_warning(tmp_path):
         html = page.read_text(encoding="utf-8")
         assert not loaded.search(html), page
         assert not linked.search(html), page
+        prose = re.sub(r"<(pre|code)\b.*?</\1>", "", html, flags=re.DOTALL)
+        markup = re.compile(r"^\s*(?:- |\d+\. |\| |#+ |```)", re.MULTILINE)
+        assert not markup.search(re.sub(r"<[^>]+>", "", prose)), page  # a list that is none

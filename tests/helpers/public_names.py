@@ -1,6 +1,7 @@
 """The public names of a module, and the place where each is defined, from imports and source."""
 
 import ast
+import functools
 import importlib
 import types
 from pathlib import Path
@@ -39,6 +40,7 @@ def definition(dotted: str, name: str) -> str:
     return definition(stem, original) if stem != module.__name__ else f"{stem}.{original}"
 
 
+@functools.cache
 def _imports(module: types.ModuleType) -> dict[str, tuple[str, str]]:
     """Return (module, name there) of the relative imports of a file, by the name that they make."""
     tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))

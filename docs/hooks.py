@@ -8,8 +8,6 @@ import re
 from pathlib import Path, PurePosixPath
 from posixpath import normpath, relpath
 
-from mkdocs.structure.files import File
-
 ROOT = Path(__file__).resolve().parent.parent
 # Page of the site by file of the repository.
 PAGES = {
@@ -19,12 +17,19 @@ PAGES = {
     "jaxid/README.md": "map.md",
 }
 SOURCES = {page: source for source, page in PAGES.items()}
-LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
+# A fenced block or inline code, which stays; or a link.
+CODE_OR_LINK = re.compile(
+    r"^ *(?P<fence>```|~~~).*?^ *(?P=fence) *$|`[^`\n]*`"
+    r"|(?P<image>!?)\[(?P<words>[^\]]*)\]\((?P<address>[^)\s]+)\)",
+    re.MULTILINE | re.DOTALL,
+)
 SECTION = re.compile(r"^<!-- README: (.+) -->$", re.MULTILINE)
 
 
 def on_files(files, config):
     """Add the pages whose files are outside of `docs`."""
+    from mkdocs.structure.files import File  # here, as tests use the functions without mkdocs
+
     for source, page in PAGES.items():
         files.append(File.generated(config, page, abs_src_path=str(ROOT / source)))
     return files
@@ -35,9 +40,12 @@ def on_page_markdown(markdown, page, config, files):
 
     A line `<!-- README: Install -->` is replaced by the section `Install`.
     """
-    here = page.file.src_uri
-    source = SOURCES.get(here, f"docs/{here}")
-    markdown = _translated(markdown, source, here)
+    return page_text(markdown, page.file.src_uri)
+
+
+def page_text(markdown: str, here: str) -> str:
+    """Return the text of the page `here`, a path in `docs`."""
+    markdown = _translated(markdown, SOURCES.get(here, f"docs/{here}"), here)
     return SECTION.sub(lambda match: _translated(_section(match[1]), "README.md", here), markdown)
 
 
@@ -50,21 +58,22 @@ def _section(title: str) -> str:
 
 def _translated(markdown: str, source: str, here: str) -> str:
     """Return a text of the file `source` for the page `here`."""
-    return LINK.sub(lambda link: _link(link, source, here), markdown)
+    return CODE_OR_LINK.sub(lambda match: _link(match, source, here), markdown)
 
 
-def _link(link: re.Match[str], source: str, here: str) -> str:
-    """Return a link; the words alone where the site does not have its target."""
-    image, words, address = link.groups()
-    path, _, anchor = address.partition("#")
+def _link(match: re.Match[str], source: str, here: str) -> str:
+    """Return a link, its words alone where the site does not have its target; code as it stands."""
+    if match["address"] is None:
+        return match[0]
+    path, _, anchor = match["address"].partition("#")
     if not path or "://" in path:
-        return link[0]
+        return match[0]
     target = normpath(str(PurePosixPath(source).parent / path))
     if target in PAGES:
         page = PAGES[target]
     elif target.startswith("docs/"):
         page = target.removeprefix("docs/")
     else:
-        return words
+        return match["words"]
     address = relpath(page, str(PurePosixPath(here).parent)) + (f"#{anchor}" if anchor else "")
-    return f"{image}[{words}]({address})"
+    return f"{match['image']}[{match['words']}]({address})"

@@ -223,6 +223,43 @@ def test_every_public_module_of_the_package_has_a_page():
     assert modules <= set(MODULES)
 
 
+# Pages from files outside of the folder. ----------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def page_text():
+    spec = importlib.util.spec_from_file_location("hooks", DOCS / "hooks.py")
+    hooks = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hooks)
+    return hooks.page_text
+
+
+@pytest.mark.parametrize(
+    ("page", "link", "translated"),
+    [
+        ("overview.md", "[effects](docs/effects.md)", "[effects](effects.md)"),
+        ("overview.md", "![A study](docs/study.png)", "![A study](study.png)"),
+        ("overview.md", "[`map`](jaxid/README.md)", "[`map`](map.md)"),
+        ("overview.md", "[Notebooks](notebooks)", "Notebooks"),
+        ("map.md", "[flights](../docs/flights.md#a)", "[flights](flights.md#a)"),
+        ("effects.md", "[guide](../CONTRIBUTING.md)", "[guide](contributing.md)"),
+        ("api/effects.md", "[table](../effects.md)", "[table](../effects.md)"),
+        ("index.md", "[here](#fit), [there](https://a.org/b)", None),
+        ("contributing.md", "```python\ntests[0](seed)\n```\n`tests[0](seed)`", None),
+    ],
+)
+def test_links_to_files_become_links_to_pages(page, link, translated, page_text):
+    assert page_text(link, page) == (link if translated is None else translated)
+
+
+def test_sections_of_the_readme_are_inserted(page_text):
+    shown = page_text(text_of(START), START)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert blocks(readme, "python")[0] in shown
+    assert blocks(readme, "bash")[0] in shown
+    assert "<!-- README" not in shown
+
+
 # The build. ---------------------------------------------------------------------------------------
 
 

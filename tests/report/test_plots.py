@@ -10,6 +10,7 @@ from small_spring import SIGMA, Spring, fly
 import jaxid
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.notebook import preformatted
+from jaxid.design import PlannedInformation
 from jaxid.diagnosis import Prediction
 
 PNG = b"\x89PNG\r\n"
@@ -110,6 +111,13 @@ def test_objects_are_shown_as_they_print(record, fit, prediction):
     assert "Record &#x27;&lt;first&gt;&#x27;: 10 samples" in record._repr_html_()
     assert str(fit).splitlines()[-1] in fit._repr_html_()
     assert str(prediction) in prediction._repr_html_()
+
+
+def test_a_plan_is_shown_as_it_prints():
+    plan = PlannedInformation(
+        *("step", ("k",), ("N/m",), np.array([2.0]), np.array([[50.0]]), np.array([0.02]), ())
+    )
+    assert "well, to 1 %" in plan._repr_html_()
 
 
 def test_a_prediction_prints_its_error(prediction):

@@ -174,6 +174,28 @@ def test_the_page_is_in_plain_english(page):
     assert not reported, "\n".join(f"{page}:{line}: {words}" for line, words in reported)
 
 
+@pytest.mark.parametrize("page", PAGES)
+def test_names_in_the_text_exist(page):
+    """Dotted names of the package, of its modules by their short names, and of an estimate."""
+    names = re.findall(r"\bjaxid(?:\.\w+)+", text_of(page))
+    for module in ("design", "uncertainty", "structure", "smoothing"):
+        used = re.findall(rf"(?<![\w.]){module}\.(\w+)\(", text_of(page))
+        names += [f"jaxid.{module}.{name}" for name in used]
+    names += [f"jaxid.Estimate.{name}" for name in re.findall(r"\bfit\.(\w+)", text_of(page))]
+    missing = sorted(name for name in set(names) if not _exists(name))
+    assert not missing
+
+
+def _exists(name: str) -> bool:
+    parts = name.split(".")
+    known = module_of("jaxid.aircraft") if parts[1] == "aircraft" else module_of("jaxid")
+    for part in parts[2 if parts[1] == "aircraft" else 1 :]:
+        if not hasattr(known, part):
+            return part in getattr(known, "__annotations__", {})
+        known = getattr(known, part)
+    return True
+
+
 def test_every_page_is_in_the_navigation():
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     pages = {file.relative_to(DOCS).as_posix() for file in DOCS.rglob("*.md")}

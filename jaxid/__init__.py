@@ -43,6 +43,8 @@ from .models import (
     LinearModel,
     Polynomial,
     free,
+    load,
+    save,
 )
 from .simulation import RK4, Adaptive, hold, simulate
 from .study import Identification, LoopOptions, Outcome, Study, close_loop, consistency, identify
@@ -81,6 +83,8 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     "Polynomial",
     "Free",
     "free",
+    "save",
+    "load",
     "AutoregressiveNoise",
     "DiagonalNoise",
     "FixedNoise",

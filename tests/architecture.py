@@ -152,7 +152,7 @@ class Source:
         self.floor = self.place.split("/")[0].removesuffix(".py")
         self.text = file.read_text(encoding="utf-8")
         self.tree = ast.parse(self.text, filename=str(file))
-        self.imports = list(self._imports())
+        self.imports = [imported for imported in self._imports() if not self._draws(imported)]
         self.meaning = {imported.alias: imported.means for imported in self.imports}
         self.references = list(self._references(self.tree))
         self.exempt = self.place in architecture_words.EXEMPT
@@ -186,6 +186,20 @@ class Source:
                     yield Imported(
                         node.lineno, path, stem, name.asname or name.name, path, node.level > 0
                     )
+
+    def _draws(self, imported: Imported) -> bool:
+        """True for an import of `report` in a method `plot`, which runs when it is called.
+
+        Objects have plots so that a notebook draws them in one line. Nothing is computed from
+        them, and importing the package does not import matplotlib.
+        """
+        return imported.path[:2] == (self.package, "report") and any(
+            method.lineno <= imported.line <= (method.end_lineno or 0)
+            for node in ast.walk(self.tree)
+            if isinstance(node, ast.ClassDef)
+            for method in node.body
+            if isinstance(method, ast.FunctionDef) and method.name == "plot"
+        )
 
     def _stem(self, node: ast.ImportFrom) -> tuple[str, ...]:
         here = (self.package, *self.place.split("/")[:-1])
@@ -260,7 +274,7 @@ def nothing_imports_report(source: Source) -> Iterator[Finding]:
     if source.floor not in ("report", "__main__"):
         for line, target in source.ours():
             if target == "report":
-                yield line, "only __main__ imports report"
+                yield line, "only __main__ and methods `plot` import report"
 
 
 def root(source: Source) -> Iterator[Finding]:

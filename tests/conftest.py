@@ -90,7 +90,13 @@ def data_folder() -> Path:
 
 
 @pytest.fixture
-def user_environment() -> dict[str, str]:
+def user_environment(reader_environment) -> dict[str, str]:
+    """As `reader_environment`, for one test."""
+    return dict(reader_environment)
+
+
+@pytest.fixture(scope="session")
+def reader_environment() -> dict[str, str]:
     """Environment of a program run as a user runs it: this package found, precision not set from
     outside.
     """

@@ -2,7 +2,6 @@
 their tests.
 """
 
-import re
 import sys
 import types
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from printed_code import blocks
 
 import jaxid
 from jaxid.effects import Term
@@ -21,7 +21,7 @@ GUIDE = Path(__file__).resolve().parent.parent / "CONTRIBUTING.md"
 def section(title: str) -> list[str]:
     """The Python blocks of a section, in order."""
     text = GUIDE.read_text(encoding="utf-8").split(f"\n## {title}\n")[1].split("\n## ")[0]
-    return re.findall(r"^```python\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    return blocks(text, "python")
 
 
 def run(code: str, inside: str, **known) -> dict:

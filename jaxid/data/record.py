@@ -3,7 +3,7 @@
 import math
 import operator
 from collections.abc import Iterator
-from typing import SupportsIndex
+from typing import Any, SupportsIndex
 
 import equinox as eqx
 import jax
@@ -13,6 +13,7 @@ from jax.core import Tracer
 from .._foundation.checks import require, require_known
 from .._foundation.grid import holes
 from .._foundation.host import on_host
+from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Bool, Float, Int
 
 
@@ -173,6 +174,19 @@ class Record(eqx.Module):
         if not all(isinstance(x, jax.Array) and not isinstance(x, Tracer) for x in arrays):
             return eqx.tree_pformat(self)
         return _describe(self)
+
+    def _repr_html_(self) -> str:
+        return preformatted(repr(self))
+
+    def plot(self, case: int = 0) -> Any:
+        """Return a figure of all channels over time, by matplotlib (`jaxid[report]`).
+
+        Args:
+            case: which record of a stack.
+        """
+        from ..report.figures_signals import signals
+
+        return signals(self, case)
 
 
 def _replace(record: Record, **changes: object) -> Record:

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float, Numbers
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels
@@ -76,6 +77,9 @@ class PlannedInformation(eqx.Module):
                 f"{name:<{width}} {value:>12.5g} {error:>12.3g}  {_in_words(error, relative)}"
             )
         return "\n".join([*lines, *(f"weak: {sentence}" for sentence in self.weak_directions)])
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
 
 def planned_record(

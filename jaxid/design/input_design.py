@@ -9,6 +9,7 @@ import numpy as np
 
 from .._foundation.checks import InputError, require, require_float64, require_known
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float, Numbers
 from ..data.record import Record
 from ..estimation.likelihoods import AbstractLikelihood
@@ -86,6 +87,9 @@ class Design(eqx.Module):
             lines.append(f"{name:<{width}} {energy:>13.4g} {peak:>11.4g} {within:>9.4g}")
         used = [f"{name} {100 * share:.0f} %" for name, share in self.limits_used.items()]
         return "\n".join([*lines, f"limits used: {', '.join(used)}"])
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
 
 def design_input(

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._foundation.checks import require, require_known
 from .._foundation.host import to_device
+from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels, check_sampling
@@ -49,6 +50,25 @@ class Prediction(eqx.Module):
     def rms(self) -> Float[Array, " output"]:
         """Root mean square error of each channel over the scored samples of all records."""
         return _scored_rms(self.z, self.y, self.scored)
+
+    def __str__(self) -> str:
+        errors = ", ".join(f"{float(error):.6g}" for error in self.rms)
+        cases, count = self.z.shape[0], int(np.sum(np.asarray(self.scored)))
+        return f"Prediction of {cases} records, {count} scored samples: RMS error {errors}"
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
+
+    def plot(self, case: int = 0, outputs: Sequence[str] = ()) -> Any:
+        """Return a figure of measured and predicted outputs, by matplotlib (`jaxid[report]`).
+
+        Args:
+            case: which record.
+            outputs: names of the outputs for the labels.
+        """
+        from ..report.figures_signals import predicted_outputs
+
+        return predicted_outputs(self, case, outputs)
 
 
 def predict(

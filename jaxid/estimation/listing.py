@@ -1,17 +1,30 @@
-"""`listing`: the complete print of an estimate (Tables 4.1 and 4.2 of the report)."""
+"""An estimate as a complete print (Tables 4.1 and 4.2 of the report), dictionary and dataset.
+
+`Estimate` has methods that call these functions, so its file imports this one.
+"""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from .._foundation.checks import require
 from ..models.names import flatten, parameter_names
-from .result import Estimate
 
+# Attributes with one value for each shared parameter.
+PARAMETER_COLUMNS = (
+    "start",
+    "values",
+    "standard_errors",
+    "corrected_errors",
+    "F",
+    "on_bound",
+    "near_bound",
+)
 MOST_FIXED = 40  # fixed parameters in the print; chosen
 
 
-def listing(estimate: Estimate) -> str:
+def listing(estimate: Any) -> str:
     """Return an estimate with its channels, fixed parameters, noise and eigenvalues as text.
 
     It adds to `str(estimate)`: the states, marked where they are measured; inputs and outputs with
@@ -20,7 +33,7 @@ def listing(estimate: Estimate) -> str:
     of the scaled information (4.26), marked where the policy for weak directions changed them.
 
     Args:
-        estimate: of one case.
+        estimate: an `Estimate` of one case.
 
     Raises:
         InputError: for a batch of cases.
@@ -40,7 +53,89 @@ def listing(estimate: Estimate) -> str:
     return "\n".join(line for block in blocks for line in block)
 
 
-def _channels(estimate: Estimate) -> Iterator[str]:
+def estimate_to_dict(estimate: Any) -> dict[str, Any]:
+    """Return an estimate of one case as plain numbers and words.
+
+    Args:
+        estimate: an `Estimate`.
+
+    Raises:
+        InputError: for a batch of cases.
+    """
+    require(
+        np.ndim(estimate.values) == 1,
+        "A dictionary is of one estimate, and this is a batch of them. Select one of them, or take "
+        "`to_xarray`.",
+    )
+    columns = {name: np.asarray(getattr(estimate, name)).tolist() for name in PARAMETER_COLUMNS}
+    rows = zip(*columns.values(), strict=True)
+    keys = ("start", "value", "standard_error", "corrected_error", "F", "on_bound", "near_bound")
+    named = zip(estimate.names, estimate.units, rows, strict=True)
+    own = zip(np.asarray(estimate.own), np.asarray(estimate.own_errors), strict=True)
+    return {
+        "model": type(estimate.model).__name__,
+        "parameters": {
+            name: {**dict(zip(keys, row, strict=True)), "unit": unit} for name, unit, row in named
+        },
+        "per_record": [
+            {
+                name: {"value": float(value), "standard_error": float(error)}
+                for name, value, error in zip(estimate.free.per_record, values, errors, strict=True)
+            }
+            for values, errors in own
+        ],
+        "outputs": list(estimate.model.outputs),
+        "covariance": np.asarray(estimate.covariance).tolist(),
+        "noise": np.asarray(estimate.noise).tolist(),
+        "noise_known": estimate.noise_known,
+        "weak_directions": list(estimate.weak_directions),
+        "successful": bool(estimate.successful),
+        "status": estimate.status,
+        "iterations": int(estimate.iterations),
+        "cost": float(estimate.cost),
+    }
+
+
+def estimate_to_xarray(estimate: Any):
+    """Return an estimate as a dataset: one variable for each column, with labelled axes.
+
+    Args:
+        estimate: an `Estimate`, of one case or of several.
+    """
+    import xarray as xr  # imported here because it is slow to import
+
+    batch = tuple(f"batch_{axis}" for axis in range(np.ndim(estimate.values) - 1))
+    parameters = {name: ("parameter",) for name in PARAMETER_COLUMNS}
+    axes = parameters | {
+        "covariance": ("parameter", "parameter_2"),
+        "noise": ("output", "output_2"),
+        "own": ("case", "own_parameter"),
+        "own_errors": ("case", "own_parameter"),
+        "residuals": ("case", "row", "output"),
+        "mask": ("case", "row", "output"),
+        "cost": (),
+        "iterations": (),
+        "successful": (),
+    }
+    outputs = list(estimate.model.outputs)
+    return xr.Dataset(
+        {
+            name: ((*batch, *dimensions), np.asarray(getattr(estimate, name)))
+            for name, dimensions in axes.items()
+        },
+        coords={
+            "parameter": list(estimate.names),
+            "parameter_2": list(estimate.names),
+            "unit": ("parameter", list(estimate.units)),
+            "output": outputs,
+            "output_2": outputs,
+            "own_parameter": list(estimate.free.per_record),
+        },
+        attrs={"model": type(estimate.model).__name__},
+    )
+
+
+def _channels(estimate: Any) -> Iterator[str]:
     """Lines on states, inputs and outputs."""
     model = estimate.model
     marked = (f"{name} (measured)" if name in model.outputs else name for name in model.states)
@@ -51,7 +146,7 @@ def _channels(estimate: Estimate) -> Iterator[str]:
     yield f"outputs: {', '.join(outputs)} valid samples, {estimate.mask.shape[0]} records"
 
 
-def _own(estimate: Estimate) -> Iterator[str]:
+def _own(estimate: Any) -> Iterator[str]:
     """Lines on the parameters of each record."""
     values, errors = np.asarray(estimate.own), np.asarray(estimate.own_errors)
     for column, name in enumerate(estimate.free.per_record):
@@ -60,7 +155,7 @@ def _own(estimate: Estimate) -> Iterator[str]:
         yield f"by record: {name} {words}"
 
 
-def _fixed(estimate: Estimate) -> Iterator[str]:
+def _fixed(estimate: Any) -> Iterator[str]:
     """Lines on the fixed parameters."""
     names, units = parameter_names(estimate.model), estimate.model.units()
     free = {*estimate.free.shared, *estimate.free.per_record}
@@ -73,7 +168,7 @@ def _fixed(estimate: Estimate) -> Iterator[str]:
         yield f"and {len(fixed) - MOST_FIXED} more fixed parameters"
 
 
-def _noise(estimate: Estimate) -> Iterator[str]:
+def _noise(estimate: Any) -> Iterator[str]:
     """Lines on R: the diagonal and upper half, and the correlations of the residuals below."""
     R, outputs = np.asarray(estimate.noise), estimate.model.outputs
     both = np.all(np.asarray(estimate.mask), axis=-1)
@@ -91,7 +186,7 @@ def _noise(estimate: Estimate) -> Iterator[str]:
         yield f"{name:<{width}}" + "".join(f"{value:>{width + 2}.3g}" for value in row)
 
 
-def _eigenvalues(estimate: Estimate) -> Iterator[str]:
+def _eigenvalues(estimate: Any) -> Iterator[str]:
     """Line on the eigenvalues of the scaled information."""
     eigenvalues = np.asarray(estimate.spectrum.eigenvalues)
     weak = np.asarray(estimate.spectrum.weak(estimate.threshold))

@@ -1,11 +1,14 @@
 """`Estimate`: parameter estimates with standard errors and diagnostics."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import numpy as np
 
 from .._foundation.checks import require
 from .._foundation.host import on_host
+from .._foundation.notebook import preformatted
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
@@ -14,6 +17,7 @@ from ..models.free import Free, Parameters, flat_vectors
 from ..models.free_model import insert
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum, weak_directions
+from .listing import estimate_to_dict, estimate_to_xarray
 
 NEAR_BOUND = 2.0  # standard errors; derived: a normal estimate lies beyond with 2.3 %
 
@@ -230,6 +234,29 @@ class Estimate(eqx.Module):
     def parameters(self) -> Parameters:
         """The values in the form of the solver."""
         return Parameters(self.values, self.own)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the estimate as plain numbers and words, for one case only."""
+        return estimate_to_dict(self)
+
+    def to_xarray(self) -> Any:
+        """Return the estimate as an `xarray.Dataset` with labelled axes; a table of the parameters
+        for pandas is `fit.to_xarray()[["values", "standard_errors"]].to_dataframe()`.
+        """
+        return estimate_to_xarray(self)
+
+    def plot(self, case: int = 0) -> Any:
+        """Return a figure of the residual, by matplotlib (`jaxid[report]`).
+
+        Args:
+            case: which record of the fit is drawn over time.
+        """
+        from ..report.figures_signals import fit_residuals
+
+        return fit_residuals(self, case)
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
     def __str__(self) -> str:
         if self.values.ndim > 1:

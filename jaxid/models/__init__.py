@@ -8,6 +8,7 @@ from .noise import DiagonalNoise, FixedNoise, FullNoise
 from .polynomial import Polynomial
 from .replace import polynomials_of, with_polynomials
 from .robust_noise import HuberNoise, StudentNoise
+from .saving import Saved, load, save
 from .table_set import TableSet
 from .tables import Extrapolation, Interpolation, Table, range_violations, require_inside
 
@@ -24,13 +25,16 @@ __all__ = [
     "Parameters",
     "Polynomial",
     "StudentNoise",
+    "Saved",
     "Table",
     "TableSet",
     "free",
+    "load",
     "parameter_names",
     "polynomials_of",
     "range_violations",
     "require_inside",
+    "save",
     "with_polynomials",
     "with_values",
 ]

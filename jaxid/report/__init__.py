@@ -3,8 +3,8 @@
 This is the only package that uses matplotlib and jinja2.
 """
 
-from . import figures
+from . import figures, figures_signals
 from .folder import require_new, write_json, write_study
 from .html import html
 
-__all__ = ["figures", "html", "require_new", "write_json", "write_study"]
+__all__ = ["figures", "figures_signals", "html", "require_new", "write_json", "write_study"]

@@ -1,5 +1,7 @@
 """Style of all figures: colours for colour-blind readers, plain axes, labels in line colours."""
 
+import io
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -18,6 +20,15 @@ FIGURE_WIDTH = 9.0  # inches
 FONT = 9.0
 
 
+class NotebookFigure(Figure):
+    """A figure that a notebook shows when a cell returns it, also without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        self.savefig(buffer, format="png")
+        return buffer.getvalue()
+
+
 def canvas(
     height: float, rows: int = 1, columns: int = 1, **options
 ) -> tuple[Figure, list[list[Axes]]]:
@@ -31,7 +42,7 @@ def canvas(
     Returns:
         The figure and its panels, by row.
     """
-    figure = Figure(figsize=(FIGURE_WIDTH, height), layout="constrained")
+    figure = NotebookFigure(figsize=(FIGURE_WIDTH, height), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False, **options)
     return figure, [list(row) for row in panels]
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._foundation.notebook import preformatted
 from ..data.record import Record
 from ..diagnosis.localise import LocalisationResult
 from ..diagnosis.residual_report import ResidualReport
@@ -212,6 +213,21 @@ class Study:
     def to_json(self) -> str:
         """Return the results as a JSON object; a number that is not finite is null."""
         return json.dumps(_finite(self.to_dict()), indent=2)
+
+    def plot(self, test: str | None = None, case: int = 0) -> Any:
+        """Return a figure of a test record and its predictions before and after, by matplotlib
+        (`jaxid[report]`).
+
+        Args:
+            test: name of the test set, the first by default.
+            case: which record of the set.
+        """
+        from ..report.figures import prediction
+
+        return prediction(self, next(iter(self.tests)) if test is None else test, case)
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
     def __str__(self) -> str:
         lines = [self.verdict, "", *self._search_lines(), *self._location_lines()]

@@ -58,6 +58,20 @@ def page(study, drawn):
     return html(study, "A <script>spring</script>", drawn)
 
 
+def test_a_study_plots_its_first_test_set(study):
+    ours, first = study.plot(), figures.prediction(study, "quick")
+    second = study.plot(case=1)
+    lines = [[line.get_ydata() for line in figure.axes[0].lines] for figure in (ours, first)]
+    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(*lines, strict=True))
+    assert not np.array_equal(second.axes[0].lines[0].get_ydata(), lines[0][0], equal_nan=True)
+    with pytest.raises(InputError, match="There is no test set 'none'"):
+        study.plot("none")
+
+
+def test_a_study_is_shown_as_its_print(study):
+    assert study.verdict.split(".")[0] in study._repr_html_()
+
+
 @pytest.fixture
 def quick(monkeypatch):
     """Figures become bytes without being painted."""

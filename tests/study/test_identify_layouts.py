@@ -6,11 +6,11 @@ them in standard errors, the seeds fixed: of 40 normal numbers the largest excee
 draws.
 """
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from printed_code import blocks
 from written_flight import MASS, NOISE, SIZE, SURFACES, TRUE, flight, write_hfb, write_sidpac
 
 GUIDE = Path(__file__).resolve().parent.parent.parent / "docs" / "real_records.md"
@@ -34,10 +34,7 @@ def guide(tmp_path_factory):
     write_sidpac(folder / "flight.mat", flight(seed=1))
     write_sidpac(folder / "other.mat", flight(seed=2, which=("rudder", "stabilator", "aileron")))
     write_hfb(folder / "hfb320_1_10.asc", flight(step=0.05, which=("stabilator",), seed=3))
-    blocks = re.findall(
-        r"^```python\n(.*?)^```", GUIDE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
-    )
-    code = "\n".join(blocks)
+    code = "\n".join(blocks(GUIDE.read_text(encoding="utf-8"), "python"))
     for printed, simulated in OWN.items():
         assert code.count(printed) == 1, printed
         code = code.replace(printed, simulated)

@@ -1,0 +1,149 @@
+"""Records, estimates and predictions in a notebook: figures, HTML, dictionaries, datasets."""
+
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from small_spring import SIGMA, Spring, fly
+
+import jaxid
+from jaxid._foundation.checks import InputError
+from jaxid._foundation.notebook import preformatted
+from jaxid.design import PlannedInformation
+from jaxid.diagnosis import Prediction
+
+PNG = b"\x89PNG\r\n"
+
+
+@pytest.fixture(scope="module")
+def record():
+    """Ten samples of an angle with a gap, under a force."""
+    t = np.arange(10.0)
+    z = np.radians(t)[:, None]
+    z[3] = np.nan
+    return jaxid.record(
+        *(t, 2.0 * t, z),
+        inputs=("force",),
+        outputs=("tilt",),
+        units={"tilt": "rad"},
+        name="<first>",
+    )
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return fly(7)[0]
+
+
+@pytest.fixture(scope="module")
+def fit(flown):
+    model = Spring(jnp.array(1.0), jnp.array(0.1))
+    chosen = jaxid.free(model, "k", "c", per_record=("initial_state",), bounds={"c": (0.0, None)})
+    return jaxid.estimate(model, chosen, flown, jaxid.OutputError())
+
+
+@pytest.fixture
+def prediction():
+    """Two records of five and of four samples; the first two of each are not scored."""
+    t = jnp.array([[0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 1.0, 2.0, 3.0, 3.0]])
+    y = jnp.arange(10.0).reshape(2, 5, 1)
+    scored = jnp.array([[0, 0, 1, 1, 1], [0, 0, 1, 1, 0]], bool)[..., None]
+    return Prediction(t, y + 0.5, y, scored, jnp.zeros((2, 1)))
+
+
+def line(axes, number=0):
+    return axes.lines[number].get_xdata(), axes.lines[number].get_ydata()
+
+
+# Figures. -----------------------------------------------------------------------------------------
+
+
+def test_a_record_is_drawn_channel_by_channel(record):
+    force, tilt = record.plot().axes
+    np.testing.assert_array_equal(line(force), [record.t, 2.0 * np.arange(10.0)])
+    y = line(tilt)[1]
+    np.testing.assert_allclose(np.delete(y, 3), np.delete(np.arange(10.0), 3))  # in degrees
+    assert np.isnan(y[3])
+    assert (force.get_ylabel(), tilt.get_ylabel()) == ("force", "tilt [deg]")
+
+
+def test_one_record_of_a_stack_is_drawn_without_padding(record):
+    stack = jaxid.stack([record, record.window(0, 4)])
+    assert line(stack.plot(case=1).axes[0])[0].tolist() == [0.0, 1.0, 2.0, 3.0]
+    with pytest.raises(InputError, match="There is no record 2 among 2"):
+        stack.plot(case=2)
+
+
+def test_a_fit_draws_its_residual_and_autocorrelation(fit):
+    left, right = fit.plot().axes
+    v = np.asarray(fit.residuals)[0, :, 0]
+    np.testing.assert_allclose(line(left)[1], v)
+    r = [np.mean(v[:-lag] * v[lag:]) / np.mean(v**2) for lag in (1, 2, 40)]
+    np.testing.assert_allclose(line(right)[1][[0, 1, 39]], r, rtol=1e-6)
+    with pytest.raises(InputError, match="There is no record 1 among 1"):
+        fit.plot(case=1)
+
+
+def test_a_prediction_draws_scored_samples_only(prediction):
+    (axes,) = prediction.plot(case=1, outputs=("height",)).axes
+    t, measured = line(axes, 0)
+    assert t.tolist() == [0.0, 1.0, 2.0, 3.0]  # without the padding
+    np.testing.assert_array_equal(measured, [np.nan, np.nan, 7.5, 8.5])
+    np.testing.assert_array_equal(line(axes, 1)[1], [5.0, 6.0, 7.0, 8.0])
+    assert axes.get_ylabel() == "height"
+    with pytest.raises(InputError, match="There are 2 names and 1 outputs"):
+        prediction.plot(outputs=("height", "speed"))
+
+
+def test_a_notebook_shows_the_figure(record):
+    assert record.plot()._repr_png_().startswith(PNG)
+
+
+# Text. --------------------------------------------------------------------------------------------
+
+
+def test_text_is_escaped_and_keeps_its_lines():
+    assert preformatted("a < b\n  & c").endswith(">a &lt; b\n  &amp; c</pre>")
+
+
+def test_objects_are_shown_as_they_print(record, fit, prediction):
+    assert "Record &#x27;&lt;first&gt;&#x27;: 10 samples" in record._repr_html_()
+    assert str(fit).splitlines()[-1] in fit._repr_html_()
+    assert str(prediction) in prediction._repr_html_()
+
+
+def test_a_plan_is_shown_as_it_prints():
+    plan = PlannedInformation(
+        *("step", ("k",), ("N/m",), np.array([2.0]), np.array([[50.0]]), np.array([0.02]), ())
+    )
+    assert "well, to 1 %" in plan._repr_html_()
+
+
+def test_a_prediction_prints_its_error(prediction):
+    assert str(prediction) == "Prediction of 2 records, 5 scored samples: RMS error 0.5"
+
+
+# Dictionaries and datasets. -----------------------------------------------------------------------
+
+
+def test_an_estimate_is_a_dictionary_of_plain_numbers(fit):
+    content = json.loads(json.dumps(fit.to_dict()))
+    assert list(content["parameters"]) == ["k", "c"]
+    k = content["parameters"]["k"]
+    assert (k["value"], k["standard_error"]) == (fit.value("k"), fit.standard_error("k"))
+    assert k["start"] == 1.0
+    assert k["on_bound"] is False
+    assert content["noise"][0][0] == pytest.approx(SIGMA**2, rel=0.3)
+    assert content["per_record"][0]["initial_state.v"]["value"] == float(fit.own[0, 1])
+    assert content["successful"] is True
+    assert content["outputs"] == ["x"]
+
+
+def test_an_estimate_is_a_labelled_dataset(fit):
+    dataset = fit.to_xarray()
+    assert float(dataset["values"].sel(parameter="c")) == fit.value("c")
+    assert dataset["residuals"].dims == ("case", "row", "output")
+    assert float(dataset["noise"].sel(output="x", output_2="x")) == float(fit.noise[0, 0])
+    table = dataset[["values", "standard_errors"]].to_dataframe()
+    assert table.loc["k", "standard_errors"] == fit.standard_error("k")

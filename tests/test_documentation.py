@@ -1,0 +1,305 @@
+"""The documentation: its code runs as printed, its numbers are those that the code prints, and its
+API reference contains every public name. `mkdocs` builds it, where that is installed.
+"""
+
+import importlib.util
+import itertools
+import re
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import architecture_words
+import pytest
+from printed_code import blocks, run_pages
+from public_names import definition, module_of, public_names
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+START = "index.md"  # stands by itself; the other pages continue its code
+PAGES = (
+    START,
+    *("choose.md", "recipes.md", "from_scipy.md", "from_matlab.md", "from_sidpac.md"),
+    *("from_pysindy.md", "method.md", "uncertainty.md", "input_design.md"),
+)
+RUN_ELSEWHERE = {  # page: test of its blocks
+    "real_records.md": "study/test_identify_layouts.py",
+    "study_file.md": "test_main.py",
+}
+MODULES = (  # with a page in docs/api
+    "jaxid",
+    *(f"jaxid.{name}" for name in ("data", "models", "effects", "hold", "spectrum", "smoothing")),
+    *(f"jaxid.{name}" for name in ("uncertainty", "structure", "diagnosis", "design", "study")),
+    "jaxid.aircraft",
+)
+TRUE_K, TRUE_C = 2.0, 0.3  # of the spring on the first page
+
+
+def text_of(page: str) -> str:
+    return (DOCS / page).read_text(encoding="utf-8")
+
+
+# The code. ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory, reader_environment):
+    """Output of each page, from one interpreter."""
+    pages = {page: blocks(text_of(page), "python") for page in PAGES}
+    return run_pages(pages, tmp_path_factory.mktemp("pages"), reader_environment)
+
+
+@pytest.fixture(scope="module")
+def output(printed):
+    """Lines that a page prints; `output(page, start)` is the first line that begins so."""
+
+    def lines(page, start):
+        found = [line for line in printed[page].output.splitlines() if line.startswith(start)]
+        assert found, f"{page} prints no line that begins with {start!r}"
+        return found[0]
+
+    return lines
+
+
+def numbers(line: str) -> list[float]:
+    """Return the numbers in a line; digits inside of words are no numbers."""
+    return [float(x) for x in re.findall(r"(?<![\w.])-?\d+\.?\d*(?:e[+-]?\d+)?(?![\w])", line)]
+
+
+def test_every_page_with_code_is_run():
+    with_code = {file.name for file in DOCS.glob("*.md") if blocks(text_of(file.name), "python")}
+    assert with_code == {*PAGES, *RUN_ELSEWHERE}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_code_of_the_page_runs(page, printed):
+    assert not printed[page].error, printed[page].error
+
+
+# Statements about printed numbers. ----------------------------------------------------------------
+
+
+def test_the_first_fit_prints_the_table_shown(output):
+    """The table in the text has four digits or more; another processor rounds the last ones."""
+    shown = blocks(text_of(START), "text")[0]
+    for name, truth in (("k ", TRUE_K), ("c ", TRUE_C)):
+        ours = numbers(output(START, name))
+        theirs = numbers(next(line for line in shown.splitlines() if line.startswith(name)))
+        assert theirs == pytest.approx(ours, rel=2e-3)
+        _, value, error, *_ = ours
+        assert abs(value - truth) < 2 * error  # "within two standard errors"
+
+
+def test_the_test_record_is_predicted_to_its_noise(output):
+    (error,) = numbers(output(START, "RMS error").removesuffix(" mm"))
+    assert error == pytest.approx(10.0, rel=0.1)
+    assert " yes " in output(START, "x  ")  # the residual is white
+
+
+def test_colour_makes_the_bound_three_times_too_small(output):
+    bound, corrected, autoregressive = numbers(output("choose.md", "k: Cramer-Rao"))
+    assert corrected / bound == pytest.approx(3.0, abs=0.5)
+    assert autoregressive / bound > 2.0
+
+
+def test_process_noise_ends_on_its_bound(output):
+    assert "process.v on the bound" in output("choose.md", "bounds:")
+
+
+def test_a_finer_step_changes_less_than_a_hundredth_of_the_noise(output):
+    (change,) = numbers(output("choose.md", "change by a finer step").removesuffix(" mm"))
+    assert change < 0.1
+
+
+def test_the_eight_lines_end_at_their_start_with_success(printed):
+    first, second, ours = printed["from_scipy.md"].output.splitlines()
+    assert first.startswith("True")
+    assert numbers(first)[:2] == pytest.approx([1.0, 0.1], abs=1e-3)
+    k, c, error_k, error_c = numbers(second)
+    our_k, our_c, our_error_k, our_error_c = numbers(ours)
+    assert abs(k - our_k) < our_error_k  # "within a standard error"
+    assert abs(c - our_c) < our_error_c
+    assert [error_k, error_c] == pytest.approx([our_error_k, our_error_c], rel=0.25)
+
+
+def test_regressions_find_the_true_terms(printed):
+    for page, truth in (
+        ("from_sidpac.md", {"alpha": -0.6, "q": -8.0, "elevator": -1.2}),
+        ("from_pysindy.md", {"x": -2.0, "v": -0.3, "force": 1.0, "x^3": -0.5}),
+    ):
+        rows = [line.split() for line in printed[page].output.splitlines()]
+        table = {row[0]: (float(row[1]), float(row[2])) for row in rows if len(row) == 4}
+        assert set(table) == set(truth)
+        for name, value in truth.items():
+            assert abs(table[name][0] - value) < 5 * table[name][1]
+
+
+def test_the_cost_falls_and_nothing_is_weak(output):
+    costs = numbers(output("method.md", "cost:"))
+    assert all(after <= before for before, after in itertools.pairwise(costs))
+    R, mean_square = numbers(output("method.md", "R:"))
+    assert mean_square == pytest.approx(R, rel=0.02)
+    assert output("method.md", "weak directions").endswith("()")
+
+
+def test_the_mass_determines_the_error_of_k(printed):
+    table = printed["uncertainty.md"].output.split("parameter std. error")[1].splitlines()
+    _, k, c = (numbers(line) for line in table[:3])
+    assert k[0] / TRUE_K == pytest.approx(3e-4, rel=0.2)  # 0.03 %
+    assert k[2] / TRUE_K == pytest.approx(0.01, rel=0.05)  # 1 %
+    assert c[2] / c[0] < 1.5  # "hardly changes"
+
+
+def test_the_errors_of_the_3211_are_the_smallest(output, printed):
+    names = output("input_design.md", "standard error").split()[2:]
+    table = printed["input_design.md"].output.split("standard error ")[1].splitlines()
+    for row in table[1:3]:
+        errors = dict(zip(names, numbers(row), strict=True))
+        assert min(errors, key=errors.__getitem__) == "3-2-1-1"
+        assert errors["3-2-1-1"] < 0.5 * errors["step"]  # "less than half"
+
+
+def test_a_saved_fit_is_read_back(output):
+    assert output("recipes.md", "equal:") == "equal: True ('k', 'c')"
+
+
+# The text. ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_page_is_in_plain_english(page):
+    prose = architecture_words.prose_of_markdown(text_of(page))
+    reported = list(architecture_words.banned_prose(prose))
+    assert not reported, "\n".join(f"{page}:{line}: {words}" for line, words in reported)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_names_in_the_text_exist(page):
+    """Dotted names of the package, of its modules by their short names, and of an estimate."""
+    names = re.findall(r"\bjaxid(?:\.\w+)+", text_of(page))
+    for module in ("design", "uncertainty", "structure", "smoothing"):
+        used = re.findall(rf"(?<![\w.]){module}\.(\w+)\(", text_of(page))
+        names += [f"jaxid.{module}.{name}" for name in used]
+    names += [f"jaxid.Estimate.{name}" for name in re.findall(r"\bfit\.(\w+)", text_of(page))]
+    missing = sorted(name for name in set(names) if not _exists(name))
+    assert not missing
+
+
+def _exists(name: str) -> bool:
+    parts = name.split(".")
+    known = module_of("jaxid.aircraft") if parts[1] == "aircraft" else module_of("jaxid")
+    for part in parts[2 if parts[1] == "aircraft" else 1 :]:
+        if not hasattr(known, part):
+            return part in getattr(known, "__annotations__", {})
+        known = getattr(known, part)
+    return True
+
+
+def test_every_page_is_in_the_navigation():
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    pages = {file.relative_to(DOCS).as_posix() for file in DOCS.rglob("*.md")}
+    missing = {page for page in pages if f"- {page}\n" not in navigation}
+    assert not missing
+
+
+# The API reference. -------------------------------------------------------------------------------
+
+
+def page_of(module: str) -> str:
+    return "api/index.md" if module == "jaxid" else f"api/{module.rpartition('.')[2]}.md"
+
+
+def entry(module: str, name: str) -> str:
+    """Return the text that documents a public name on the page of its module."""
+    public, path = f"{module}.{name}", definition(module, name)
+    if isinstance(getattr(module_of(module), name), types.ModuleType):
+        return f"- [`{public}`]({name}.md)"
+    if module != "jaxid" and name in public_names("jaxid") and definition("jaxid", name) == path:
+        return f"- [`{public}`](index.md#{path}) is `jaxid.{name}`."
+    return f"::: {path}\n    options: {{heading: {public}, toc_label: {name}}}"
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_public_name_is_in_the_api_reference(module):
+    page = text_of(page_of(module))
+    missing = [text for name in public_names(module) if (text := entry(module, name)) not in page]
+    assert not missing, "\n\n".join([f"Add to docs/{page_of(module)}:", *missing])
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_the_api_reference_has_no_other_entries(module):
+    known = {definition(module, name) for name in public_names(module)}
+    listed = re.findall(r"^::: (\S+)$", text_of(page_of(module)), flags=re.MULTILINE)
+    assert len(listed) == len(set(listed))
+    assert set(listed) <= known
+
+
+def test_every_public_module_of_the_package_has_a_page():
+    package = module_of("jaxid")
+    modules = {
+        f"jaxid.{name}"
+        for name in public_names("jaxid")
+        if isinstance(getattr(package, name), types.ModuleType)
+    }
+    assert modules <= set(MODULES)
+
+
+# Pages from files outside of the folder. ----------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def page_text():
+    spec = importlib.util.spec_from_file_location("hooks", DOCS / "hooks.py")
+    hooks = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hooks)
+    return hooks.page_text
+
+
+@pytest.mark.parametrize(
+    ("page", "link", "translated"),
+    [
+        ("overview.md", "[effects](docs/effects.md)", "[effects](effects.md)"),
+        ("overview.md", "![A study](docs/study.png)", "![A study](study.png)"),
+        ("overview.md", "[`map`](jaxid/README.md)", "[`map`](map.md)"),
+        ("overview.md", "[Notebooks](notebooks)", "Notebooks"),
+        ("map.md", "[flights](../docs/flights.md#a)", "[flights](flights.md#a)"),
+        ("effects.md", "[guide](../CONTRIBUTING.md)", "[guide](contributing.md)"),
+        ("api/effects.md", "[table](../effects.md)", "[table](../effects.md)"),
+        ("index.md", "[here](#fit), [there](https://a.org/b)", None),
+        ("contributing.md", "```python\ntests[0](seed)\n```\n`tests[0](seed)`", None),
+    ],
+)
+def test_links_to_files_become_links_to_pages(page, link, translated, page_text):
+    assert page_text(link, page) == (link if translated is None else translated)
+
+
+def test_sections_of_the_readme_are_inserted(page_text):
+    shown = page_text(text_of(START), START)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert blocks(readme, "python")[0] in shown
+    assert blocks(readme, "bash")[0] in shown
+    assert "<!-- README" not in shown
+
+
+# The build. ---------------------------------------------------------------------------------------
+
+
+def test_mkdocs_builds_the_site_without_a_warning(tmp_path):
+    """Pages need no network: no script, style, font or image comes from another server. No list or
+    table is left as text.
+    """
+    if not all(importlib.util.find_spec(name) for name in ("mkdocs", "material", "mkdocstrings")):
+        pytest.skip('mkdocs is not installed: pip install -e ".[docs]"')
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    loaded = re.compile(r"""<(?:script|img|source|iframe)[^>]*\ssrc=["']?(?:https?:)?//""")
+    linked = re.compile(r"""<link[^>]*rel=["']?(?:stylesheet|preload|preconnect)[^>]*//""")
+    for page in tmp_path.rglob("*.html"):
+        html = page.read_text(encoding="utf-8")
+        assert not loaded.search(html), page
+        assert not linked.search(html), page
+        prose = re.sub(r"<(pre|code)\b.*?</\1>", "", html, flags=re.DOTALL)
+        markup = re.compile(r"^\s*(?:- |\d+\. |\| |#+ |```)", re.MULTILINE)
+        assert not markup.search(re.sub(r"<[^>]+>", "", prose)), page  # a list that is none

@@ -47,7 +47,7 @@ class Case(NamedTuple):
     Attributes:
         index: position in the batch.
         name: names of its records, joined by a comma.
-        arrays: its arrays on the host; None for a case that was refused.
+        arrays: its arrays, the records on the host; None for a case that was refused.
         refusal: the reason for which the case cannot be estimated; empty for all others.
     """
 
@@ -68,15 +68,9 @@ class Bucket(NamedTuple):
     cases: list[Case]
     rows: int
 
-    def batch(self, cases: Sequence[Case], slots: int) -> CaseArrays:
-        """Return the padded arrays of some cases with a leading axis.
-
-        Args:
-            cases: at least one case of the bucket.
-            slots: length of the axis; the last case is repeated up to it.
-        """
+    def batch(self, cases: Sequence[Case]) -> CaseArrays:
+        """Return the padded arrays of some cases of the bucket with a leading axis."""
         padded = [_padded(case.arrays, self.rows) for case in cases]
-        padded += [padded[-1]] * (slots - len(padded))
         return jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
 
 
@@ -98,13 +92,13 @@ def read_cases(
     """
     groups = list(cases)
     require(len(groups) > 0, "There is no case to estimate. Give at least one record.")
+    free = canonical(free)
     free.positions(model)  # refuses names that do not exist, before any case is read
     values = _start_values(model, free, starts, len(groups))
+    own_models = _models(model, models, values, len(groups))
     read = [
-        _read(index, case_model, canonical(free), records, likelihood)
-        for index, (case_model, records) in enumerate(
-            zip(_models(model, models, values, len(groups)), groups, strict=True)
-        )
+        _read(index, case_model, free, records, likelihood)
+        for index, (case_model, records) in enumerate(zip(own_models, groups, strict=True))
     ]
     require(
         any(case.arrays is not None for case in read),
@@ -183,11 +177,13 @@ def _read(
         _check_finite(stacked)
         check_channels(model, stacked)
         check_known(model, stacked, likelihood)
-        model, free = canonical(likelihood.prepared(model, free, stacked))
+        prepared = likelihood.prepared(model, free, stacked)
     except InputError as error:
         return Case(index, name, None, str(error))
-    arrays = CaseArrays(model, free, stacked.anonymous())
-    return Case(index, name, jax.tree.map(np.asarray, arrays))
+    if prepared[0] is not model or prepared[1] is not free:
+        prepared = canonical(prepared)
+    records = jax.tree.map(np.asarray, stacked.anonymous())
+    return Case(index, name, CaseArrays(*prepared, records))
 
 
 def _check_finite(records: Record) -> None:

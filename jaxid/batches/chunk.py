@@ -1,25 +1,24 @@
-"""The host's loop over the cases of a batch: chunks of slots, one on each device.
+"""The host's loop over the cases of a batch: slots in which cases advance by a few steps.
 
-A chunk advances its active cases by a few steps, finished cases leave it and waiting ones enter.
-While one device computes, the host serves the chunks of the others.
+Finished cases leave their slots and waiting ones enter. Each device has slots of its own.
 """
 
 from collections import deque
-from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import jax
 import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from .._foundation.host import to_device
-from .cases import Bucket, Case, CaseArrays
-from .iteration import CaseResult, Settings, Slots, advance, empty_slots, enter, finish
+from .cases import Bucket, Case
+from .iteration import CaseResult, Settings, Slots, advance, enter, finish, slot_shapes
 
-# Largest number of groups in a chunk, and its largest size in memory [bytes] (both chosen).
+# Largest number of groups on a device, and the largest size of its slots in memory [bytes] (both
+# chosen).
 MOST_GROUPS = 4
-CHUNK_BYTES = 256_000_000
-
-Device = Any  # a jax.Device, which is no class for a type checker
+SLOT_BYTES = 256_000_000
 
 
 class Finished(NamedTuple):
@@ -34,76 +33,72 @@ class Finished(NamedTuple):
     results: CaseResult
 
 
-def run(bucket: Bucket, settings: Settings, devices: Sequence[Device | None]) -> Iterator[Finished]:
+def run(bucket: Bucket, settings: Settings, mesh: Mesh | None) -> Iterator[Finished]:
     """Yield the results of the cases of a bucket as they finish.
 
     Args:
         bucket: cases of one shape.
         settings: likelihood and options.
-        devices: one device for each chunk; None is JAX's default device.
+        mesh: devices over which the cases are distributed; None for JAX's default device.
     """
-    waiting = deque(bucket.cases)
-    one = bucket.batch(bucket.cases[:1], 1)
-    groups = _group_count(len(waiting), len(devices), _bytes(one, settings), settings.width)
-    count = groups * settings.width
-    chunks = [Chunk(bucket, count, settings, device) for device in devices]
-    while waiting or any(chunk.is_busy for chunk in chunks):
-        for chunk in chunks:
-            yield from chunk.collect(bool(waiting))
-            chunk.fill(waiting)
-            chunk.advance()
+    waiting, chunk = deque(bucket.cases), Chunk(bucket, settings, mesh)
+    while waiting or chunk.is_busy:
+        chunk.fill(waiting)
+        chunk.advance()
+        yield from chunk.collect(bool(waiting))
 
 
 class Chunk:
-    """Slots for cases on one device.
+    """The slots of all devices, with the cases in them.
 
     Args:
         bucket: cases of one shape.
-        count: number of slots, a multiple of `settings.width`.
         settings: likelihood and options.
-        device: the device; None is JAX's default device.
+        mesh: the devices; None for JAX's default device.
     """
 
-    def __init__(
-        self, bucket: Bucket, count: int, settings: Settings, device: Device | None
-    ) -> None:
-        self.bucket, self.settings, self.device = bucket, settings, device
+    def __init__(self, bucket: Bucket, settings: Settings, mesh: Mesh | None) -> None:
+        self.bucket, self.settings, self.mesh = bucket, settings, mesh
+        shapes = slot_shapes(bucket.batch(bucket.cases[:1]), settings)
+        self.devices = 1 if mesh is None else mesh.size
+        count = self.devices * settings.width * _group_count(shapes, settings.width)
+        self.slots: Slots = self._put(
+            jax.tree.map(lambda leaf: np.zeros((count, *leaf.shape[1:]), leaf.dtype), shapes)
+        )
         self.occupants: list[Case | None] = [None] * count
         self.done = np.ones(count, bool)  # as of the last call of `collect`
-        arrays = bucket.batch(bucket.cases[:1], count)
-        zeros = jax.tree.map(
-            lambda leaf: np.zeros(leaf.shape, leaf.dtype), empty_slots(arrays, settings)
-        )
-        self.slots: Slots = self._put(zeros)
 
     @property
     def is_busy(self) -> bool:
-        """True while a case is in the chunk."""
+        """True while a case is in a slot."""
         return any(case is not None for case in self.occupants)
 
     def fill(self, waiting: deque[Case]) -> None:
-        """Move waiting cases into free slots, if there is a free slot."""
-        free = [slot for slot, case in enumerate(self.occupants) if case is None]
+        """Move waiting cases into free slots, if there is a free slot.
+
+        The devices take turns, so that few cases are spread over all of them.
+        """
+        by_device = np.arange(len(self.occupants)).reshape(self.devices, -1)
+        free = [slot for slot in by_device.T.flat if self.occupants[slot] is None]
         entering = {slot: waiting.popleft() for slot in free[: len(waiting)]}
         if not entering:
             return
         first = next(iter(entering.values()))
         in_order = [entering.get(slot, first) for slot in range(len(self.occupants))]
         is_new = np.array([slot in entering for slot in range(len(self.occupants))])
-        arrays = self.bucket.batch(in_order, len(in_order))
-        self.slots = enter(self.slots, self._put(arrays), self._put(is_new), self.settings)
+        arrays = self._put(self.bucket.batch(in_order))
+        self.slots = enter(self.slots, arrays, self._put(is_new), self.settings, self.mesh)
         for slot, case in entering.items():
             self.occupants[slot], self.done[slot] = case, False
 
     def advance(self) -> None:
-        """Start some steps of the active cases, which move to the first slots."""
-        active = int(np.sum(~self.done))
-        if not active:
-            return
-        order = np.argsort(self.done, kind="stable")
-        self.slots = advance(self.slots, self._put(order), self._put(active), self.settings)
-        self.occupants = [self.occupants[slot] for slot in order]
-        self.done = self.done[order]
+        """Advance the active cases by some steps, and move them to the first slots."""
+        order, active = self._first(~self.done)
+        self.slots = advance(
+            self.slots, self._put(order), self._put(active), self.settings, self.mesh
+        )
+        moved = self._absolute(order)
+        self.occupants = [self.occupants[slot] for slot in moved]
 
     def collect(self, is_waiting: bool) -> Iterator[Finished]:
         """Yield the results of finished cases once they are many, and free their slots.
@@ -111,39 +106,44 @@ class Chunk:
         Args:
             is_waiting: True if other cases wait for a slot.
         """
-        if not self.is_busy:
-            return
-        occupied = np.array([case is not None for case in self.occupants])
-        self.done = np.asarray(self.slots.iterate.done) | ~occupied
-        ended = self.done & occupied
+        is_occupied = np.array([case is not None for case in self.occupants])
+        self.done = np.array(self.slots.iterate.done) | ~is_occupied
+        ended = self.done & is_occupied
         enough = len(ended) // 2 if is_waiting else self.settings.width
-        count = int(np.sum(ended))
-        if count < enough and not np.all(self.done):
+        if np.sum(ended) < enough and not np.all(self.done):
             return
-        order = np.argsort(~ended, kind="stable")
-        results = finish(self.slots, self._put(order), self._put(count), self.settings)
-        cases = [case for case in (self.occupants[slot] for slot in order[:count]) if case]
-        for slot in order[:count]:
+        order, count = self._first(ended)
+        results = finish(self.slots, self._put(order), self._put(count), self.settings, self.mesh)
+        moved = self._absolute(order)
+        kept = np.flatnonzero(ended[moved])
+        cases = [case for case in (self.occupants[moved[slot]] for slot in kept) if case]
+        for slot in moved[kept]:
             self.occupants[slot] = None
-        yield Finished(cases, jax.tree.map(lambda leaf: np.asarray(leaf)[:count], results))
+        yield Finished(cases, jax.tree.map(lambda leaf: np.asarray(leaf)[kept], results))
+
+    def _first(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return an order of each device's slots with chosen ones first, and their numbers."""
+        by_device = chosen.reshape(self.devices, -1)
+        order = np.argsort(~by_device, axis=1, kind="stable")
+        return order.ravel(), np.sum(by_device, axis=1)
+
+    def _absolute(self, order: np.ndarray) -> np.ndarray:
+        """Return an order of the slots of all devices from those of each device's slots."""
+        by_device = order.reshape(self.devices, -1)
+        return (by_device + np.arange(self.devices)[:, None] * by_device.shape[1]).ravel()
 
     def _put(self, tree):
-        """Return arrays of the host on the device of the chunk."""
+        """Return arrays of the host on the devices."""
         tree = jax.tree.map(np.asarray, tree)
-        return to_device(tree) if self.device is None else jax.device_put(tree, self.device)
+        if self.mesh is None:
+            return to_device(tree)
+        return jax.device_put(tree, NamedSharding(self.mesh, PartitionSpec(self.mesh.axis_names)))
 
 
-def _bytes(one: CaseArrays, settings: Settings) -> int:
-    """Return the memory of one slot [bytes]."""
-    leaves = jax.tree.leaves(empty_slots(one, settings))
-    return sum(leaf.size * leaf.dtype.itemsize for leaf in leaves)
+def _group_count(shapes: Slots, width: int) -> int:
+    """Return the number of groups on a device: `MOST_GROUPS`, less if memory is short.
 
-
-def _group_count(cases: int, devices: int, slot_bytes: int, width: int) -> int:
-    """Return the number of groups in a chunk: 1 or `MOST_GROUPS`, less if memory is short.
-
-    Two sizes only, so that batches of other sizes find their programs compiled.
+    It does not depend on the number of cases, so that all batches share their programs.
     """
-    if cases <= devices * width:
-        return 1
-    return int(np.clip(CHUNK_BYTES // max(slot_bytes * width, 1), 1, MOST_GROUPS))
+    slot_bytes = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(shapes))
+    return int(np.clip(SLOT_BYTES // max(slot_bytes * width, 1), 1, MOST_GROUPS))

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -16,7 +16,7 @@ from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free
 from .cases import Case, CaseRecords, Starts, buckets, read_cases
-from .chunk import Device, Finished, run
+from .chunk import Finished, run
 from .identity import identity_of
 from .iteration import Settings
 from .progress import Progress, listener
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 WIDTH = {"cpu": 16}
 WIDTH_ELSEWHERE = 256
 STEPS = 3  # steps between two looks at the cases that have ended; chosen
+Device = Any  # a jax.Device, which is no class for a type checker
 WRITE_SECONDS = 1.0  # shortest time between two writes to the store [s]; chosen
 
 
@@ -92,23 +93,15 @@ def estimate_many(
     _require_one_set_of_parameters(read)
     layout = Layout.of(read, solver.policy.threshold)
     attributes = identity_of(model, free, likelihood, solver, read)
-    chunk_devices = _devices(devices)
-    settings = Settings(canonical(likelihood), solver, _width(chunk_devices[0]), STEPS)
+    mesh = _mesh(devices)
+    settings = Settings(canonical(likelihood), solver, _width(mesh), STEPS)
     saved = None if store is None else BatchStore(store, layout, attributes)
     arrays = layout.empty() if saved is None else saved.load()
     pending = [case for case in read if arrays["status"][case.index] == UNFINISHED]
     with listener(progress) as notify:
-        finished = _finished(pending, settings, chunk_devices)
+        finished = (group for bucket in buckets(pending) for group in run(bucket, settings, mesh))
         _gather(finished, layout, arrays, pending, saved, notify)
     return layout.dataset(arrays, attributes)
-
-
-def _finished(
-    cases: list[Case], settings: Settings, devices: Sequence[Device | None]
-) -> Iterator[Finished]:
-    """Yield the results of all cases that are not refused."""
-    for bucket in buckets(cases):
-        yield from run(bucket, settings, devices)
 
 
 def _gather(
@@ -156,18 +149,17 @@ def _progress(arrays: Arrays, done: int, pending: int, seconds: float) -> Progre
     return Progress(finished, failed, len(status), seconds, remaining)
 
 
-def _devices(devices: Sequence[Device] | Mesh | None) -> list[Device | None]:
-    """Return the devices of the chunks."""
-    if devices is None:
-        return [None]
-    flat = list(devices.devices.flat) if isinstance(devices, Mesh) else list(devices)
-    require(len(flat) > 0, "`devices` is empty. Leave it out to use JAX's default device.")
-    return flat
+def _mesh(devices: Sequence[Device] | Mesh | None) -> Mesh | None:
+    """Return the devices as a mesh."""
+    if devices is None or isinstance(devices, Mesh):
+        return devices
+    require(len(devices) > 0, "`devices` is empty. Leave it out to use JAX's default device.")
+    return Mesh(np.array(devices), ("device",))
 
 
-def _width(device: Device | None) -> int:
+def _width(mesh: Mesh | None) -> int:
     """Return the number of cases of a group."""
-    platform = jax.default_backend() if device is None else device.platform
+    platform = jax.default_backend() if mesh is None else mesh.devices.flat[0].platform
     return WIDTH.get(platform, WIDTH_ELSEWHERE)
 
 

@@ -4,11 +4,13 @@ Slots are processed in groups of `width` cases, each by one `vmap`. A program co
 groups that hold active cases, and a group stops when all of its cases have ended.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.sharding import Mesh, PartitionSpec
 
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Bool, Float, Int
@@ -94,7 +96,13 @@ class CaseResult(NamedTuple):
 
 
 @fast_compile_jit
-def enter(slots: Slots, arrays: CaseArrays, is_new: Bool[Array, " slot"], settings: Settings):
+def enter(
+    slots: Slots,
+    arrays: CaseArrays,
+    is_new: Bool[Array, " slot"],
+    settings: Settings,
+    mesh: Mesh | None,
+) -> Slots:
     """Return the slots with new cases in some of them.
 
     Args:
@@ -102,7 +110,83 @@ def enter(slots: Slots, arrays: CaseArrays, is_new: Bool[Array, " slot"], settin
         arrays: arrays of the new cases, each at its slot; those of other slots are not used.
         is_new: True for the slots of new cases.
         settings: likelihood and options.
+        mesh: devices over which the slots are distributed; None for one device.
     """
+    return _on_devices(_enter, mesh)(slots, arrays, is_new, settings)
+
+
+@fast_compile_jit
+def advance(
+    slots: Slots,
+    order: Int[Array, " slot"],
+    active: Int[Array, " device"],
+    settings: Settings,
+    mesh: Mesh | None,
+) -> Slots:
+    """Return the slots in another order, the first ones advanced by up to `settings.steps`.
+
+    Args:
+        slots: the slots.
+        order: the slots of each device in their new order, active ones first.
+        active: number of active slots of each device.
+        settings, mesh: as for `enter`.
+    """
+    return _on_devices(_advance, mesh)(slots, order, active, settings)
+
+
+@fast_compile_jit
+def finish(
+    slots: Slots,
+    order: Int[Array, " slot"],
+    count: Int[Array, " device"],
+    settings: Settings,
+    mesh: Mesh | None,
+) -> CaseResult:
+    """Return the results of the first slots of an order; later ones hold no result.
+
+    Args:
+        slots: the slots.
+        order: the slots of each device in an order, those whose iteration has ended first.
+        count: number of slots of each device whose iteration has ended.
+        settings, mesh: as for `enter`.
+    """
+    return _on_devices(_finish, mesh)(slots, order, count, settings)
+
+
+def slot_shapes(arrays: CaseArrays, settings: Settings) -> Slots:
+    """Return the shapes of the slots for cases of these shapes."""
+    return eqx.filter_eval_shape(
+        lambda arrays: Slots(arrays, jax.vmap(lambda one: _first(one, settings))(arrays)), arrays
+    )
+
+
+def _on_devices(function: Callable, mesh: Mesh | None) -> Callable:
+    """Return a function that each device applies to its own slots.
+
+    The devices exchange nothing, so that none waits for another within a call.
+
+    Args:
+        function: of three trees of arrays with the slots, or the devices, first, and of settings.
+        mesh: the devices; None for one device.
+    """
+    if mesh is None:
+        return function
+    split = PartitionSpec(mesh.axis_names)
+
+    def distributed(slots, second, third, settings: Settings):
+        arrays, static = eqx.partition(settings, eqx.is_array)
+
+        def local(arrays, *own):
+            return function(*own, eqx.combine(arrays, static))
+
+        specs = (PartitionSpec(), split, split, split)
+        mapped = jax.shard_map(local, mesh=mesh, in_specs=specs, out_specs=split, check_vma=False)
+        return mapped(arrays, slots, second, third)
+
+    return distributed
+
+
+def _enter(slots: Slots, arrays: CaseArrays, is_new, settings: Settings) -> Slots:
     iterate = jax.vmap(lambda one: _first(one, settings))(arrays)
 
     def choose(new, old):
@@ -111,25 +195,7 @@ def enter(slots: Slots, arrays: CaseArrays, is_new: Bool[Array, " slot"], settin
     return jax.tree.map(choose, Slots(arrays, iterate), slots)
 
 
-def empty_slots(arrays: CaseArrays, settings: Settings) -> Slots:
-    """Return slots of zeros for cases of these shapes, as shapes only."""
-    return eqx.filter_eval_shape(
-        lambda arrays: Slots(arrays, jax.vmap(lambda one: _first(one, settings))(arrays)), arrays
-    )
-
-
-@fast_compile_jit
-def advance(
-    slots: Slots, order: Int[Array, " slot"], active: Int[Array, ""], settings: Settings
-) -> Slots:
-    """Return the slots in another order, the first ones advanced by up to `settings.steps`.
-
-    Args:
-        slots: the slots.
-        order: the slots in their new order, active ones first.
-        active: number of active slots.
-        settings: likelihood and options.
-    """
+def _advance(slots: Slots, order, active, settings: Settings) -> Slots:
     slots = _ordered(slots, order)
 
     def stepped(arrays: CaseArrays, iterate: Iterate) -> Iterate:
@@ -148,22 +214,11 @@ def advance(
         _, part = jax.lax.while_loop(goes_on, step, (0, part))
         return _with_group(iterate, part, number, settings.width)
 
-    groups = -(-active // settings.width)
+    groups = -(-active[0] // settings.width)
     return Slots(slots.arrays, jax.lax.fori_loop(0, groups, group, slots.iterate))
 
 
-@fast_compile_jit
-def finish(
-    slots: Slots, order: Int[Array, " slot"], count: Int[Array, ""], settings: Settings
-) -> CaseResult:
-    """Return the results of the first slots of an order; later ones hold no result.
-
-    Args:
-        slots: the slots.
-        order: the slots in an order, those whose iteration has ended first.
-        count: number of slots whose iteration has ended.
-        settings: likelihood and options.
-    """
+def _finish(slots: Slots, order, count, settings: Settings) -> CaseResult:
     slots = _ordered(slots, order)
 
     def results(slots: Slots) -> CaseResult:
@@ -178,7 +233,7 @@ def finish(
 
     shapes = jax.eval_shape(results, slots)
     zeros = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
-    return jax.lax.fori_loop(0, -(-count // settings.width), group, zeros)
+    return jax.lax.fori_loop(0, -(-count[0] // settings.width), group, zeros)
 
 
 def _problem(arrays: CaseArrays, settings: Settings) -> Problem:

@@ -13,11 +13,12 @@ import numpy as np
 from .._foundation.checks import InputError, require, require_known
 from .._foundation.types import Numbers
 from ..data.record import Record
-from ..estimation.estimate import as_stack, check_channels, check_known
+from ..estimation.estimate import as_stack
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free, with_values_at
 from ..models.names import parameter_names
+from .checks import CaseChecks
 
 # Records are padded to the length of a longer one if they have at least this share of its samples,
 # so that both share one compiled program (chosen).
@@ -95,9 +96,9 @@ def read_cases(
     free = canonical(free)
     free.positions(model)  # refuses names that do not exist, before any case is read
     values = _start_values(model, free, starts, len(groups))
-    own_models = _models(model, models, values, len(groups))
+    own_models, checks = _models(model, models, values, len(groups)), CaseChecks(likelihood)
     read = [
-        _read(index, case_model, free, records, likelihood)
+        _read(index, case_model, free, records, checks)
         for index, (case_model, records) in enumerate(zip(own_models, groups, strict=True))
     ]
     require(
@@ -163,54 +164,28 @@ def _padded(arrays: CaseArrays | None, rows: int) -> CaseArrays:
 
 
 def _read(
-    index: int,
-    model: AbstractModel,
-    free: Free,
-    records: CaseRecords,
-    likelihood: AbstractLikelihood,
+    index: int, model: AbstractModel, free: Free, records: CaseRecords, checks: CaseChecks
 ) -> Case:
     """Return one case, with all checks of `estimate`."""
     name = f"case {index}"
     try:
-        stacked = as_stack(records)
+        stacked = _on_host(records)
         name = ", ".join(stacked.names)
-        _check_finite(stacked)
-        check_channels(model, stacked)
-        check_known(model, stacked, likelihood)
-        prepared = likelihood.prepared(model, free, stacked)
+        anonymous = checks.without_names(model, stacked)
+        prepared = checks.likelihood.prepared(model, free, anonymous)
     except InputError as error:
         return Case(index, name, None, str(error))
     if prepared[0] is not model or prepared[1] is not free:
         prepared = canonical(prepared)
-    records = jax.tree.map(np.asarray, stacked.anonymous())
-    return Case(index, name, CaseArrays(*prepared, records))
+    case_model, case_free = prepared
+    return Case(index, name, CaseArrays(case_model, case_free, anonymous))
 
 
-def _check_finite(records: Record) -> None:
-    """Refuse records with a value that is not finite.
-
-    `record(...)` refuses it as well; the constructor `Record(...)` does not.
-    """
-    valid = np.where(np.asarray(records.mask), np.asarray(records.z), 0.0)
-    time = np.asarray(records.t)[..., None]
-    for kind, values, names in (
-        ("time", time, ("t",)),
-        ("input", np.asarray(records.u), records.inputs),
-        ("output", valid, records.outputs),
-    ):
-        bad = np.argwhere(~np.isfinite(values))
-        if len(bad):
-            case, row, channel = bad[0]
-            raise InputError(
-                f"Record {records.names[case]!r}: the {kind} {names[channel]!r} is "
-                f"{values[case, row, channel]} in row {row} ({len(bad)} such values). Mask or "
-                "interpolate them; `jaxid.record` takes NaN in an output as a missing sample."
-            )
-    for name, value in records.constants.items():
-        require(
-            bool(np.all(np.isfinite(np.asarray(value)))),
-            f"The constant {name!r} of the record is {np.asarray(value)}. Give a finite number.",
-        )
+def _on_host(records: CaseRecords) -> Record:
+    """Return the records of a case as a stack with its arrays on the host."""
+    if isinstance(records, Record) and not records.is_stack:
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[None], records)
+    return jax.tree.map(np.asarray, as_stack(records))
 
 
 def _models(

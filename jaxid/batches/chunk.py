@@ -79,7 +79,7 @@ class Chunk:
         The devices take turns, so that few cases are spread over all of them.
         """
         by_device = np.arange(len(self.occupants)).reshape(self.devices, -1)
-        free = [slot for slot in by_device.T.flat if self.occupants[slot] is None]
+        free = [slot for slot in by_device.T.ravel().tolist() if self.occupants[slot] is None]
         entering = {slot: waiting.popleft() for slot in free[: len(waiting)]}
         if not entering:
             return

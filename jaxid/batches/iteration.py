@@ -4,6 +4,7 @@ Slots are processed in groups of `width` cases, each by one `vmap`. A program co
 groups that hold active cases, and a group stops when all of its cases have ended.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -21,6 +22,8 @@ from ..estimation.result import Estimate
 from ..estimation.solver import GaussNewton, first_state, one_step, strong
 from ..models.free import Parameters, initial_parameters
 from .cases import CaseArrays
+
+STRUCTURES = 256  # chosen: number of shapes that are cached
 
 
 class Settings(eqx.Module):
@@ -154,10 +157,24 @@ def finish(
 
 
 def slot_shapes(arrays: CaseArrays, settings: Settings) -> Slots:
-    """Return the shapes of the slots for cases of these shapes."""
-    return eqx.filter_eval_shape(
-        lambda arrays: Slots(arrays, jax.vmap(lambda one: _first(one, settings))(arrays)), arrays
-    )
+    """Return the shapes of the slots for cases of these shapes; each is evaluated once."""
+    leaves, structure = jax.tree.flatten((arrays, settings))
+    return _slot_shapes(structure, tuple(map(_described, leaves)))
+
+
+def _described(leaf):
+    """Return the shape and dtype of an array, and any other leaf unchanged."""
+    return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) if hasattr(leaf, "shape") else leaf
+
+
+@functools.lru_cache(maxsize=STRUCTURES)
+def _slot_shapes(structure, described) -> Slots:
+    """Return the shapes of the slots for a tree structure and its leaves, arrays as shapes."""
+
+    def slots(arrays: CaseArrays, settings: Settings) -> Slots:
+        return Slots(arrays, jax.vmap(lambda one: _first(one, settings))(arrays))
+
+    return eqx.filter_eval_shape(slots, *jax.tree.unflatten(structure, described))
 
 
 def _on_devices(function: Callable, mesh: Mesh | None) -> Callable:

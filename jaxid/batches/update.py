@@ -1,6 +1,6 @@
 """`update`: an estimate with further records added, from its square-root factor alone.
 
-The factor enters the iteration as rows of misfit beside those of the new records, so that earlier
+The factor enters the iteration as further rows of misfit of the new records, so that earlier
 records need not be kept.
 """
 
@@ -29,8 +29,8 @@ class WithFactor(AbstractLikelihood):
 
         J = J_new(theta) + 1/2 |r - T (theta - origin)|^2
 
-    The rows `r - T (theta - origin)`, divided by the square root of the number of records, stand
-    beside the first sample of each record.
+    The rows `r - T (theta - origin)`, divided by the square root of the number of records, are
+    further rows of misfit at the first sample of each record.
 
     Attributes:
         noise: of the outputs, with unit variance for the further rows.
@@ -52,7 +52,7 @@ class WithFactor(AbstractLikelihood):
 
     def rows(self, model, record, initial_state):
         rows = self.new.rows(model, record, initial_state)
-        return self._beside(rows, self._misfit(flatten(model)[0][self.positions]))
+        return self._extended(rows, self._misfit(flatten(model)[0][self.positions]))
 
     def row_mask(self, mask):
         rows = self.new.row_mask(mask)
@@ -72,7 +72,7 @@ class WithFactor(AbstractLikelihood):
         shared = theta[theta.size - self.origin.size :]
         own = jnp.zeros((self.r.size, theta.size - self.origin.size))
         columns = jnp.concatenate([own, self.T], axis=1)
-        return self._beside(rows, self._misfit(shared)), self._beside(S, columns)
+        return self._extended(rows, self._misfit(shared)), self._extended(S, columns)
 
     def check(self, model, records):
         self.new.check(model, records)
@@ -83,10 +83,10 @@ class WithFactor(AbstractLikelihood):
     def _misfit(self, shared):
         return self.r - self.T @ (shared - self.origin)
 
-    def _beside(self, rows, further):
-        """Return rows with further ones beside the first sample, and zeros beside the others."""
-        beside = jnp.zeros((rows.shape[0], *further.shape)).at[0].set(further)
-        return jnp.concatenate([rows, beside], axis=1)
+    def _extended(self, rows, further):
+        """Return rows with further ones at the first sample, and zeros at the others."""
+        columns = jnp.zeros((rows.shape[0], *further.shape)).at[0].set(further)
+        return jnp.concatenate([rows, columns], axis=1)
 
 
 def update(

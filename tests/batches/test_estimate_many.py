@@ -109,16 +109,6 @@ def test_stack_of_records_equals_sequence(records, many):
     np.testing.assert_allclose(of_stack["values"], many["values"][:4], rtol=RTOL)
 
 
-def test_several_records_per_case_equal_the_joint_estimate(records):
-    pairs = [(records[0], records[1]), (records[3], records[4])]
-    both = estimate_many(model(), chosen(), pairs, OutputError())
-    joint = estimate(model(), chosen(), pairs[0], OutputError())
-    assert both["own"].shape == (2, 2, 1)
-    assert str(both.name[0].values) == "lag 0, lag 1"
-    np.testing.assert_allclose(both["values"][0], joint.values, rtol=RTOL)
-    np.testing.assert_allclose(both.own[0], joint.own, rtol=1e-7, atol=1e-10)
-
-
 def test_models_and_starts_per_case_equal_single_estimates(records):
     """The fixed parameter `cubic` differs from case to case, and `p` and `b` start elsewhere."""
     cubics, starts = np.array([0.0, 0.02, 0.08]), np.array([[0.8, 0.6], [1.1, 0.9], [1.3, 1.2]])

@@ -70,3 +70,9 @@ def lag_records(count: int, seed: int, silent: Sequence[int] = ()) -> list[Recor
         rows = shorter if i % 3 == 2 else samples
         records.append(record(t[:rows], u[i, :rows], z[i, :rows], name=f"lag {i}", **names))
     return records
+
+
+def lag_pairs(count: int) -> list[tuple[Record, Record]]:
+    """Return cases of two records, each record with its own truth."""
+    records = lag_records(2 * count, seed=11)
+    return list(zip(records[::2], records[1::2], strict=True))

@@ -45,7 +45,7 @@ def run(bucket: Bucket, settings: Settings, mesh: Mesh | None) -> Iterator[Finis
     while waiting or chunk.is_busy:
         chunk.fill(waiting)
         chunk.advance()
-        yield from chunk.collect(bool(waiting))
+        yield from chunk.collect()
 
 
 class Chunk:
@@ -100,17 +100,14 @@ class Chunk:
         moved = self._absolute(order)
         self.occupants = [self.occupants[slot] for slot in moved]
 
-    def collect(self, is_waiting: bool) -> Iterator[Finished]:
-        """Yield the results of finished cases once they are many, and free their slots.
-
-        Args:
-            is_waiting: True if other cases wait for a slot.
+    def collect(self) -> Iterator[Finished]:
+        """Yield the results of finished cases, once they fill a group of each device, and free
+        their slots.
         """
         is_occupied = np.array([case is not None for case in self.occupants])
         self.done = np.array(self.slots.iterate.done) | ~is_occupied
         ended = self.done & is_occupied
-        enough = len(ended) // 2 if is_waiting else self.settings.width
-        if np.sum(ended) < enough and not np.all(self.done):
+        if np.sum(ended) < self.devices * self.settings.width and not np.all(self.done):
             return
         order, count = self._first(ended)
         results = finish(self.slots, self._put(order), self._put(count), self.settings, self.mesh)

@@ -79,7 +79,7 @@ def estimate_many(
         `standard_errors`, `own`, `cost`, `iterations` and others [units of the parameters, in the
         coordinate `unit`]. `status` is the name of the outcome and `reason` its sentence; a case
         that failed is `start_diverges`, `steps_exhausted`, `no_descent`, `undetermined` (a
-        parameter has no finite standard error) or `refused` (it did not pass the checks of
+        shared parameter has no finite standard error) or `refused` (it did not pass the checks of
         `estimate`, and has no numbers). `corrected_errors` depend slightly on the padding. The
         attributes hold version and settings.
 

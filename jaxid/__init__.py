@@ -3,9 +3,10 @@
 Call `configure()` before the first array is made: jaxid computes in float64.
 """
 
-from . import data, design, diagnosis, effects, models, structure, study, uncertainty
+from . import batches, data, design, diagnosis, effects, models, structure, study, uncertainty
 from ._foundation.checks import InputError
 from ._foundation.configuration import configure
+from .batches import estimate_many
 from .data import (
     Record,
     from_xarray,
@@ -54,6 +55,7 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     # Set-up
     "configure",
     # Modules: the rest of the library, by subject
+    "batches",
     "data",
     "design",
     "diagnosis",
@@ -98,6 +100,7 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     "Adaptive",
     # Estimation
     "estimate",
+    "estimate_many",
     "Estimate",
     "OutputError",
     "FilterError",

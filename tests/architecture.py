@@ -30,6 +30,7 @@ FLOORS = (
     {"uncertainty"},
     {"structure"},
     {"diagnosis", "design"},  # siblings: neither imports the other
+    {"batches"},
     {"study"},
     {"report"},
 )
@@ -72,7 +73,8 @@ SOLVERS = {"diffrax", "optimistix", "lineax"}
 PUBLIC_ONLY = {"diffrax", "equinox", "jax", "jaxlib", "lineax", "optimistix"}
 
 MEMORY = "_foundation/memory.py"  # reads the memory of this process; no user's file
-FILE_HOMES = ("data/io*", "data/datasets*", "report/*", ENTRY, MEMORY, CONFIGURATION)
+STORE = "batches/store.py"  # results of a batch, in a folder that the user names
+FILE_HOMES = ("data/io*", "data/datasets*", "report/*", ENTRY, MEMORY, CONFIGURATION, STORE)
 FILE_METHODS = {
     *(
         "open",

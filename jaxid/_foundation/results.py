@@ -34,3 +34,11 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "The equations cannot be balanced within the limits of the unknowns. Ask for less, widen a "
         "limit, or start near."
     )
+    undetermined = (
+        "Converged, but the records do not determine at least one parameter, whose standard error "
+        "is infinite. Fix one of the parameters of each weak direction, give a prior, or add "
+        "records that excite it."
+    )
+    refused = (
+        "The case was not estimated, because its records or its model did not pass the checks."
+    )

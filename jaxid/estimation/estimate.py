@@ -87,7 +87,7 @@ def estimate(
     records = as_stack(records)
     check_channels(model, records)
     model, free = canonical(model), canonical(free)
-    _check_known(model, records, likelihood)
+    check_known(model, records, likelihood)
     model, free = canonical(likelihood.prepared(model, free, records))
     problem = Problem.of(model, free, records, likelihood)
     solver = solver or GaussNewton()
@@ -102,11 +102,15 @@ def estimate(
     return result
 
 
-def _check_known(model: AbstractModel, records: Record, likelihood: AbstractLikelihood) -> None:
+def check_known(model: AbstractModel, records: Record, likelihood: AbstractLikelihood) -> None:
     """Check the records as far as their values are known: under `jit` some may be traced.
 
     The checks turn arrays into Python numbers. Under `jit` JAX stages the operations on concrete
     arrays as well, so they are evaluated at compile time.
+
+    Raises:
+        InputError: when the noise model does not suit the gaps, a time base has a hole that the
+            likelihood's stepper cannot cross, or an output has no valid sample.
     """
     if isinstance(records.t, Tracer):
         return

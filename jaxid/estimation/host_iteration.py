@@ -24,7 +24,7 @@ from .estimate import Fit, fit_of
 from .likelihoods import AbstractLikelihood
 from .model_programs import PROGRAMS, FlatProblem
 from .problem import Limits, Problem
-from .solver import GaussNewton, State, minimiser_of
+from .solver import GaussNewton, State, first_state, one_step
 
 Outputs = Float[Array, "case time output"]
 Columns = Float[Array, "case time output column"]
@@ -199,34 +199,16 @@ def _residuals(records: Record, y: Outputs) -> Outputs:
     return to_device(np.where(mask, z - np.asarray(y), 0.0))
 
 
-def _objective(y, problem):
-    """Stand for the objective: the minimiser reads its shape only."""
-    return jnp.zeros(()), None
-
-
 @fast_compile_jit
 def _begin(arrays: _Arrays, begin: Parameters, solver: GaussNewton, evaluation: Evaluation):
     """Return the first state of the iteration."""
-    problem = arrays.problem(evaluation)
-    options = {"S": evaluation.S if solver.chord else None}
-    minimiser = minimiser_of(problem, solver)
-    return _strong(minimiser.init(_objective, begin, problem, options, None, None, frozenset()))
+    return first_state(arrays.problem(evaluation), begin, solver, evaluation.S)
 
 
 @fast_compile_jit
 def _step(arrays: _Arrays, y: Parameters, solver: GaussNewton, state, evaluation: Evaluation):
     """Return the best parameters and the state after one step, and whether it is the last."""
-    problem = arrays.problem(evaluation)
-    minimiser = minimiser_of(problem, solver)
-    y, state, _ = minimiser.step(_objective, y, problem, {}, state, frozenset())
-    done, _ = minimiser.terminate(_objective, y, problem, {}, state, frozenset())
-    return _strong((y, state, done))
-
-
-def _strong(tree):
-    """Return a tree without weak types, with which the next step would be compiled again."""
-    dynamic, static = eqx.partition(tree, eqx.is_array)
-    return eqx.combine(jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), dynamic), static)
+    return one_step(arrays.problem(evaluation), y, solver, state)
 
 
 @fast_compile_jit

@@ -156,14 +156,14 @@ class Estimate(eqx.Module):
 
         Parameters on their bounds are held and excluded.
         """
-        inside = np.flatnonzero(~np.asarray(self.on_bound))
-        if not inside.size:
-            return ()
-        names = tuple(self.names[index] for index in inside)
-        scale = 1.0 / np.asarray(self.spectrum.scale)[inside]
-        factor = np.asarray(self.information.factor)  # [T r]
-        svd = spectrum(factor[:, inside], factor[:, -1], scale)
-        return weak_directions(names, np.asarray(self.values)[inside], svd, self.threshold)
+        return describe_weak_directions(
+            self.names,
+            np.asarray(self.values),
+            np.asarray(self.on_bound),
+            np.asarray(self.information.factor),
+            np.asarray(self.spectrum.scale),
+            self.threshold,
+        )
 
     @property
     def degrees_of_freedom(self) -> Float[Array, "*batch"]:
@@ -315,6 +315,31 @@ class Estimate(eqx.Module):
                 "with it can cover less than they state."
             )
         return lines
+
+
+def describe_weak_directions(
+    names: tuple[str, ...],
+    values: Float[np.ndarray, " parameter"],
+    on_bound: Bool[np.ndarray, " parameter"],
+    factor: Float[np.ndarray, "row column"],
+    scale: Float[np.ndarray, " parameter"],
+    threshold: float,
+) -> tuple[str, ...]:
+    """Return the combinations of parameters that the data do not determine, in words.
+
+    Args:
+        names, values: of the shared parameters.
+        on_bound: true for parameters on a bound, which are held and excluded.
+        factor: triangle `[T r]` of their information.
+        scale: scales of the columns of T (`Spectrum.scale`).
+        threshold: eigenvalues below this share of the largest are weak.
+    """
+    inside = np.flatnonzero(~on_bound)
+    if not inside.size:
+        return ()
+    svd = spectrum(factor[:, inside], factor[:, -1], 1.0 / scale[inside])
+    within = tuple(names[index] for index in inside)
+    return weak_directions(within, values[inside], svd, threshold)
 
 
 @on_host

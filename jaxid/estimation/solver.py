@@ -7,7 +7,7 @@ derivative of one residual vector.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -302,6 +302,64 @@ def minimiser_of(problem: Problem, solver: GaussNewton) -> Minimiser:
         solver.max_steps,
         solver.chord,
     )
+
+
+class Step(NamedTuple):
+    """The end of one step.
+
+    Attributes:
+        parameters: the best parameters.
+        state: state of the solver.
+        done: True if the iteration ends with this step.
+    """
+
+    parameters: Parameters
+    state: State
+    done: Bool[Array, ""]
+
+
+def first_state(
+    problem: Problem,
+    begin: Parameters,
+    solver: GaussNewton,
+    S: Float[Array, "case time sensitive column"] | None = None,
+) -> State:
+    """Return the state before the first step.
+
+    The arguments are those of `minimise`.
+    """
+    minimiser = minimiser_of(problem, solver)
+    options = {"S": S if solver.chord else None}
+    return strong(minimiser.init(_objective, begin, problem, options, None, None, frozenset()))
+
+
+def one_step(problem: Problem, parameters: Parameters, solver: GaussNewton, state: State) -> Step:
+    """Return the best parameters and the state after one step, and whether it is the last.
+
+    Loops other than optimistix's use it: on the host between two evaluations of a model, and over
+    many problems at once.
+
+    Args:
+        problem: the estimation problem.
+        parameters: the best parameters before the step.
+        solver: options of the iteration, whose `max_steps` is left to the caller.
+        state: state before the step.
+    """
+    minimiser = minimiser_of(problem, solver)
+    y, state, _ = minimiser.step(_objective, parameters, problem, {}, state, frozenset())
+    done, _ = minimiser.terminate(_objective, y, problem, {}, state, frozenset())
+    return Step(*strong((y, state, done)))
+
+
+def strong(tree):
+    """Return a tree without weak types, with which the next step would be compiled again."""
+    dynamic, static = eqx.partition(tree, eqx.is_array)
+    return eqx.combine(jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), dynamic), static)
+
+
+def _objective(y, problem):
+    """Stand for the objective: the minimiser reads its shape only."""
+    return jnp.zeros(()), None
 
 
 @eqx.filter_jit

@@ -1,0 +1,255 @@
+"""Cases of a batch as arrays on the host, each checked by itself, in buckets of one shape.
+
+A case is one estimate: its records, its model, and the values at which its iteration starts.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from .._foundation.checks import InputError, require, require_known
+from .._foundation.types import Numbers
+from ..data.record import Record
+from ..estimation.estimate import as_stack
+from ..estimation.likelihoods import AbstractLikelihood
+from ..models.base import AbstractModel, canonical
+from ..models.free import Free, with_values_at
+from ..models.names import parameter_names
+from .checks import CaseChecks
+
+# Records are padded to the length of a longer one if they have at least this share of its samples,
+# so that both share one compiled program (chosen).
+SHORTEST_SHARE = 0.8
+
+CaseRecords = Record | Sequence[Record]
+Starts = Mapping[str, Numbers | Sequence[float]] | Numbers
+
+
+class CaseArrays(eqx.Module):
+    """Model, free parameters and records of one case, or of many with a leading axis.
+
+    Attributes:
+        model: the model, whose values are the start of the free parameters.
+        free: the free parameters.
+        records: a stack without names.
+    """
+
+    model: AbstractModel
+    free: Free
+    records: Record
+
+
+class Case(NamedTuple):
+    """One estimate of a batch.
+
+    Attributes:
+        index: position in the batch.
+        name: names of its records, joined by a comma.
+        arrays: its arrays, the records on the host; None for a case that was refused.
+        refusal: the reason for which the case cannot be estimated; empty for all others.
+    """
+
+    index: int
+    name: str
+    arrays: CaseArrays | None
+    refusal: str = ""
+
+
+class Bucket(NamedTuple):
+    """Cases that share one compiled program.
+
+    Attributes:
+        cases: the cases, none of them refused.
+        rows: number of samples to which their records are padded.
+    """
+
+    cases: list[Case]
+    rows: int
+
+    def batch(self, cases: Sequence[Case]) -> CaseArrays:
+        """Return the padded arrays of some cases of the bucket with a leading axis."""
+        padded = [_padded(case.arrays, self.rows) for case in cases]
+        return jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
+
+
+def read_cases(
+    model: AbstractModel,
+    free: Free,
+    cases: Record | Sequence[CaseRecords],
+    likelihood: AbstractLikelihood,
+    models: AbstractModel | Sequence[AbstractModel] | None,
+    starts: Starts | None,
+) -> list[Case]:
+    """Return the cases of a batch; one that cannot be estimated carries its refusal.
+
+    The arguments are those of `estimate_many`.
+
+    Raises:
+        InputError: when there is no case, their number differs from that of models or starts, a
+            parameter does not exist, or every case is refused.
+    """
+    groups = list(cases)
+    require(len(groups) > 0, "There is no case to estimate. Give at least one record.")
+    free = canonical(free)
+    free.positions(model)  # refuses names that do not exist, before any case is read
+    values = _start_values(model, free, starts, len(groups))
+    own_models, checks = _models(model, models, values, len(groups)), CaseChecks(likelihood)
+    read = [
+        _read(index, case_model, free, records, checks)
+        for index, (case_model, records) in enumerate(zip(own_models, groups, strict=True))
+    ]
+    require(
+        any(case.arrays is not None for case in read),
+        f"Every case was refused. The first one, {read[0].name!r}: {read[0].refusal}",
+    )
+    return read
+
+
+def buckets(cases: Sequence[Case]) -> list[Bucket]:
+    """Return the cases that are not refused in buckets of one shape, long records first."""
+    groups: dict[object, list[Case]] = {}
+    for case in cases:
+        if case.arrays is not None:
+            groups.setdefault(_layout(case.arrays), []).append(case)
+    return [bucket for group in groups.values() for bucket in _by_length(group)]
+
+
+def _by_length(cases: list[Case]) -> Iterable[Bucket]:
+    """Yield buckets of cases whose records have similar numbers of samples."""
+    remaining = sorted(cases, key=lambda case: -_rows(case))
+    while remaining:
+        longest = _rows(remaining[0])
+        count = sum(_rows(case) >= SHORTEST_SHARE * longest for case in remaining)
+        yield Bucket(sorted(remaining[:count], key=lambda case: case.index), longest)
+        remaining = remaining[count:]
+
+
+def _rows(case: Case) -> int:
+    assert case.arrays is not None
+    return case.arrays.records.t.shape[1]
+
+
+def _layout(arrays: CaseArrays) -> object:
+    """Return the structure of a case and the shapes of its arrays, lengths of records left out."""
+    others = (arrays.model, arrays.free, arrays.records.constants)
+    shapes = tuple(leaf.shape for leaf in jax.tree.leaves(others))
+    return jax.tree.structure(arrays), shapes, arrays.records.t.shape[0]
+
+
+def _padded(arrays: CaseArrays | None, rows: int) -> CaseArrays:
+    """Return a case with its records padded as by `stack`."""
+    assert arrays is not None
+    records = arrays.records
+    missing = rows - records.t.shape[1]
+    if not missing:
+        return arrays
+
+    def pad(values, mode):
+        return np.pad(values, [(0, 0), (0, missing)] + [(0, 0)] * (values.ndim - 2), mode=mode)
+
+    longer = (
+        pad(records.t, "edge"),
+        pad(records.u, "edge"),
+        pad(records.z, "constant"),
+        pad(records.mask, "constant"),
+    )
+    return eqx.tree_at(
+        lambda case: (case.records.t, case.records.u, case.records.z, case.records.mask),
+        arrays,
+        longer,
+    )
+
+
+def _read(
+    index: int, model: AbstractModel, free: Free, records: CaseRecords, checks: CaseChecks
+) -> Case:
+    """Return one case, with all checks of `estimate`."""
+    name = f"case {index}"
+    try:
+        stacked = _on_host(records)
+        name = ", ".join(stacked.names)
+        anonymous = checks.without_names(model, stacked)
+        prepared = checks.likelihood.prepared(model, free, anonymous)
+    except InputError as error:
+        return Case(index, name, None, str(error))
+    if prepared[0] is not model or prepared[1] is not free:
+        prepared = canonical(prepared)
+    case_model, case_free = prepared
+    return Case(index, name, CaseArrays(case_model, case_free, anonymous))
+
+
+def _on_host(records: CaseRecords) -> Record:
+    """Return the records of a case as a stack with its arrays on the host."""
+    if isinstance(records, Record) and not records.is_stack:
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[None], records)
+    return jax.tree.map(np.asarray, as_stack(records))
+
+
+def _models(
+    model: AbstractModel,
+    models: AbstractModel | Sequence[AbstractModel] | None,
+    values: np.ndarray | None,
+    count: int,
+) -> Iterable[AbstractModel]:
+    """Yield the model of each case, with the values at which its iteration starts."""
+    if models is None:
+        each: Sequence[AbstractModel] = [canonical(model)] * count
+    elif isinstance(models, AbstractModel):
+        each = _unstacked(canonical(models), canonical(model), count)
+    else:
+        require(
+            len(models) == count,
+            f"There are {count} cases and {len(models)} models. Give one model per case.",
+        )
+        each = [canonical(one) for one in models]
+    if values is None:
+        yield from each
+        return
+    at = np.flatnonzero(~np.isnan(values[0]))
+    for one, row in zip(each, values, strict=True):
+        yield with_values_at(one, at, row[at])
+
+
+def _unstacked(models: AbstractModel, model: AbstractModel, count: int) -> list[AbstractModel]:
+    """Return the models of a batched model, whose leaves have a leading axis."""
+    for batched, single in zip(jax.tree.leaves(models), jax.tree.leaves(model), strict=True):
+        expected = (count, *np.shape(single))
+        require(
+            np.shape(batched) == expected,
+            f"A leaf of the batched `models` has shape {np.shape(batched)} and must have "
+            f"{expected}: the {count} cases first. Give a model whose arrays all have that axis, "
+            "or a sequence of models.",
+        )
+    leaves = jax.tree.map(np.asarray, models)
+    return [canonical(jax.tree.map(lambda leaf, i=i: leaf[i], leaves)) for i in range(count)]
+
+
+def _start_values(
+    model: AbstractModel, free: Free, starts: Starts | None, count: int
+) -> np.ndarray | None:
+    """Return a row of values for each case, NaN for parameters without a given start."""
+    if starts is None:
+        return None
+    names = parameter_names(canonical(model))
+    if not isinstance(starts, Mapping):
+        columns = np.asarray(starts, float)
+        require(
+            columns.shape == (count, len(free.shared)),
+            f"`starts` has shape {columns.shape} and must have {(count, len(free.shared))}: one "
+            f"row per case, one column per parameter ({', '.join(free.shared)}).",
+        )
+        starts = dict(zip(free.shared, columns.T, strict=True))
+    require_known("parameter (in `starts`)", starts, names)
+    values = np.full((count, len(names)), np.nan)
+    for name, column in starts.items():
+        column = np.asarray(column, float)
+        require(
+            column.shape == (count,) and bool(np.all(np.isfinite(column))),
+            f"The starts of {name!r} must be {count} finite numbers, one per case; they have shape "
+            f"{column.shape}.",
+        )
+        values[:, names.index(name)] = column
+    return values

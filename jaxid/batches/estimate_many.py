@@ -1,0 +1,178 @@
+"""`estimate_many`: independent estimates of many cases in one call."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jax
+import numpy as np
+from jax.sharding import Mesh
+
+from .._foundation.checks import InputError, require, require_float64
+from ..data.record import Record
+from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.solver import GaussNewton
+from ..models.base import AbstractModel, canonical
+from ..models.free import Free
+from .cases import Case, CaseRecords, Starts, buckets, read_cases
+from .chunk import Finished, run
+from .identity import identity_of
+from .iteration import Settings
+from .progress import Progress, listener
+from .results import SUCCESSFUL, UNFINISHED, Arrays, Layout, refuse
+from .store import BatchStore
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+# Cases of a group, which one `vmap` advances: on a CPU a few vectors wide (chosen), else all.
+WIDTH = {"cpu": 16}
+WIDTH_ELSEWHERE = 256
+STEPS = 3  # steps between two looks at the cases that have ended; chosen
+Device = Any  # a jax.Device, which is no class for a type checker
+WRITE_SECONDS = 1.0  # shortest time between two writes to the store [s]; chosen
+
+
+def estimate_many(
+    model: AbstractModel,
+    free: Free,
+    cases: Record | Sequence[CaseRecords],
+    likelihood: AbstractLikelihood,
+    *,
+    models: AbstractModel | Sequence[AbstractModel] | None = None,
+    starts: Starts | None = None,
+    solver: GaussNewton | None = None,
+    store: str | Path | None = None,
+    devices: Sequence[Device] | Mesh | None = None,
+    progress: bool | Callable[[Progress], object] = False,
+) -> "xr.Dataset":
+    """Return the independent estimates of many cases as one dataset.
+
+        theta_i = argmin J_i(theta),    i = 1 ... number of cases
+
+    Each case is estimated as by `estimate`: for a Monte Carlo, a bootstrap, flight conditions,
+    starts, aircraft. Cases of one shape advance together; those that have ended make room for
+    others, so that a slow case delays none. A case that fails does not affect the others.
+
+    Args:
+        model: the model; its values are the start of the free parameters and the fixed values of
+            all others.
+        free: the free parameters.
+        cases: one record, or several, for each case; or a stack with one record per case.
+            Records of nearly equal length are padded to one length. Repeat a record to estimate
+            it from several starts.
+        likelihood: the likelihood.
+        models: the model of each case, of the same structure as `model`: a sequence, or one model
+            whose arrays have a leading case axis.
+        starts: starts of parameters: values of shape (case,) by name, or an array of shape
+            (case, parameter) in the order of `free.shared`.
+        solver: options of the iteration.
+        store: folder of a Zarr store, to which the results are written as the cases finish. A call
+            with the same arguments continues a run that was stopped.
+        devices: devices over which the cases are distributed, or a mesh; by default JAX's default
+            device.
+        progress: True for a bar on standard error, or a function of `Progress`.
+
+    Returns:
+        A dataset with the dimensions `case`, `parameter`, `record` and `own_parameter`: `values`,
+        `standard_errors`, `own`, `cost`, `iterations` and others [units of the parameters, in the
+        coordinate `unit`]. `status` is the name of the outcome and `reason` its sentence; a case
+        that failed is `start_diverges`, `steps_exhausted`, `no_descent`, `undetermined` (a
+        shared parameter has no finite standard error) or `refused` (it did not pass the checks of
+        `estimate`, and has no numbers). `corrected_errors` depend slightly on the padding. The
+        attributes hold version and settings.
+
+    Raises:
+        InputError: when there is no case, models or starts do not suit the cases, every case is
+            refused, the store belongs to another batch or cannot be written, or JAX is in 32 bit.
+    """
+    require_float64()
+    solver = solver or GaussNewton()
+    read = read_cases(model, free, cases, likelihood, models, starts)
+    _require_one_set_of_parameters(read)
+    layout = Layout.of(read, solver.policy.threshold)
+    attributes = identity_of(model, free, likelihood, solver, read)
+    mesh = _mesh(devices)
+    settings = Settings(canonical(likelihood), solver, _width(mesh), STEPS)
+    saved = None if store is None else BatchStore(store, layout, attributes)
+    arrays = layout.empty() if saved is None else saved.load()
+    pending = [case for case in read if arrays["status"][case.index] == UNFINISHED]
+    with listener(progress) as notify:
+        finished = (group for bucket in buckets(pending) for group in run(bucket, settings, mesh))
+        _gather(finished, layout, arrays, pending, saved, notify)
+    return layout.dataset(arrays, attributes)
+
+
+def _gather(
+    finished: Iterator[Finished],
+    layout: Layout,
+    arrays: Arrays,
+    cases: list[Case],
+    saved: BatchStore | None,
+    notify: Callable[[Progress], object],
+) -> None:
+    """Write results into the arrays and the store as they come.
+
+    Args:
+        finished: results of the cases.
+        layout: names of cases and parameters.
+        arrays: results of all cases.
+        cases: the cases of this run.
+        saved: the store.
+        notify: function of the progress.
+    """
+    begin = written = time.monotonic()
+    unsaved = refuse(arrays, cases)
+    done = len(unsaved)
+    try:
+        for group in finished:
+            indices = layout.add(arrays, group)
+            unsaved += indices
+            done += len(indices)
+            if saved is not None and time.monotonic() - written >= WRITE_SECONDS:
+                batch, unsaved = unsaved, []
+                saved.write(batch, arrays)
+                written = time.monotonic()
+            notify(_progress(arrays, done, len(cases), time.monotonic() - begin))
+    finally:  # an interrupted run keeps its results
+        if saved is not None:
+            saved.write(unsaved, arrays)
+
+
+def _progress(arrays: Arrays, done: int, pending: int, seconds: float) -> Progress:
+    """Return the progress after some of the cases of this run."""
+    status = arrays["status"]
+    finished = int(np.sum(status != UNFINISHED))
+    failed = finished - int(np.sum(np.isin(status, SUCCESSFUL)))
+    remaining = seconds / done * (pending - done) if done else float("inf")
+    return Progress(finished, failed, len(status), seconds, remaining)
+
+
+def _mesh(devices: Sequence[Device] | Mesh | None) -> Mesh | None:
+    """Return the devices as a mesh."""
+    if devices is None or isinstance(devices, Mesh):
+        return devices
+    require(len(devices) > 0, "`devices` is empty. Leave it out to use JAX's default device.")
+    return Mesh(np.array(devices), ("device",))
+
+
+def _width(mesh: Mesh | None) -> int:
+    """Return the number of cases of a group."""
+    platform = jax.default_backend() if mesh is None else mesh.devices.flat[0].platform
+    return WIDTH.get(platform, WIDTH_ELSEWHERE)
+
+
+def _require_one_set_of_parameters(cases: Sequence[Case]) -> None:
+    """Refuse cases whose likelihood adds different parameters."""
+    names = {
+        (case.arrays.free.shared, case.arrays.free.per_record)
+        for case in cases
+        if case.arrays is not None
+    }
+    if len(names) > 1:
+        raise InputError(
+            "The cases have different free parameters: "
+            + " and ".join(sorted(str(shared + own) for shared, own in names))
+            + ". Estimate them in separate calls."
+        )

@@ -1,0 +1,152 @@
+"""`BatchStore`: results of a batch in one Zarr store, complete at any moment.
+
+A file of the store is replaced as a whole, and the status of a case is written after its numbers. A
+run that is killed therefore leaves a store in which every case that has a status has its numbers.
+"""
+
+import contextlib
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._foundation.checks import InputError, require
+from .results import UNFINISHED, VARIABLES, Arrays, Layout
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+CASES_PER_FILE = 256  # of each variable; chosen
+# Version 2 of the format, as version 3 has no specification of strings of fixed length.
+FORMAT: dict[str, Any] = {"zarr_format": 2, "consolidated": False}
+
+
+class BatchStore:
+    """Results of a batch in a folder.
+
+    Args:
+        path: folder of the store. It is created if it does not exist.
+        layout: names of cases and parameters.
+        attributes: version and settings of this run. A store with other ones is refused.
+
+    Raises:
+        InputError: when the folder is not a store of a batch, belongs to another batch, or cannot
+            be written.
+    """
+
+    def __init__(self, path: str | Path, layout: Layout, attributes: dict[str, str]) -> None:
+        _require_zarr()
+        self.path, self.layout = Path(path), layout
+        if self.path.exists():
+            self._check(attributes)
+            with self._writing():
+                for part in self.path.glob("*/*.partial"):  # files of a run that was killed
+                    part.unlink()
+        else:
+            self._create(attributes)
+
+    def load(self) -> Arrays:
+        """Return the results in the store as arrays."""
+        with self._open() as dataset:
+            stored = {name: dataset[name].values for name in VARIABLES}
+        arrays = {name: values.astype(VARIABLES[name].type) for name, values in stored.items()}
+        arrays["reason"] = np.array([str(reason) for reason in stored["reason"]], object)
+        return arrays
+
+    def write(self, indices: Sequence[int], arrays: Arrays) -> None:
+        """Write the results of some cases.
+
+        Args:
+            indices: positions of the cases.
+            arrays: results of all cases.
+
+        Raises:
+            InputError: when the disk is full or the store cannot be written; it keeps the cases
+                that were written before.
+        """
+        import zarr
+
+        rows = np.sort(np.asarray(indices, int))
+        if not rows.size:
+            return
+        with self._writing():
+            group = zarr.open_group(self.path, mode="r+", zarr_format=2)
+            for name in sorted(VARIABLES, key=lambda name: name == "status"):  # status last
+                variable: Any = group[name]
+                variable.oindex[rows] = arrays[name][rows]
+
+    def _open(self) -> "xr.Dataset":
+        import xarray as xr
+
+        return xr.open_zarr(self.path, chunks=None, **FORMAT)
+
+    def _create(self, attributes: dict[str, str]) -> None:
+        """Create the store without results under another name, then rename it."""
+        dataset = self.layout.dataset(self.layout.empty(), attributes)
+        partial = self.path.with_name(f"{self.path.name}.partial")
+        rows = min(CASES_PER_FILE, len(self.layout.cases))
+        encoding = {
+            name: {"chunks": (rows, *dataset[name].shape[1:]), "_FillValue": None}
+            for name in VARIABLES
+        }
+        with self._writing():
+            shutil.rmtree(partial, ignore_errors=True)
+            partial.parent.mkdir(parents=True, exist_ok=True)
+            dataset.to_zarr(partial, mode="w", encoding=encoding, **FORMAT)
+            os.rename(partial, self.path)
+
+    def _check(self, attributes: dict[str, str]) -> None:
+        """Refuse a store of another batch, and name the difference."""
+        try:
+            with self._open() as dataset:
+                known = {name: str(value) for name, value in dataset.attrs.items()}
+        except Exception as error:  # xarray and zarr have many
+            raise InputError(
+                f"{str(self.path)!r} exists and is not the store of a batch ({error}). Choose "
+                "another name."
+            ) from error
+        for name, value in attributes.items():
+            require(
+                known.get(name) == value,
+                f"The store {str(self.path)!r} belongs to another batch: its {name} is "
+                f"{_short(known.get(name))}, that of this call {_short(value)}. Call with the same "
+                "records, model, options and version to continue it, or choose another name.",
+            )
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Turn an error of the file system into an `InputError`."""
+        try:
+            yield
+        except OSError as error:
+            raise InputError(
+                f"The store {str(self.path)!r} cannot be written: {error}. The cases already in it "
+                "remain. Make room or permit writing, and call again with the same arguments "
+                "to continue."
+            ) from error
+
+
+def unfinished(arrays: Arrays) -> np.ndarray:
+    """Return the indices of the cases without a status."""
+    return np.flatnonzero(arrays["status"] == UNFINISHED)
+
+
+def _short(text: str | None) -> str:
+    """Return a text in quotes, or its first 200 characters."""
+    if text is None:
+        return "missing"
+    return repr(text if len(text) <= 200 else f"{text[:200]}...")
+
+
+def _require_zarr() -> None:
+    """Refuse to work without zarr, an optional dependency."""
+    try:
+        import zarr  # noqa: F401
+    except ImportError as error:
+        raise InputError(
+            "A store needs the package zarr. Install it with `pip install 'jaxid[batch]'`, or "
+            "leave `store` out."
+        ) from error

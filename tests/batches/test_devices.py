@@ -1,0 +1,58 @@
+"""Cases of several records, distributed over two devices, equal estimates on one device."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from many_lags import chosen, lag_pairs, model
+
+from jaxid.data import stack
+from jaxid.estimation import OutputError, estimate
+
+HELPERS = Path(__file__).resolve().parent.parent / "helpers"
+PAIRS = 24
+SCRIPT = """
+import sys
+import jax
+jax.config.update("jax_enable_x64", True)
+import numpy as np
+from jax.sharding import Mesh
+from many_lags import chosen, lag_pairs, model
+from jaxid.batches import estimate_many
+from jaxid.estimation import OutputError
+
+assert len(jax.devices()) == 2
+mesh = Mesh(np.array(jax.devices()), ("device",))
+for name, devices in (("list", jax.devices()), ("mesh", mesh)):
+    many = estimate_many(model(), chosen(), lag_pairs({pairs}), OutputError(), devices=devices)
+    many.to_zarr(sys.argv[1] + "/" + name, zarr_format=2, consolidated=False)
+"""
+
+
+def test_two_host_devices_give_the_results_of_one(tmp_path):
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"
+    environment = os.environ | {
+        "XLA_FLAGS": flags,
+        "JAX_PLATFORMS": "cpu",
+        "PYTHONPATH": os.pathsep.join([str(HELPERS), *sys.path]),
+    }
+    command = [sys.executable, "-c", SCRIPT.format(pairs=PAIRS), str(tmp_path)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    alone = [
+        estimate(model(), chosen(), stack(pair, 60), OutputError()) for pair in lag_pairs(PAIRS)
+    ]
+    for name in ("list", "mesh"):
+        many = xr.open_zarr(tmp_path / name, consolidated=False, chunks=None).load()
+        assert many.own.shape == (PAIRS, 2, 1)
+        assert str(many.name[1].values) == "lag 2, lag 3"
+        assert (many.status == "successful").all()
+        for i, one in enumerate(alone):
+            case = {name: values[i] for name, values in many.items()}
+            for name in ("values", "standard_errors", "covariance", "own_errors", "cost", "noise"):
+                np.testing.assert_allclose(case[name], getattr(one, name), rtol=1e-10)
+            assert (np.abs(case["own"] - one.own) < 1e-10 * np.asarray(one.own_errors)).all()
+            assert case["iterations"] == one.iterations

@@ -6,7 +6,7 @@ Call `configure()` before the first array is made: jaxid computes in float64.
 from . import batches, data, design, diagnosis, effects, models, structure, study, uncertainty
 from ._foundation.checks import InputError
 from ._foundation.configuration import configure
-from .batches import estimate_many
+from .batches import estimate_many, multi_start
 from .data import (
     Record,
     from_xarray,
@@ -41,8 +41,10 @@ from .models import (
     FixedNoise,
     Free,
     FullNoise,
+    HuberNoise,
     LinearModel,
     Polynomial,
+    StudentNoise,
     free,
     load,
     save,
@@ -91,6 +93,8 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     "DiagonalNoise",
     "FixedNoise",
     "FullNoise",
+    "HuberNoise",
+    "StudentNoise",
     # Effects
     "Effect",
     "Augmented",
@@ -101,6 +105,7 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     # Estimation
     "estimate",
     "estimate_many",
+    "multi_start",
     "Estimate",
     "OutputError",
     "FilterError",

@@ -30,7 +30,10 @@ RUN_ELSEWHERE = {  # page: test of its blocks
 MODULES = (  # with a page in docs/api
     "jaxid",
     *(f"jaxid.{name}" for name in ("data", "models", "effects", "hold", "spectrum", "smoothing")),
-    *(f"jaxid.{name}" for name in ("uncertainty", "structure", "diagnosis", "design", "study")),
+    *(
+        f"jaxid.{name}"
+        for name in ("uncertainty", "batches", "structure", "diagnosis", "design", "study")
+    ),
     "jaxid.aircraft",
 )
 TRUE_K, TRUE_C = 2.0, 0.3  # of the spring on the first page

@@ -45,7 +45,8 @@ def configure(
             other, the longer the more programs share the processor. None leaves them unchanged.
 
     Raises:
-        InputError: when the number of threads is below one, or the folder cannot be made or written to.
+        InputError: when the number of threads is below one, or the folder cannot be made or written
+            to.
     """
     if linear_algebra_threads is not None:
         require(

@@ -1,0 +1,142 @@
+"""`multi_start`: estimates from many starts, and the table of the minima that they reach."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import numpy as np
+
+from .._foundation.checks import InputError, require
+from .._foundation.types import Float
+from ..data.record import Record
+from ..estimation.estimate import estimate
+from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.result import Estimate
+from ..estimation.solver import GaussNewton
+from ..models.base import AbstractModel, canonical
+from ..models.free import Free, with_values
+from ..models.names import read_parameters
+from .estimate_many import estimate_many
+from .results import SUCCESSFUL, UNDETERMINED
+
+# Two ends are one minimum if their costs and their values, in standard errors, differ less (chosen;
+# the solver stops within 1e-6 standard errors of a minimum).
+SAME_COST, SAME_VALUES = 1e-3, 0.1
+
+
+class Minimum(NamedTuple):
+    """A minimum of the cost.
+
+    Attributes:
+        cost: negative log-likelihood.
+        starts: number of starts that end there.
+        values: values of the shared parameters.
+    """
+
+    cost: float
+    starts: int
+    values: Float[np.ndarray, " parameter"]
+
+
+class MultiStart(eqx.Module):
+    """Estimates from many starts.
+
+    Attributes:
+        estimate: the estimate at the lowest minimum.
+        minima: all minima, the lowest first.
+        failures: number of starts by outcome, of those that reached no minimum.
+    """
+
+    estimate: Estimate
+    minima: tuple[Minimum, ...] = eqx.field(static=True)
+    failures: dict[str, int] = eqx.field(static=True)
+
+    def __str__(self) -> str:
+        names = self.estimate.names
+        lines = [f"{'starts':>6}{'cost':>14}" + "".join(f"{name:>14}" for name in names)]
+        for cost, starts, values in self.minima:
+            lines.append(f"{starts:>6}{cost:>14.6g}" + "".join(f"{v:>14.6g}" for v in values))
+        for reason, count in self.failures.items():
+            lines.append(f"{count:>6}  {reason}")
+        return "\n".join(lines)
+
+
+def multi_start(
+    model: AbstractModel,
+    free: Free,
+    records: Record | Sequence[Record],
+    likelihood: AbstractLikelihood,
+    *,
+    starts: int | Float[np.ndarray, "start parameter"] = 20,
+    spread: float = 0.5,
+    seed: int = 0,
+    solver: GaussNewton | None = None,
+) -> MultiStart:
+    """Return the estimates from many starts, by minimum.
+
+    The first start is the model. The others are drawn: uniformly between the bounds of a parameter
+    that has two, otherwise `value (1 + spread e)` with e uniform in (-1, 1), within the bounds.
+
+    Args:
+        model: the model; its values are the first start.
+        free: the free parameters.
+        records: one record, several records, or a stack, fitted together.
+        likelihood: the likelihood.
+        starts: number of starts, or the starts themselves.
+        spread: largest relative change of a value without two bounds; a value of zero has none and
+            needs bounds or starts of its own.
+        seed: of the draws.
+        solver: options of the iteration.
+
+    Raises:
+        InputError: when no start reaches a minimum, or the inputs do not suit `estimate`.
+    """
+    model = canonical(model)
+    if isinstance(starts, int):
+        require(starts >= 1, f"`starts` is {starts}; give at least 1.")
+        starts = _drawn(model, free, starts, spread, seed)
+    cases = [records] * len(starts)
+    results = estimate_many(model, free, cases, likelihood, starts=starts, solver=solver)
+    status = results["status"].values
+    reached = np.isin(status, (*SUCCESSFUL, UNDETERMINED))
+    failures = {
+        str(reason): int(count)
+        for reason, count in zip(
+            *np.unique(results["reason"].values[~reached].astype(str), return_counts=True),
+            strict=True,
+        )
+    }
+    if not reached.any():
+        words = "; ".join(f"{count} starts: {reason}" for reason, count in failures.items())
+        raise InputError(f"No start reaches a minimum. {words}")
+    minima = _minima(*(results[k].values[reached] for k in ("cost", "values", "standard_errors")))
+    best = with_values(model, free.shared, minima[0].values)
+    fit = estimate(best, free, records, likelihood, solver=solver, throw=False)
+    return MultiStart(fit, minima, failures)
+
+
+def _drawn(model: AbstractModel, free: Free, count: int, spread: float, seed: int) -> np.ndarray:
+    """Return the value of the model and random starts, shape (start, parameter)."""
+    values = np.asarray(read_parameters(model, free.shared))
+    low = np.array([free.lower.get(name, -np.inf) for name in free.shared])
+    high = np.array([free.upper.get(name, np.inf) for name in free.shared])
+    bounded = np.isfinite(low) & np.isfinite(high)
+    unit = np.random.default_rng(seed).random((count - 1, values.size))
+    between = np.where(bounded, low, 0.0) + unit * np.where(bounded, high - low, 0.0)
+    around = np.clip(values * (1.0 + spread * (2.0 * unit - 1.0)), low, high)
+    return np.concatenate([values[None], np.where(bounded, between, around)])
+
+
+def _minima(costs: np.ndarray, values: np.ndarray, errors: np.ndarray) -> tuple[Minimum, ...]:
+    """Return the minima of the ends of some iterations, the lowest first."""
+    minima: list[Minimum] = []
+    for index in np.argsort(costs):
+        for k, known in enumerate(minima):
+            determined = np.isfinite(errors[index]) & (errors[index] > 0)
+            apart = np.abs(values[index] - known.values)[determined] / errors[index][determined]
+            if costs[index] - known.cost < SAME_COST and np.all(apart < SAME_VALUES):
+                minima[k] = known._replace(starts=known.starts + 1)
+                break
+        else:
+            minima.append(Minimum(float(costs[index]), 1, values[index]))
+    return tuple(minima)

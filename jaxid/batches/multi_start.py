@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require
@@ -48,7 +49,7 @@ class MultiStart(eqx.Module):
     """
 
     estimate: Estimate
-    minima: tuple[Minimum, ...] = eqx.field(static=True)
+    minima: tuple[Minimum, ...]
     failures: dict[str, int] = eqx.field(static=True)
 
     def __str__(self) -> str:
@@ -110,7 +111,7 @@ def multi_start(
         words = "; ".join(f"{count} starts: {reason}" for reason, count in failures.items())
         raise InputError(f"No start reaches a minimum. {words}")
     minima = _minima(*(results[k].values[reached] for k in ("cost", "values", "standard_errors")))
-    best = with_values(model, free.shared, minima[0].values)
+    best = with_values(model, free.shared, jnp.asarray(minima[0].values))
     fit = estimate(best, free, records, likelihood, solver=solver, throw=False)
     return MultiStart(fit, minima, failures)
 

@@ -240,9 +240,7 @@ class Estimate(eqx.Module):
         return estimate_to_dict(self)
 
     def to_xarray(self) -> Any:
-        """Return the estimate as an `xarray.Dataset` with labelled axes; a table of the parameters
-        for pandas is `fit.to_xarray()[["values", "standard_errors"]].to_dataframe()`.
-        """
+        """Return the estimate as an `xarray.Dataset` with labelled axes."""
         return estimate_to_xarray(self)
 
     def plot(self, case: int = 0) -> Any:

@@ -24,7 +24,7 @@ LEAST_INFORMATION = 0.05
 # The scale is found by a fixed-point iteration, to this relative tolerance (chosen). Its error
 # falls by 3/(dof + 3) at each step for Student's t: 130 steps for one degree of freedom.
 SCALE_TOLERANCE = 1e-14
-MAX_STEPS = 200
+SCALE_STEPS = 200
 
 
 class InfluenceWhitening(AbstractWhitening):
@@ -85,7 +85,7 @@ class AbstractRobustNoise(AbstractNoise):
 
         def moving(state):
             before, s, step = state
-            return (step < MAX_STEPS) & jnp.any(jnp.abs(s - before) > SCALE_TOLERANCE * s)
+            return (step < SCALE_STEPS) & jnp.any(jnp.abs(s - before) > SCALE_TOLERANCE * s)
 
         start = jnp.maximum(jnp.sqrt(jnp.sum(v**2, axis=(0, 1)) / count), tiny)
         begin = start, improved(start), 1

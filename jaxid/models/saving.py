@@ -13,7 +13,7 @@ from .free import Free, with_values
 from .free import free as free_parameters
 from .names import flat_vector, parameter_names
 
-FORMAT, FORMAT_VERSION = "jaxid model", 1
+DOCUMENT, FORMAT_VERSION = "jaxid model", 1
 CHANNEL_KINDS = ("states", "inputs", "outputs")
 
 
@@ -70,7 +70,7 @@ def save(path: str | Path, model: AbstractModel, free: Free | None = None) -> Pa
             "scale": _floats(free.scale),
             "prior": {name: [float(x) for x in pair] for name, pair in free.prior.items()},
         }
-    return write_document(path, content, kind=FORMAT, version=FORMAT_VERSION)
+    return write_document(path, content, kind=DOCUMENT, version=FORMAT_VERSION)
 
 
 def load(path: str | Path, like: AbstractModel) -> Saved:
@@ -87,7 +87,7 @@ def load(path: str | Path, like: AbstractModel) -> Saved:
         InputError: when the file is not one of `save`, is of a newer version, or does not fit the
             model: another class, other channels, or parameters that only one of both has.
     """
-    content = read_document(path, kind=FORMAT, version=FORMAT_VERSION)
+    content = read_document(path, kind=DOCUMENT, version=FORMAT_VERSION)
     name, like = Path(path).name, canonical(like)
     _require_fit(content, like, name)
     parameters = _mapping(content, "parameters", name)

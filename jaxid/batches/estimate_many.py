@@ -69,7 +69,8 @@ def estimate_many(
             (case, parameter) in the order of `free.shared`.
         solver: options of the iteration.
         store: folder of a Zarr store, to which the results are written as the cases finish. A call
-            with the same arguments continues a run that was stopped.
+            with the same arguments continues a run that was stopped. Let one process at a time
+            use a store.
         devices: devices over which the cases are distributed, or a mesh; by default JAX's default
             device.
         progress: True for a bar on standard error, or a function of `Progress`.

@@ -129,11 +129,17 @@ def test_models_and_starts_per_case_equal_single_estimates(records):
 
 
 def test_progress_counts_cases_to_the_end(records):
-    seen = []
-    estimate_many(model(), chosen(), records[:20], OutputError(), progress=seen.append)
-    assert [state.finished for state in seen] == sorted(state.finished for state in seen)
-    assert (seen[-1].finished, seen[-1].total, seen[-1].failed) == (20, 20, 2)
-    assert seen[-1].remaining == 0.0
+    states = []
+    estimate_many(model(), chosen(), records[:20], OutputError(), progress=states.append)
+    assert [state.finished for state in states] == sorted(state.finished for state in states)
+    assert (states[-1].finished, states[-1].total, states[-1].failed) == (20, 20, 2)
+    assert states[-1].remaining == 0.0
+
+
+def test_bar_leaves_standard_output_and_results_alone(records, many, capfd):
+    few = estimate_many(model(), chosen(), records[:4], OutputError(), progress=True)
+    assert capfd.readouterr().out == ""
+    np.testing.assert_allclose(few["values"], many["values"][:4], rtol=RTOL)
 
 
 def test_wrong_input_is_refused_in_words(records):

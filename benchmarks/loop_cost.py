@@ -6,7 +6,8 @@ The coupled flight of `python -m jaxid` (six degrees of freedom, 26 free paramet
 number of candidates, samples and records. Each size runs twice in a separate process, without a
 compilation cache, as in a user's notebook: the first study is a cold start except for the imports,
 the second is warm. The table shows the seconds, their split over the steps, the number of
-compilations of the sensitivity pass (one for all rounds) and the added effects; the JSON also has
+compilations of the sensitivity pass (for all rounds one of the records and one of the window in
+which a check record's initial state is fitted) and the added effects; the JSON also has
 the largest error on the test records over the realised noise of these records.
 """
 
@@ -35,7 +36,7 @@ from jaxid.study.candidates import candidates
 from jaxid.study.workbench import Workbench
 
 TRUTH = "beta^2 in Cm"
-PASS = "jit(sensitivities)"  # JAX's name of the program that scores all candidates
+PASS = "jit(sensitivities)"  # JAX's name of the program of all fits and scores
 WINDOW = 50  # samples in which a flight's initial state is fitted
 STEPS = ("compile", "fit", "score", "localise", "predict", "analyse_residual", "set_shapes")
 

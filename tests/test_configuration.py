@@ -1,4 +1,4 @@
-"""`jaxid.configure`: float64 and the persistent compilation cache, set by one call.
+"""`jaxid.configure`: float64, compilation cache and threads of linear algebra, by one call.
 
 Each call runs in a new process, so that its settings do not reach other tests.
 """
@@ -90,6 +90,35 @@ for number, folder in enumerate(({str(first)!r}, pathlib.Path({str(second)!r})))
     settings(code, new_environment)
     assert list(first.glob("*-cache"))
     assert list(second.glob("*-cache"))
+
+
+THREADS = """
+import json, os, scipy.linalg, threadpoolctl
+threadpoolctl.threadpool_limits(3, user_api="blas")
+before = [pool["num_threads"] for pool in threadpoolctl.threadpool_info()]
+jaxid.configure(cache=False{options})
+print(json.dumps([before, [pool["num_threads"] for pool in threadpoolctl.threadpool_info()]]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [("", 1), (", linear_algebra_threads=2", 2), (", linear_algebra_threads=None", 3)],
+)
+def test_matrices_are_decomposed_on_the_chosen_number_of_threads(
+    options, expected, new_environment
+):
+    done = run(THREADS.format(options=options), new_environment)
+    assert done.returncode == 0, done.stderr
+    before, after = json.loads(done.stdout)
+    assert before
+    assert set(before) == {3}
+    assert set(after) == {expected}
+
+
+def test_no_threads_are_refused(new_environment):
+    done = run("jaxid.configure(cache=False, linear_algebra_threads=0)", new_environment)
+    assert "`linear_algebra_threads` is 0; give at least 1." in done.stderr
 
 
 def test_folder_that_cannot_be_written_to_is_refused_with_remedy(new_environment, tmp_path):

@@ -11,6 +11,7 @@ from ..data.record import Record
 from ..data.stack import unstack
 from ..design.input_design import expected_chi_square
 from ..estimation.estimate import as_stack, check_channels, check_sampling
+from ..models.free import Free
 from ..models.noise import FixedNoise
 from .study import Study
 
@@ -42,7 +43,7 @@ def discrimination(study: Study, plan: Record) -> dict[str, float]:
     check_sampling(study.after.model, plan, study.likelihood)
     noise = FixedNoise(jnp.array([study.noise[name] ** 2 for name in study.outputs]))
     likelihood = dataclasses.replace(study.likelihood, noise=noise)
-    named = study.after.model, study.after.estimate.free
+    named = study.after.model, Free(())  # nothing of it is refitted
     found = {}
     for rival in study.alternatives:
         left = sum(

@@ -1,13 +1,12 @@
 """Cost per case of `estimate_many`: `python -m benchmarks.many_cases [--json]`.
 
 A small spring, 150 samples, two shared parameters and a free initial state; each case is a record
-with noise of its own. The table shows the processor time per case by number of cases, beside
-single estimates one by one, all compiled before. A last line shows the cost of slow cases: a
-tenth of the cases starts far away and ends at the limit of 200 steps. The cost of the others is
-that of the mixed batch less that of the slow cases alone, over that of the others alone.
+with independent noise. The table shows the processor time per case by number of cases, and of
+single estimates, all compiled before. A last line shows the cost of slow cases: a tenth of the
+cases starts far away and ends at the limit of 200 steps. The time of the mixed batch less the time
+of the slow cases alone is divided by the time of the other cases alone.
 
-`--devices N` distributes the cases over N host devices, and compares the wall time with that of
-one.
+`--devices N` distributes the cases over N host devices, and compares the wall time with one device.
 """
 
 import argparse
@@ -143,7 +142,7 @@ def batch_cost(cases, count: int, repeats: int) -> dict:
 
 
 def slow_cost(cases, count: int, repeats: int) -> dict:
-    """Return the cost of the other cases beside slow ones, over their cost alone."""
+    """Return the cost of the other cases in a batch with slow ones, divided by their cost alone."""
     import numpy as np
 
     model, free, records = cases

@@ -14,14 +14,13 @@ of the true motion, without instrument errors. The aerodynamics are not touched.
   four, and in lateral 4 a stabilator ramp, which is held at its end ("a simultaneously applied
   stabilator input to force the aircraft through a larger range"). Lateral 3 is the mean of flights
   with gusts.
-- Longitudinal cases: one trim each, for no common one comes within 1 deg; the angles of attack of
-  case 2 must lie within those of case 1, because section 6.4.1 compares them there.
+- Longitudinal cases: one trim each, because no common trim comes within 1 deg; the range of angle
+  of attack of case 2 must lie within the range of case 1, because section 6.4.1 compares them.
 - Coupled cases: no statistics are printed. The constants of CZ, values at the mean angle of attack,
-  give that of coupled 1 between those of the longitudinal cases (`coupled_mean`); one trim for
-  both.
+  give the mean of coupled 1, between the longitudinal cases (`coupled_mean`); one trim for both.
 
-The choices stand in `jaxid.aircraft.flight.report_cases`; the exit status tells whether they are
-those of the search.
+The choices stand in `jaxid.aircraft.flight.report_cases`; the exit status is 0 if they
+equal the result of the search.
 """
 
 import argparse

@@ -41,7 +41,7 @@ class Decision(NamedTuple):
     Attributes:
         measure: numbers of the results of one seed.
         judge: True if the claim holds with these numbers.
-        also: further fits that it needs, beside the cases of the claim.
+        also: further fits that it needs, in addition to the cases of the claim.
     """
 
     measure: Callable[[Results, Examples], Measured]

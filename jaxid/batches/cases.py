@@ -88,7 +88,7 @@ def read_cases(
     The arguments are those of `estimate_many`.
 
     Raises:
-        InputError: when there is no case, their number differs from that of models or starts, a
+        InputError: when there is no case, the number of models or starts differs, a
             parameter does not exist, or every case is refused.
     """
     groups = list(cases)

@@ -8,9 +8,9 @@ of the stationary process (Box, Jenkins, Reinsel, *Time Series Analysis*, 2008, 
 
     J = sum_j N_j/2 (log s_j^2 + 1) + 1/2 sum_t n_jt log r_jt,    s_j^2 = 1/N_j sum e_ij^2 / r_jt
 
-where `r_jt` is the error variance of the predictor of order t < p over that of order p, and `n_jt`
-the number of records with such a sample. A sample after a gap serves as predecessor only, until p
-samples before it are valid.
+where `r_jt` is the error variance of the predictor of order t < p, divided by the error variance of
+order p, and `n_jt` the number of records with such a sample. A sample after a gap serves as
+predecessor only, until p samples before it are valid.
 """
 
 from typing import ClassVar, NamedTuple
@@ -39,7 +39,7 @@ class Predictors(NamedTuple):
 
     Attributes:
         coefficients: coefficients of each predictor, filled with zeros.
-        ratio: error variance of each predictor, over that of the last one.
+        ratio: error variance of each predictor, divided by the error variance of the last one.
     """
 
     coefficients: Float[Array, "order lag"]

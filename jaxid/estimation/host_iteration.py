@@ -129,7 +129,7 @@ class Iteration(NamedTuple):
         evaluation: the last evaluation.
     """
 
-    arrays: "_Arrays"
+    arrays: _Arrays
     parameters: Parameters
     state: State
     evaluation: Evaluation

@@ -138,7 +138,7 @@ class Minimiser(optx.AbstractMinimiser):
             linearised=empty,
             decrement=jnp.array(jnp.inf),
             drift=jnp.array(0.0),
-            renew=true if known is None else ~jnp.all(jnp.isfinite(known)),
+            renew=jnp.array(known is None),
             ending=false,
             search=self.search.init(y, evaluation),
             descent=self.descent.init(y, evaluation),
@@ -185,15 +185,10 @@ class Minimiser(optx.AbstractMinimiser):
             | (decrement > REFRESH_SHARE * state.decrement)
         )
 
-        refused = ~accept & ~renew
-        turn = refused & state.descent[4] & (step_size < SMALLEST_STEP)
-        skip = refused & optional & (step_size < GIVE_UP) & ~turn
         evaluation = _evaluation(new_cost, linearised.information)
-        query = self.descent.query(y, evaluation, state.descent)
-        turned = self.descent.turn(evaluation, state.descent)
-        descent = jax.tree.map(partial(jnp.where, accept | skip), query, state.descent)
-        descent = jax.tree.map(partial(jnp.where, turn), turned, descent)
-        skip = skip | turn
+        descent, skip = self._next_descent(
+            y, state, evaluation, accept, ~accept & ~renew, step_size
+        )
         search = jax.tree.map(partial(jnp.where, skip | renew), self.search.init(y, before), search)
         step_size = jnp.where(skip | renew, 1.0, step_size)
         difference, _ = self.descent.step(jnp.where(renew, 0.0, step_size), descent)
@@ -222,6 +217,19 @@ class Minimiser(optx.AbstractMinimiser):
             decrements=state.decrements.at[row].set(decrement, mode="drop"),
         )
         return y, new, None
+
+    def _next_descent(self, y: Parameters, state: State, evaluation, accept, refused, step_size):
+        """Return the state of the descent, and whether the search begins with another direction.
+
+        After a refused step that has become too short the direction is changed: turned away from a
+        corner, or without its optional part.
+        """
+        turn = refused & state.descent[4] & (step_size < SMALLEST_STEP)
+        skip = refused & state.descent[2] & (step_size < GIVE_UP) & ~turn
+        query = self.descent.query(y, evaluation, state.descent)
+        turned = self.descent.turn(evaluation, state.descent)
+        descent = jax.tree.map(partial(jnp.where, accept | skip), query, state.descent)
+        return jax.tree.map(partial(jnp.where, turn), turned, descent), skip | turn
 
     def _drift(self, state: State, moved: Bool[Array, ""]) -> Float[Array, ""]:
         """Return the distance from the parameters of the sensitivities after a trial.
@@ -261,26 +269,19 @@ class Minimiser(optx.AbstractMinimiser):
         return y, aux, {}
 
 
-def minimise(
-    problem: Problem,
-    begin: Parameters,
-    solver: GaussNewton,
-    S: Float[Array, "case time sensitive column"] | None = None,
-) -> tuple[Parameters, State]:
+def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[Parameters, State]:
     """Return the best parameters of a problem and the last state of the solver.
 
     Args:
         problem: the estimation problem.
         begin: the initial parameters.
         solver: options of the iteration.
-        S: sensitivities at the initial parameters, used by a solver with `chord`; NaN if unknown.
     """
     solution = optx.minimise(
         lambda y, problem: jnp.zeros(()),  # for its shape; the minimiser evaluates the problem
         minimiser_of(problem, solver),
         begin,
         args=problem,
-        options={"S": S},
         max_steps=solver.max_steps,
         throw=False,
     )
@@ -326,7 +327,9 @@ def first_state(
 ) -> State:
     """Return the state before the first step.
 
-    The arguments are those of `minimise`.
+    Args:
+        problem, begin, solver: as for `minimise`.
+        S: sensitivities at the initial parameters, kept by a solver with `chord`; None if unknown.
     """
     minimiser = minimiser_of(problem, solver)
     options = {"S": S if solver.chord else None}

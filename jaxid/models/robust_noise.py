@@ -5,7 +5,7 @@
 with `psi = rho'`. A sample far outside has a bounded influence on the estimate, so that outliers
 need not be removed by hand. The information of a sample on the parameters is the mean of
 `psi'(r)`; `Estimate.interval(coloured=True)` uses the mean of `psi(r)^2` too and so holds for
-other noise than that of the density (Huber, *Robust Statistics*, 1981, section 7.6).
+noise of another density too (Huber, *Robust Statistics*, 1981, section 7.6).
 """
 
 import abc

@@ -67,7 +67,7 @@ def test_both_minima_are_found_the_lowest_first(known):
 def test_starts_without_end_are_counted(known):
     model = DoubleWell(jnp.array(1.1), jnp.array(1.0))
     chosen = free(model, "a", "b")
-    starts = np.array([[1.1, 1.0], [1e200, 1.0]])  # the square of which overflows
+    starts = np.array([[1.1, 1.0], [1e200, 1.0]])  # its square overflows
     result = multi_start(model, chosen, known, NOISE, starts=starts)
     assert sum(result.failures.values()) == 1
     assert sum(minimum.starts for minimum in result.minima) == 1

@@ -114,8 +114,8 @@ def test_measured_state_without_sensor_noise_gives_equation_error():
 
 
 def test_smoothed_force_and_its_deviation_agree_with_truth():
-    """At known parameters the normalised error has unit variance: 4,000 samples, of which about
-    one in ten is independent.
+    """At known parameters the normalised error has unit variance: 4,000 samples, about one in
+    ten of them independent.
     """
     t, u, z, states = flights(10, 400, 21)
     truth = GustyLag(jnp.array(P), jnp.array(B))

@@ -29,6 +29,12 @@ def test_lines_of_tests_and_benchmarks_are_short(folder):
     assert not reported, "\n".join(["", *reported])
 
 
+def test_files_of_tests_have_names_of_their_own():
+    """Python imports a test file by its name alone, so a second one of that name is not collected."""
+    names = [file.name for file in (ROOT / "tests").rglob("test_*.py")]
+    assert sorted(names) == sorted(set(names))
+
+
 def test_counted_words_are_rare_in_documents():
     files = [
         ROOT / "README.md",

@@ -186,7 +186,11 @@ def test_a_driven_problem_answers_to_its_forces_as_the_linear_model_says():
         Hardening(jnp.array(1.4), jnp.array(0.2)), stack([flown(1, cubic=0.6)]), likelihood
     )
     pushed, places = driven(problem, ((LocationKind.EQUATION, ("v",)),))
-    np.testing.assert_array_equal(pushed.residuals(parameters), problem.residuals(parameters))
+    # Two compiled programs of one recursion: equal but for the rounding of its steps.
+    rounding = T.size * np.finfo(float).eps
+    np.testing.assert_allclose(
+        pushed.residuals(parameters), problem.residuals(parameters), rtol=0.0, atol=rounding
+    )
     force = 0.3 * jnp.sin(3.0 * T)[None, :, None]
     at, direction = under(pushed, places, force), jnp.cos(T)[None, :, None]
     _, moved = jax.jvp(

@@ -4,7 +4,7 @@
 The short period of a relaxed aircraft, whose motion doubles in one second, is flown for 20 s under
 a feedback that keeps it in the air, in light turbulence; the recorded elevator is the input. From
 every combination of parameters 50 % too small and 50 % too large, output error (one simulation of
-the whole record, initial state free) and filter error estimate the parameters.
+the whole record, initial state free), filter error and its innovation form estimate the parameters.
 """
 
 import argparse
@@ -19,7 +19,17 @@ import numpy as np
 
 from benchmarks.coverage import NOISE, SPEED, STEP, ShortPeriod
 from benchmarks.reference_problem.__main__ import machine
-from jaxid import Estimate, FilterError, Fixed, OutputError, Record, estimate, free, record
+from jaxid import (
+    Estimate,
+    FilterError,
+    Fixed,
+    InnovationForm,
+    OutputError,
+    Record,
+    estimate,
+    free,
+    record,
+)
 
 # Mw doubles the motion in one second: -1 + sqrt(V Mw) = log(2)
 TRUTH = {"Zw": -1.0, "Mw": (1.0 + np.log(2.0)) ** 2 / SPEED, "Mq": -1.0, "Md": -8.0}
@@ -55,9 +65,12 @@ def fly(samples: int = 400, seed: int = 1974) -> Record:
 def likelihoods():
     """Return the likelihoods that are compared, with their free initial states."""
     initial = {"w": Fixed(0.5), "q": Fixed(0.05)}
+    # half of an innovation corrects the state that the sensor measures
+    gains = {"w": {"alpha": 0.5 * SPEED, "q": 0.0}, "q": {"alpha": 0.0, "q": 0.5}}
     return {
         "output error": (OutputError(), ("initial_state",)),
         "filter error": (FilterError({"w": 0.5, "q": 0.05}, initial=initial), ()),
+        "innovation form": (InnovationForm(gains), ()),
     }
 
 

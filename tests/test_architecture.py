@@ -30,7 +30,7 @@ def test_lines_of_tests_and_benchmarks_are_short(folder):
 
 
 def test_files_of_tests_have_names_of_their_own():
-    """Python imports a test file by its name alone, so a second one of that name is not collected."""
+    """Python imports test files by name alone: a second one of that name is not collected."""
     names = [file.name for file in (ROOT / "tests").rglob("test_*.py")]
     assert sorted(names) == sorted(set(names))
 

@@ -3,6 +3,7 @@
 from .autoregressive_noise import AutoregressiveNoise, select_order
 from .estimate import estimate
 from .filter_error import FilterError
+from .innovation_form import InnovationForm
 from .likelihoods import OutputError
 from .listing import listing
 from .noise_options import FirstOrder, Fixed
@@ -19,6 +20,7 @@ __all__ = [
     "FirstOrder",
     "Fixed",
     "GaussNewton",
+    "InnovationForm",
     "OutputError",
     "Plain",
     "Smoothed",

@@ -25,6 +25,29 @@ def rate(
     return model.rhs(t, x, u)
 
 
+def runge_kutta_step(
+    model: AbstractModel,
+    x: Float[Array, " state"],
+    t: Float[Array, ""],
+    h: Float[Array, ""],
+    u: Float[Array, "stage input"],
+) -> tuple[Float[Array, " state"], Float[Array, " state"]]:
+    """Return the state after a classical Runge-Kutta step, and its rate before it.
+
+    Args:
+        model: the model.
+        x: state before the step.
+        t: time before the step [s].
+        h: length of the step [s].
+        u: input at the beginning, in the middle and at the end of the step.
+    """
+    k1 = rate(model, t, x, u[0])
+    k2 = rate(model, t + h / 2, x + h / 2 * k1, u[1])
+    k3 = rate(model, t + h / 2, x + h / 2 * k2, u[1])
+    k4 = rate(model, t + h, x + h * k3, u[2])
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), k1
+
+
 class AbstractStepper(eqx.Module):
     """Integration of the state from sample to sample."""
 
@@ -77,7 +100,7 @@ class RK4(AbstractStepper):
         by_interval = jax.tree.map(
             lambda leaf: leaf.reshape(t.size - 1, self.substeps, *leaf.shape[1:]), stages
         )
-        step = self._unrolled_step if self.unrolled else self._looped_step
+        step = runge_kutta_step if self.unrolled else self._looped_step
 
         def interval(x, now):
             later, rates = jax.lax.scan(
@@ -94,15 +117,6 @@ class RK4(AbstractStepper):
 
     def compact(self):
         return RK4(self.substeps, unrolled=False)
-
-    @staticmethod
-    def _unrolled_step(model, x, t, h, u):
-        """Return the state after a step, and its rate before it."""
-        k1 = rate(model, t, x, u[0])
-        k2 = rate(model, t + h / 2, x + h / 2 * k1, u[1])
-        k3 = rate(model, t + h / 2, x + h / 2 * k2, u[1])
-        k4 = rate(model, t + h, x + h * k3, u[2])
-        return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), k1
 
     @staticmethod
     def _looped_step(model, x, t, h, u):

@@ -1,0 +1,1 @@
+"""Convergence of the report's fixes from many starts, beside SciPy."""

@@ -1,0 +1,139 @@
+"""`InnovationForm`: the likelihood of models with process noise, with the filter's gain unknown."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.checks import require, require_known
+from .._foundation.dependence import returns_argument
+from .._foundation.grid import is_uniform
+from .._foundation.types import Array, Float
+from ..data.record import Record
+from ..models.base import AbstractModel, as_float
+from ..models.free import Free
+from ..models.innovation import InnovationModel
+from ..models.noise import AbstractNoise, FullNoise
+from ..simulation.hold import AbstractHold, Linear
+from ..simulation.input_signal import substeps_of
+from ..simulation.simulate import effective_input
+from ..simulation.solution import Solution
+from ..simulation.steppers import RK4, runge_kutta_step
+from .likelihoods import AbstractLikelihood
+
+
+class InnovationForm(AbstractLikelihood):
+    r"""Filter error in steady state, with the gain of the filter among the parameters.
+
+        J = 1/2 sum_i ( v_i' B^-1 v_i + log det B ),    B = 1/N sum_i v_i v_i'     (A.54)
+        x(i|i) = x(i|i-1) + K v_i,    x(i+1|i) = x(i|i) moved through one step     (A.56, A.57)
+
+    No covariance is propagated, and nothing need be known of the sources of the noise: K and B
+    stand for Q and R. A pass costs as much as one of output error with as many parameters. The
+    price, as the report says (A.5): K and B have more elements than Q and R, so that the estimates
+    have no minimum variance, and no Q need belong to them. Take `FilterError` where the structure
+    of the noise is known. The gain is that of a filter in steady state, which is wrong at the
+    first samples and after a gap, so that the intervals of the gain itself are too narrow: in 400
+    simulated records of an oscillator, 87 to 92 % of those of 95 % held the truth at 400 samples,
+    and 92 % at 1,600; of those of the coefficients 92 to 93 %, and 94 to 96 %. Where a step makes
+    the filter unstable, the simulation diverges and the step is refused.
+
+    Args:
+        gains: by state, the outputs whose innovations correct it; by default all states by all
+            outputs. Their elements of K are parameters named `gain.STATE.OUTPUT`. They start at
+            zero, as output error, or from the numbers given by output [unit of the state per unit
+            of the output]: an unstable model needs them.
+        noise: B, by default full and re-estimated at every iteration; a full one needs records
+            without gaps in single channels, `DiagonalNoise()` does not.
+        hold: interpolation of the inputs between their samples.
+        stepper: the integration of the state from sample to sample.
+    """
+
+    gains: dict[str, dict[str, Float[Array, ""]]] | None
+    noise: AbstractNoise
+    hold: AbstractHold
+    stepper: RK4
+
+    def __init__(
+        self,
+        gains: Mapping[str, Iterable[str] | Mapping[str, float]] | None = None,
+        noise: AbstractNoise | None = None,
+        *,
+        hold: AbstractHold | None = None,
+        stepper: RK4 | None = None,
+    ):
+        self.gains = None
+        if gains is not None:
+            self.gains = {state: _starts(outputs) for state, outputs in gains.items()}
+        self.noise, self.hold = noise or FullNoise(), hold or Linear()
+        self.stepper = stepper or RK4()
+        require(
+            isinstance(self.stepper, RK4),
+            "InnovationForm corrects the state between fixed steps. Use `stepper=RK4(substeps)`.",
+        )
+
+    def prepared(
+        self, model: AbstractModel, free: Free, records: Record
+    ) -> tuple[AbstractModel, Free]:
+        if isinstance(model, InnovationModel):
+            return model, free
+        gains = self.gains
+        if gains is None:
+            gains = {state: _starts(model.outputs) for state in model.states}
+        require(bool(model.states), f"{type(model).__name__} has no states, and needs no filter.")
+        require_known("state (in `gains`)", gains, model.states)
+        for state, outputs in gains.items():
+            require_known(f"output (in `gains` of {state!r})", outputs, model.outputs)
+        names = [f"gain.{state}.{output}" for state, row in gains.items() for output in row]
+        chosen = dataclasses.replace(free, shared=(*free.shared, *names))
+        return InnovationModel(model, gains), chosen
+
+    def solve(self, model, record, initial_state):
+        assert isinstance(model, InnovationModel), "a model from `prepared`"
+        substeps = self.stepper.substeps
+        path, u = effective_input(model, self.hold, record.t, record.u)
+        t = jnp.append(record.t, record.t[-1])
+        steps = jax.tree.map(
+            lambda leaf: leaf.reshape(-1, substeps, *leaf.shape[1:]),
+            (*substeps_of(t, substeps), path.stages(t, substeps)),
+        )
+        K, samples = model.matrix(), (record.t, u, record.z, record.mask)
+
+        def interval(x: Float[Array, " state"], now):
+            (t, u, z, mask), steps = now
+            y = model.output(t, x, u)
+            corrected = x + K @ jnp.where(mask, z - y, 0.0)
+            later, _ = jax.lax.scan(
+                lambda x, step: runge_kutta_step(model.model, x, *step), corrected, steps
+            )
+            return later, (x, y)
+
+        _, (x, y) = jax.lax.scan(interval, initial_state, (samples, steps))
+        return Solution(record.t, x, y, jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y)))
+
+    def check(self, model, records):
+        self.noise.check(records.mask, records.outputs)
+        self.noise.check_times(records.t)
+        self.check_times(records.t)
+        one = jnp.zeros((records.t.shape[-1], len(model.outputs)))
+        t = records.t.reshape(-1, records.t.shape[-1])[0]
+        require(
+            returns_argument(lambda y: model.observe(t, y), one),
+            "The model has effects on its sampled outputs (`observe`: a sensor's lag or delay), "
+            "which have a memory that the filter does not carry. Use OutputError, or remove them.",
+        )
+
+    def check_times(self, t):
+        self.hold.check(t)
+        require(
+            is_uniform(np.asarray(t)),
+            "The sample times are uneven; a constant gain belongs to one step. Use FilterError.",
+        )
+
+
+def _starts(outputs: Iterable[str] | Mapping[str, float]) -> dict[str, Float[Array, ""]]:
+    """Return the starts of the gains of one state, zero where no number is given."""
+    numbers = outputs if isinstance(outputs, Mapping) else dict.fromkeys(outputs, 0.0)
+    return {name: as_float(value) for name, value in numbers.items()}

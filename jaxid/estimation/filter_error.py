@@ -12,12 +12,14 @@ from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
 from ..models.free import Free
+from ..models.free_model import FreeModel
 from ..models.noise import InnovationNoise
 from ..models.stochastic import StochasticModel
 from ..sensitivity.jacobian import value_and_jacobian
 from ..simulation.hold import AbstractHold, Linear
 from ..simulation.solution import Solution
 from ..simulation.steppers import RK4
+from .filter_sensitivities import filter_sensitivities
 from .kalman import Filtered, inverse_cholesky, kalman_filter
 from .likelihoods import AbstractLikelihood
 from .noise_identifiability import check_noise_identifiable
@@ -127,6 +129,21 @@ class FilterError(AbstractLikelihood):
         return _rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
 
     def sensitivities(self, family, theta, record):
+        v, B, dv, dB = self._derivatives(family, theta, record)
+        inverse = inverse_cholesky(B)
+        rows_v = -jnp.einsum("tij,tjp->tip", inverse, dv)
+        white = jnp.einsum("tij,tjkp,tlk->ptil", inverse, dB, inverse)
+        rows_B = -jnp.moveaxis(_pairs(white, record.mask), 0, -1)
+        return _rows(v, inverse, record.mask), jnp.concatenate([rows_v, rows_B], axis=1)
+
+    def _derivatives(self, family: FreeModel, theta, record: Record):
+        """Return the innovations, their covariances, and the derivatives of both."""
+        if self.updates == 1:
+            options = (self.hold, self.stepper.substeps)
+            found = filter_sensitivities(family, theta, record, *options, steady=self.steady)
+            return found.filtered.v, found.filtered.B, found.innovation, found.covariance
+        m = record.z.shape[-1]
+
         def innovations(theta):
             model, initial_state = family(theta)
             filtered = self.filter(model, record, initial_state)
@@ -134,14 +151,8 @@ class FilterError(AbstractLikelihood):
             return jnp.concatenate([filtered.v, covariances], axis=-1)
 
         flat, derivative = value_and_jacobian(innovations, theta)
-        m = record.z.shape[-1]
-        v, dv = flat[:, :m], derivative[:, :m]
         B, dB = (part[:, m:].reshape(-1, m, m, *part.shape[2:]) for part in (flat, derivative))
-        inverse = inverse_cholesky(B)
-        rows_v = -jnp.einsum("tij,tjp->tip", inverse, dv)
-        white = jnp.einsum("tij,tjkp,tlk->ptil", inverse, dB, inverse)
-        rows_B = -jnp.moveaxis(_pairs(white, record.mask), 0, -1)
-        return _rows(v, inverse, record.mask), jnp.concatenate([rows_v, rows_B], axis=1)
+        return flat[:, :m], B, derivative[:, :m], dB
 
     def row_mask(self, mask):
         first, second = np.triu_indices(mask.shape[-1])

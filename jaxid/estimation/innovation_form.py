@@ -32,7 +32,7 @@ class InnovationForm(AbstractLikelihood):
 
     No covariance is propagated, and nothing need be known of the sources of the noise: K and B
     stand for Q and R. A pass costs as much as one of output error with as many parameters. The
-    price, as the report says (A.5): K and B have more elements than Q and R, so that the estimates
+    price (section A.5 of the report): K and B have more elements than Q and R, so that the estimates
     have no minimum variance, and no Q need belong to them. Take `FilterError` where the structure
     of the noise is known. The gain is that of a filter in steady state, which is wrong at the
     first samples and after a gap, so that the intervals of the gain itself are too narrow: in 400

@@ -162,6 +162,14 @@ class LoopFit:
         share = autoregressive_r2(self.white_residuals, self.problem.train.mask)
         return dict(zip(self.problem.model.outputs, map(float, share), strict=True))
 
+    @property
+    def noise_covariance(self) -> Float[Array, "output output"]:
+        """Covariance of the sensor noise; of its innovations if it is coloured."""
+        if isinstance(self.estimation.problem.likelihood, OutputError):
+            return self.solution.noise
+        deviations = [self.estimates[f"sensor.{n}"][0] for n in self.problem.model.outputs]
+        return to_device(np.diag(np.square(deviations)))
+
     @cached_property
     def check_prediction(self) -> Prediction:
         """Prediction of the check records."""
@@ -173,7 +181,7 @@ class LoopFit:
         Args:
             records: an anonymous stack.
         """
-        known = FixedNoise(regular(self.solution.noise))
+        known = FixedNoise(regular(self.noise_covariance))
         likelihood = eqx.tree_at(lambda node: node.noise, self.problem.likelihood, known)
         problem = self.problem
         predictor = Predictor(likelihood, problem.window, problem.starts, problem.train.n_cases)

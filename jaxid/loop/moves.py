@@ -18,7 +18,7 @@ from ..estimation.problem import Problem
 from ..models.free import Free, Parameters
 from .evidence import log_samples
 from .fit import LoopFit
-from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces, White
+from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces
 from .linear import Reduced, falls, gains, reduce
 from .problem import SearchOptions, regular
 from .thresholds import INSEPARABLE
@@ -71,10 +71,7 @@ class Proposals:
 
     def __init__(self, fit: LoopFit, options: SearchOptions):
         self.fit, self.options, self.problem = fit, options, fit.problem
-        names = set(fit.triangle.names)
-        self.candidates = [
-            effect for effect in self.problem.absent(fit.effects) if f"{effect.name}.gain" in names
-        ]
+        self.candidates = self._absent(fit.effects)
         self.reduced = reduce(fit.triangle)
         count = max(len(self.candidates), 1)
         self.threshold = float(chi2.isf(options.level / count, 1))
@@ -168,7 +165,7 @@ class Proposals:
             rest = self.fit.hypothesis.changed(out).effects
             options = [
                 effect
-                for effect in self.problem.absent(rest)
+                for effect in self._absent(rest)
                 if effect.name not in out and not effect.card.refines
             ]
             expected = self._scores(options, reduced) + log_samples(self.fit) * (len(out) - 1)
@@ -182,6 +179,11 @@ class Proposals:
     def score(self, effect: Effect) -> float:
         """Return the fall of chi-square by adding one candidate."""
         return float(self._scores([effect], self.reduced)[0])
+
+    def _absent(self, effects: tuple[str, ...]) -> list[Effect]:
+        """Return the candidates that may be added to some effects and have a column."""
+        names = set(self.fit.triangle.names)
+        return [e for e in self.problem.absent(effects) if f"{e.name}.gain" in names]
 
     def _removable(self) -> list[str]:
         return [name for name in self.fit.effects if not self.problem.is_evident(name)]
@@ -228,7 +230,11 @@ class Proposals:
                     start[columns.names[own]] = float(self.fit.values[theirs])
         gain_names = [f"{name}.gain" for name in into]
         estimated = dict(
-            zip(gain_names, map(float, gains(reduced, self.fit.triangle.at(gain_names))), strict=True)
+            zip(
+                gain_names,
+                map(float, gains(reduced, self.fit.triangle.at(gain_names))),
+                strict=True,
+            )
         )
         return Move(kind, self.fit.hypothesis.changed(out, into), into, expected, start, estimated)
 
@@ -245,8 +251,6 @@ def noise_moves(fit: LoopFit, where: LocalisationResult | None) -> list[Move]:
         fit: the fit.
         where: location of its residual; None without random forces.
     """
-    if not isinstance(fit.hypothesis.noise, White):
-        return []
     proposals: list[tuple[NoiseHypothesis, float]] = []
     problem, outputs = fit.problem, len(fit.problem.model.outputs)
     counts = np.sum(np.asarray(problem.train.mask), axis=(0, 1))
@@ -301,5 +305,5 @@ def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> Locali
     splines = splines or resolution(problem.train, fit.solution.residuals)
     parameters = Parameters(to_device(np.zeros(0)), fit.solution.parameters.rows)
     linearised = (rows, to_device(columns))
-    noise_covariance = regular(fit.solution.noise)
-    return localise(rest, parameters, linearised, noise_covariance, splines, places)
+    R = regular(fit.noise_covariance)
+    return localise(rest, parameters, linearised, R, splines, places)

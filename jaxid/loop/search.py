@@ -1,7 +1,7 @@
 """`search`: beam search over hypotheses, from the declared model."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -10,13 +10,14 @@ from .._foundation.host import to_device
 from ..diagnosis.localise import LocalisationResult
 from ..effects.library import initialise_shapes
 from ..effects.shape_initialisation import RESIDUAL, SIMULATED
+from ..estimation.estimate import divergence
 from ..estimation.model_programs import PROGRAMS
 from ..estimation.problem import Problem
 from ..models.free import Parameters, with_values
 from .compilation import signals_of
 from .evidence import Comparison, compare, inflation, is_noise_like, worth
 from .fit import LoopFit, fit
-from .hypothesis import Hypothesis
+from .hypothesis import Hypothesis, White
 from .moves import Move, MoveKind, Proposals, localise_fit, noise_moves
 from .problem import LoopProblem, SearchOptions
 from .thresholds import INSEPARABLE, MAX_COMPILED_FITS, SETTLED
@@ -54,6 +55,7 @@ class SearchTree:
         declared: fit of the declared model.
         best: fit of the best hypothesis.
         steps: all refits, in order.
+        signals: states, inputs and time `t` of the declared fit, each of shape (case, time).
         path: accepted steps from the declared model to the best hypothesis.
         where: location of the residual of the declared model, if it was needed.
         interrupted: True if the user stopped the search.
@@ -62,8 +64,9 @@ class SearchTree:
     problem: LoopProblem
     declared: LoopFit
     best: LoopFit
-    steps: list[Step]
-    path: list[Step]
+    signals: Mapping[str, np.ndarray]
+    steps: list[Step] = dataclasses.field(default_factory=list)
+    path: list[Step] = dataclasses.field(default_factory=list)
     where: LocalisationResult | None = None
     interrupted: bool = False
 
@@ -108,9 +111,11 @@ def search(problem: LoopProblem, options: SearchOptions, progress: Progress) -> 
     """
     progress("estimate of the declared model")
     declared = fit(problem, Hypothesis())
-    problem = with_shapes(declared)
+    if not np.isfinite(declared.cost):
+        raise divergence(problem.model, problem.free, problem.train, problem.likelihood)
+    problem, signals = with_shapes(declared)
     declared = dataclasses.replace(declared, problem=problem)
-    tree = SearchTree(problem, declared, declared, [], [])
+    tree = SearchTree(problem, declared, declared, signals)
     try:
         _grow(tree, options, progress)
         _refit_alternatives(tree, options, progress)
@@ -119,8 +124,10 @@ def search(problem: LoopProblem, options: SearchOptions, progress: Progress) -> 
     return tree
 
 
-def with_shapes(declared: LoopFit) -> LoopProblem:
-    """Return the problem with the initial shapes of its effects set from the declared fit."""
+def with_shapes(declared: LoopFit) -> tuple[LoopProblem, dict[str, np.ndarray]]:
+    """Return the problem with the initial shapes of its effects set from the declared fit, and the
+    states, inputs and time of that fit.
+    """
     problem, train = declared.problem, declared.problem.train
     shared = to_device(declared.values[: problem.columns.declared])
     model = with_values(problem.model, problem.free.shared, shared)
@@ -129,13 +136,15 @@ def with_shapes(declared: LoopFit) -> LoopProblem:
     mask, z = np.asarray(train.mask), np.asarray(train.z)
     left = np.where(mask, np.asarray(declared.solution.residuals), 0.0)
     signals = {name: np.asarray(signal) for name, signal in signals.items()}
+    variables = {name: signals[name] for name in (*model.states, *model.inputs, "t")}
     for i, name in enumerate(train.outputs):
         signals[RESIDUAL + name] = left[..., i]
         signals[SIMULATED + name] = np.where(mask[..., i], z[..., i] - left[..., i], 0.0)
     valid = np.asarray(real)
     samples = {name: signal[valid] for name, signal in signals.items()}
     step = float(typical_step(train.t))
-    return problem.with_library(initialise_shapes(problem.library, samples, problem.measured, step))
+    library = initialise_shapes(problem.library, samples, problem.measured, step)
+    return problem.with_library(library), variables
 
 
 def _grow(tree: SearchTree, options: SearchOptions, progress: Progress) -> None:
@@ -183,6 +192,8 @@ def _changes(proposals: Proposals) -> list[Move]:
 
 def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
     """Return noise models; random forces are localised if the residual is not white."""
+    if not isinstance(parent.hypothesis.noise, White):
+        return []
     where = None
     if not is_noise_like(parent, options) and tree.problem.equations:
         progress("location of the residual")

@@ -19,10 +19,10 @@ from ..estimation.problem import Problem
 from ..estimation.solver import GaussNewton
 from ..loop.columns import Columns
 from ..loop.compilation import use_reduced_model
+from ..loop.problem import starting_states
 from ..loop.thresholds import COLUMN_BLOCK
 from ..models.base import AbstractModel, canonical, equations_of
 from ..models.free import (
-    INITIAL_STATE,
     Free,
     Positions,
     all_names,
@@ -31,7 +31,6 @@ from ..models.free import (
     with_values_at,
 )
 from ..models.names import flat_vector
-from ..loop.problem import regular, starting_states
 from .fit import Fitted
 
 

@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from ..diagnosis.scores import Scores, critical
-from ..loop.thresholds import INSEPARABLE
 from ..loop.heldout_error import mean_log, uncertainty
+from ..loop.thresholds import INSEPARABLE
 from .fit import Fitted
 from .judge import Judge
 from .not_finite import refusal

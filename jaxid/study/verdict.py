@@ -14,7 +14,6 @@ from jax.scipy.stats import chi2
 from ..data.record import Record
 from ..diagnosis.localise import LocalisationResult
 from ..diagnosis.validation import Prediction
-from ..loop.thresholds import INSEPARABLE, SETTLED
 from ..loop.heldout_error import (
     difference_error,
     mean_log,
@@ -23,6 +22,7 @@ from ..loop.heldout_error import (
     of_channel,
     uncertainty,
 )
+from ..loop.thresholds import INSEPARABLE, SETTLED
 from .doubts import Doubts, doubts_about
 from .fit import Fitted
 from .outcome import Outcome

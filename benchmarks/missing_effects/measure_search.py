@@ -100,12 +100,8 @@ def _summary(found: EffectSearch, planted: tuple[Planted, ...], test: Record) ->
         "outcome": _outcome(found).value,
         "effects": list(found.effects),
         "noise": type(found.hypothesis.noise).__name__,
-        "alternatives": [
-            [list(o.effects), type(o.hypothesis.noise).__name__, w] for o, w in others
-        ],
-        "findings": [
-            [f.check.name, list(f.names), list(f.numbers)] for f in found.assessment.findings
-        ],
+        "alternatives": others,
+        "findings": findings,
         "first_right": bool(first) and all(map(is_right, first)),
         "top_three": [
             any(one.accepts(name, name) for name in (*leading, *(families[n] for n in first)))

@@ -259,7 +259,7 @@ def _dependence(tree: SearchTree, level: float) -> tuple[str, ...]:
     """Return the signals on which the whitened residual of the best hypothesis depends."""
     best = tree.best
     mask, outputs = best.problem.train.mask, best.problem.model.outputs
-    signals = {name: jnp.asarray(signal) for name, signal in tree.signals.items()}
+    signals = {n: jnp.asarray(signal) for n, signal in tree.signals.items() if n != "t"}
     report = analyse_residual(jnp.asarray(best.white_residuals), mask, signals, outputs)
     maps, cross = np.asarray(report.maps.p_value), np.asarray(report.tests.cross_p)
     limit = level / (maps.size + cross.size)

@@ -290,7 +290,9 @@ def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> Locali
     """
     problem = fit.problem
     rows, S, names = fit.linearised
-    model = problem.model_at(fit.values).only(fit.effects)
+    model = problem.model_at(fit.values)
+    if problem.uses_reduced_model:
+        model = model.only(fit.effects)
     rest = Problem.of(model, Free((), problem.free.per_record), problem.train, problem.likelihood)
     places = {
         LocationKind.EQUATION: problem.equations,

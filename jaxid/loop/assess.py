@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import chi2
 
-from .._foundation.location import LocationKind
 from ..data.record import Record
 from ..diagnosis.localise import LocalisationResult
 from ..diagnosis.residual_report import analyse_residual
+from ..effects.base import Effect
 from .evidence import DETERMINED, Decision, inflation, is_noise_like
 from .fit import LoopFit
 from .heldout_error import difference_error, mean_log
@@ -29,7 +29,7 @@ from .thresholds import SETTLED
 SETTLED_NEIGHBOUR = 3.0 * SETTLED
 # Chosen: share of the residual's power by which a place may explain less than the best one and
 # still be the place; several effects in several places may act as one in another.
-NEAR_PLACE, NEAR_PLACE_OF_SEVERAL = 0.2, 0.05
+NEAR_PLACE, NEAR_PLACE_OF_TWO = 0.2, 0.05
 # Chosen: largest deviation from one, and largest standard error, of a gain that is zero or one. It
 # is then five standard errors from zero and from two.
 UNIT_GAIN_ERROR = 0.2
@@ -62,6 +62,7 @@ class Check(enum.Enum):
     """The checks, in their order."""
 
     NOISE_LIKE = enum.auto()
+    ONE_FUNCTION = enum.auto()
     IN_PLACE = enum.auto()
     UNIT_GAIN = enum.auto()
     ALTERNATIVE = enum.auto()
@@ -113,11 +114,11 @@ def assess(tree: SearchTree, tests: Mapping[str, Record], options: SearchOptions
         verdict = Verdict.NOISE if more is None else Verdict.UNEXPLAINED
         return Assessment(verdict, () if more is None else (more,), _where(tree))
     where = _where(tree)
-    found = [more, in_place(best, where), unit_gain(best)]
-    if not any(found):
-        found.append(alternative(tree))
-    found.append(carries_over(tree, tests))
-    findings = tuple(finding for finding in found if finding is not None)
+    objections = [more, one_function(best), in_place(best, where), unit_gain(best)]
+    if not any(objections):
+        objections.append(alternative(tree))
+    objections.append(carries_over(tree, tests))
+    findings = tuple(finding for finding in objections if finding is not None)
     return Assessment(Verdict.PROXIES if findings else Verdict.CAUSE, findings, where)
 
 
@@ -146,6 +147,28 @@ def noise_like(tree: SearchTree, options: SearchOptions) -> Finding | None:
     return None
 
 
+def one_function(best: LoopFit) -> Finding | None:
+    """Return a finding if effects of different shapes together make up one function of one signal.
+
+    Terms of one series are one function; a kink, a friction and a cubic of the same signal at one
+    place are not three causes.
+
+    It alone decides in the scenario "quadratic drag" of the spring without that effect in the
+    library, where cubic, friction and dead band imitate it (`test_shapes_of_one_function`).
+    """
+    groups: dict[tuple, list[Effect]] = {}
+    for effect in (best.problem.effects[name] for name in best.effects):
+        if effect.card.signals:
+            groups.setdefault((effect.card.location, effect.card.signals), []).append(effect)
+    names = tuple(
+        effect.name
+        for group in groups.values()
+        for effect in group
+        if len({type(member) for member in group}) > 1
+    )
+    return Finding(Check.ONE_FUNCTION, names) if names else None
+
+
 def in_place(best: LoopFit, where: LocalisationResult) -> Finding | None:
     """Return a finding if most effects act where the residual of the declared model is not.
 
@@ -156,10 +179,9 @@ def in_place(best: LoopFit, where: LocalisationResult) -> Finding | None:
     input (`test_effects_elsewhere_are_proxies`).
     """
     locations = {name: best.problem.effects[name].card.location for name in best.effects}
-    places = [p for p in where.places if p.location.kind is not LocationKind.AIR]
-    within = NEAR_PLACE if len(set(locations.values())) == 1 else NEAR_PLACE_OF_SEVERAL
-    near = {p.location for p in places if p.share > places[0].share - within}
-    known = {p.location for p in places}
+    within = NEAR_PLACE if len(set(locations.values())) == 1 else NEAR_PLACE_OF_TWO
+    near = {place.location for place in where.near_best(within)}
+    known = {place.location for place in where.places}
     elsewhere = tuple(name for name, location in locations.items() if location not in near)
     if set(locations.values()) <= known and 2 * len(elsewhere) > len(locations):
         return Finding(Check.IN_PLACE, elsewhere)
@@ -264,9 +286,9 @@ def _dependence(tree: SearchTree, level: float) -> tuple[str, ...]:
     maps, cross = np.asarray(report.maps.p_value), np.asarray(report.tests.cross_p)
     limit = level / (maps.size + cross.size)
     variables, lagged = report.maps.variables, report.tests.signals
-    found = [variables[k] for k in np.flatnonzero(np.any(maps < limit, axis=0))]
-    found += [lagged[k] for k in np.flatnonzero(np.any(cross < limit, axis=0))]
-    return tuple(dict.fromkeys(found))
+    dependent = [variables[k] for k in np.flatnonzero(np.any(maps < limit, axis=0))]
+    dependent += [lagged[k] for k in np.flatnonzero(np.any(cross < limit, axis=0))]
+    return tuple(dict.fromkeys(dependent))
 
 
 def _neighbours(best: LoopFit) -> dict[str, float]:

@@ -65,7 +65,7 @@ class Comparison:
         return self.decision is Decision.BETTER
 
 
-def compare(old: LoopFit, new: LoopFit, options: SearchOptions, tried: int) -> Comparison:
+def compare(old: LoopFit, new: LoopFit, options: SearchOptions, count: int) -> Comparison:
     """Compare a hypothesis with the one from which it was made.
 
     Added parameters must lower twice the cost by more than chance would with as many candidates
@@ -76,7 +76,7 @@ def compare(old: LoopFit, new: LoopFit, options: SearchOptions, tried: int) -> C
     Args:
         old, new: the two fits.
         options: levels and limits.
-        tried: number of candidates among which the change was selected.
+        count: number of candidates among which the change was selected.
     """
     fall = 2.0 * (old.cost - new.cost)
     if type(old.hypothesis.noise) is not type(new.hypothesis.noise):
@@ -84,7 +84,7 @@ def compare(old: LoopFit, new: LoopFit, options: SearchOptions, tried: int) -> C
         better = np.isfinite(fall) and fall > required
         decision = Decision.BETTER if better else Decision.NOT_SIGNIFICANT
         return Comparison(decision, fall, required, float("nan"), worth(new))
-    required = _required(old, new, options.level / max(tried, 1))
+    required = _required(old, new, options.level / max(count, 1))
     check_fall = mean_log(old.check_prediction) - mean_log(new.check_prediction)
     decision = _decide(old, new, options, fall - required, check_fall)
     return Comparison(decision, fall, required, check_fall, worth(new))
@@ -93,22 +93,45 @@ def compare(old: LoopFit, new: LoopFit, options: SearchOptions, tried: int) -> C
 def _decide(old: LoopFit, new: LoopFit, options: SearchOptions, excess, check_fall) -> Decision:
     """Return the decision between two fits of one noise."""
     added = [name for name in new.effects if name not in old.effects]
-    removed = [name for name in old.effects if name not in new.effects]
-    scatter = difference_error(old.check_prediction, new.check_prediction)
-    evident = any(map(new.problem.is_evident, added))
-    harm = max(options.max_check_loss, scatter) if evident else options.max_check_loss
-    if removed and added:
-        harm = uncertainty(new.check_prediction)
-    if np.isnan(check_fall) or check_fall < -harm:
+    if not check_fall >= -_tolerated_loss(old, new, options):  # also if it is not a number
         return Decision.CHECK_WORSE
     if not all(_is_determined(new, name) for name in added):
         return Decision.UNDETERMINED
     if is_degenerate(new, added):
         return Decision.DEGENERATE
-    material = evident or bool(removed) or check_fall > max(options.min_check_gain, scatter)
-    if excess > 0 and (material or is_noise_like(new, options)):
-        return Decision.BETTER
-    return Decision.NOT_SIGNIFICANT
+    better = excess > 0 and _is_supported(old, new, options, check_fall)
+    return Decision.BETTER if better else Decision.NOT_SIGNIFICANT
+
+
+def _is_supported(old: LoopFit, new: LoopFit, options: SearchOptions, check_fall: float) -> bool:
+    """Return True if the significance of a change is accurate, or the check records support it.
+
+    An addition needs a material gain on the check records while the residual is predictable.
+    """
+    added = set(new.effects) - set(old.effects)
+    if not added or _is_swap(old, new) or any(map(new.problem.is_evident, added)):
+        return True
+    scatter = difference_error(old.check_prediction, new.check_prediction)
+    return check_fall > max(options.min_check_gain, scatter) or is_noise_like(new, options)
+
+
+def _tolerated_loss(old: LoopFit, new: LoopFit, options: SearchOptions) -> float:
+    """Return the largest rise of the check records' error, in its logarithm.
+
+    An effect that the records show without a model, and a swap, may raise it by its scatter.
+    """
+    if _is_swap(old, new):
+        return uncertainty(new.check_prediction)
+    if any(new.problem.is_evident(name) for name in new.effects if name not in old.effects):
+        scatter = difference_error(old.check_prediction, new.check_prediction)
+        return max(options.max_check_loss, scatter)
+    return options.max_check_loss
+
+
+def _is_swap(old: LoopFit, new: LoopFit) -> bool:
+    """Return True if effects were both removed and added."""
+    before, after = set(old.effects), set(new.effects)
+    return not before <= after and not after <= before
 
 
 def _required(old: LoopFit, new: LoopFit, level: float) -> float:

@@ -139,7 +139,7 @@ class LoopFit:
         likelihood, mask = self.estimation.problem.likelihood, self.problem.train.mask
         row_mask = likelihood.row_mask(mask)
         own = len(self.problem.free.per_record)
-        factor, _ = _white_factor(likelihood.noise, rows, to_device(S), row_mask, own)
+        factor = _white_factor(likelihood.noise, rows, to_device(S), row_mask, own)
         chosen = set(self.estimation.names)
         free = np.array([name in chosen for name in names])
         index = self.problem.columns.index
@@ -205,18 +205,8 @@ def fit(
         parent: fit from whose values it starts; by default from the declared values.
         start: starting values of some parameters, by name.
     """
-    values = problem.initial_values.copy()
-    known: dict[str, float] = {}
-    rows = None
-    if parent is not None:
-        values, rows = parent.values.copy(), parent.solution.parameters.rows
-        known = {name: value for name, (value, _) in parent.estimates.items()}
-    known |= start or {}
-    for name, value in known.items():
-        if name in problem.columns.index:
-            values[problem.columns.index[name]] = value
-    absent = set(problem.columns.gains) - set(hypothesis.effects)
-    values[[problem.columns.gains[name] for name in absent]] = 0.0
+    values, known = _start(problem, hypothesis, parent, start or {})
+    rows = None if parent is None else parent.solution.parameters.rows
     solution, costs = None, []
     while solution is None or (
         solution.result == RESULTS.steps_exhausted
@@ -276,6 +266,18 @@ def estimation_of(
     return Estimation(base, Parameters(shared, rows), free.shared, model, free)
 
 
+def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None, start):
+    """Return starting values of all columns, and starting values by name."""
+    values = (problem.initial_values if parent is None else parent.values).copy()
+    estimates = {} if parent is None else parent.estimates
+    known = {name: value for name, (value, _) in estimates.items()} | dict(start)
+    index, gains = problem.columns.index, problem.columns.gains
+    for name in set(known) & set(index):
+        values[index[name]] = known[name]
+    values[[gains[name] for name in set(gains) - set(hypothesis.effects)]] = 0.0
+    return values, known
+
+
 def worth_continuing(costs: list[float], creeping: float) -> bool:
     """Return True if a fit that its iteration limit stopped should be continued.
 
@@ -331,14 +333,14 @@ def _padded_values(shared, base: Problem):
 
 @fast_compile_jit
 def _white_factor(noise: AbstractNoise, rows, S, row_mask, own: int):
-    """Return the triangle `[T r]` of the shared columns, and the whitened residual."""
+    """Return the triangle `[T r]` of the shared columns."""
     whiten = noise.whitening(rows, row_mask)
     v, mask = rows[..., : S.shape[2]], row_mask[..., : S.shape[2]]
     white_v, white_S = whiten.misfit(v, mask), whiten(S, mask)
     triangles = record_triangles(white_S[..., :own], white_S[..., own:], white_v)
     shared = S.shape[-1] - own
     held = jnp.zeros((rows.shape[0], own), bool), jnp.zeros(shared, bool)
-    return gather(triangles, jnp.zeros((1, shared + 1)), *held).factor, white_v
+    return gather(triangles, jnp.zeros((1, shared + 1)), *held).factor
 
 
 @fast_compile_jit

@@ -70,7 +70,7 @@ def uncertainty(prediction: Prediction) -> float:
 
     var(log rms) = 1/(4 N^2) sum_k 2 n_k r_k^2
 
-    for a Gaussian residual with autocorrelation r_k, of which n_k pairs of valid samples are k
+    for a Gaussian residual with autocorrelation r_k and n_k pairs of valid samples that are k
     samples apart.
     """
     return float(_uncertainty(prediction))

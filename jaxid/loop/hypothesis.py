@@ -1,4 +1,6 @@
 """`Hypothesis`: an explanation of the records, as a set of effects and a model of the noise."""
+# Pyright counts equinox's abstract fields as arguments of the constructor.
+# pyright: reportCallIssue=false
 
 import abc
 import dataclasses
@@ -191,10 +193,6 @@ class Hypothesis:
         """Return the hypothesis with effects removed and others added."""
         kept = tuple(name for name in self.effects if name not in out)
         return Hypothesis((*kept, *into), self.noise)
-
-    def under(self, noise: NoiseHypothesis) -> "Hypothesis":
-        """Return the same effects with another noise."""
-        return Hypothesis(self.effects, noise)
 
     @property
     def key(self) -> tuple:

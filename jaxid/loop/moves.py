@@ -155,26 +155,25 @@ class Proposals:
             margin: chi-square by which the exchange may be worse.
             pairs: False for exchanges of single effects only.
         """
-        moves = []
         sizes = (1, 2) if pairs else (1,)
-        for out in (o for n in sizes for o in itertools.combinations(self._removable(), n)):
-            own = [n for name in out for n in self.problem.columns.own[name]]
-            if not set(own) <= set(self.fit.triangle.names):
-                continue
-            reduced = reduce(self.fit.triangle, self.fit.triangle.at(own))
-            rest = self.fit.hypothesis.changed(out).effects
-            options = [
-                effect
-                for effect in self._absent(rest)
-                if effect.name not in out and not effect.card.refines
-            ]
-            expected = self._scores(options, reduced) + log_samples(self.fit) * (len(out) - 1)
-            for k in np.argsort(-expected)[: self.options.swaps]:
-                if expected[k] > -margin:
-                    name = options[k].name
-                    value = float(expected[k])
-                    moves.append(self._move(MoveKind.SWAP, (name,), out, value, reduced))
+        sets = [out for n in sizes for out in itertools.combinations(self._removable(), n)]
+        moves = [move for out in sets for move in self._swaps_of(out, margin)]
         return sorted(moves, key=lambda move: -move.expected)
+
+    def _swaps_of(self, out: tuple[str, ...], margin: float) -> list[Move]:
+        """Return the best exchanges of some effects for another one."""
+        own = [name for effect in out for name in self.problem.columns.own[effect]]
+        if not set(own) <= set(self.fit.triangle.names):
+            return []
+        reduced = reduce(self.fit.triangle, self.fit.triangle.at(own))
+        rest = self._absent(self.fit.hypothesis.changed(out).effects)
+        others = [e for e in rest if e.name not in out and not e.card.refines]
+        expected = self._scores(others, reduced) + log_samples(self.fit) * (len(out) - 1)
+        best = [k for k in np.argsort(-expected)[: self.options.swaps] if expected[k] > -margin]
+        return [
+            self._move(MoveKind.SWAP, (others[k].name,), out, float(expected[k]), reduced)
+            for k in best
+        ]
 
     def score(self, effect: Effect) -> float:
         """Return the fall of chi-square by adding one candidate."""

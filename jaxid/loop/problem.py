@@ -8,7 +8,7 @@ import numpy as np
 
 from .._foundation.checks import require, require_known
 from .._foundation.host import to_device
-from .._foundation.types import Array, Bool, Float
+from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..effects.augmented import Augmented
 from ..effects.base import Effect
@@ -214,7 +214,11 @@ class LoopProblem:
         return with_values_at(self.augmented, self.positions, np.asarray(values))
 
     def width(self, chosen: int) -> int:
-        """Return the number of columns of a fit with so many shared parameters, with padding."""
+        """Return the number of columns of a fit, padding included.
+
+        Args:
+            chosen: number of its shared parameters.
+        """
         declared = self.columns.declared
         return declared + COLUMN_BLOCK * max(1, -(-(chosen - declared) // COLUMN_BLOCK))
 
@@ -248,12 +252,6 @@ class LoopProblem:
     def is_evident(self, name: str) -> bool:
         """Return True if the records show an effect without a model."""
         return self.effects[name].evident_in_data(self.measured)
-
-    def marked(self, columns) -> Bool[np.ndarray, " column"]:
-        """Return a mask that is True at `columns`."""
-        mask = np.zeros(len(self.columns.names), bool)
-        mask[np.array(columns, int)] = True
-        return mask
 
     def _positions(self, names) -> np.ndarray:
         index = {name: position for position, name in enumerate(self.names)}

@@ -100,9 +100,10 @@ def search(problem: LoopProblem, options: SearchOptions, progress: Progress) -> 
     """Return the search tree of a problem.
 
     From each hypothesis of the beam the moves are refitted in stages: removals; additions, groups
-    and profitable swaps; pairs; noise models. The first stage with an accepted move ends the
-    expansion, and the best `beam_width` results of all expansions are the next beam. The search
-    stops when no move is accepted. Ctrl-C ends it with the best hypothesis so far.
+    and profitable swaps; pairs; swaps where there are two effects; noise models. The first stage
+    with an accepted move ends the expansion, and the best `beam_width` results of all expansions
+    are the next beam. The search stops when no move is accepted. Ctrl-C ends it with the best
+    hypothesis so far.
 
     Args:
         problem: the problem.
@@ -168,16 +169,18 @@ def _grow(tree: SearchTree, options: SearchOptions, progress: Progress) -> None:
 def _expand(tree, parent: LoopFit, path, options: SearchOptions, progress) -> list[Step]:
     """Return the accepted steps of the first stage that has any, the best first."""
     proposals = Proposals(parent, options)
-    tried = len(proposals.candidates)
-    stages: list[Callable[[], tuple[list[Move], int]]] = [lambda: (proposals.drops()[:1], tried)]
+    count = len(proposals.candidates)
+    stages: list[Callable[[], tuple[list[Move], int]]] = [lambda: (proposals.drops()[:1], count)]
     rounds = sum(step.move.kind is not MoveKind.DROP for step in path)
     if rounds < options.max_rounds:
-        stages.append(lambda: (_changes(proposals), tried))
-        stages.append(lambda: (proposals.pairs(), tried * (tried - 1) // 2))
+        stages.append(lambda: (_changes(proposals), count))
+        stages.append(lambda: (proposals.pairs(), count * (count - 1) // 2))
+        if len(parent.effects) > 1:
+            stages.append(lambda: (proposals.swaps(np.inf)[: options.swaps], count))
         stages.append(lambda: (_noises(tree, parent, options, progress), 1))
     for stage in stages:
-        moves, count = stage()
-        steps = _refits(tree, parent, moves, count, options, progress)
+        moves, candidates = stage()
+        steps = _refits(tree, parent, moves, candidates, options, progress)
         accepted = [step for step in steps if step.comparison.accepted]
         if accepted:
             return _ordered(accepted)
@@ -203,7 +206,7 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
     return noise_moves(parent, where)
 
 
-def _refits(tree: SearchTree, parent, moves, tried: int, options, progress) -> list[Step]:
+def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> list[Step]:
     """Return the refits of moves, without candidates that cannot compete with the best so far."""
     for program in PROGRAMS:
         program.make_room(len(moves), MAX_COMPILED_FITS)
@@ -216,7 +219,7 @@ def _refits(tree: SearchTree, parent, moves, tried: int, options, progress) -> l
         noise = type(move.hypothesis.noise).__name__ if move.kind is MoveKind.NOISE else ""
         progress(f"refit with {', '.join(move.hypothesis.effects) or 'no effect'} {noise}".strip())
         new = refit(parent, move)
-        steps.append(Step(parent, move, new, compare(parent, new, options, tried)))
+        steps.append(Step(parent, move, new, compare(parent, new, options, count)))
         tree.steps.append(steps[-1])
         if steps[-1].comparison.accepted:
             best = max(best, steps[-1].comparison.fall)
@@ -229,16 +232,15 @@ def refit(parent: LoopFit, move: Move) -> LoopFit:
     A refit that brings much less than the linear model predicts, or does not converge, is repeated
     from the gain that the linear model predicts, and from the declared values.
     """
-    found = fit(parent.problem, move.hypothesis, parent, move.start)
+    first = fit(parent.problem, move.hypothesis, parent, move.start)
     if move.kind in (MoveKind.DROP, MoveKind.NOISE):
-        return found
-    stalled = 2.0 * (parent.cost - found.cost) < STALLED * move.expected
-    if stalled or not found.converged:
-        again = [fit(parent.problem, move.hypothesis, parent, {**move.start, **move.estimated})]
-        if not found.converged:
-            again.append(fit(parent.problem, move.hypothesis, None, move.start))
-        found = min((found, *again), key=_cost_or_infinity)
-    return found
+        return first
+    fits = [first]
+    if not first.converged or 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
+        fits.append(fit(parent.problem, move.hypothesis, parent, {**move.start, **move.estimated}))
+    if not first.converged:
+        fits.append(fit(parent.problem, move.hypothesis, None, move.start))
+    return min(fits, key=_cost_or_infinity)
 
 
 def _cost_or_infinity(fitted: LoopFit) -> float:
@@ -248,24 +250,28 @@ def _cost_or_infinity(fitted: LoopFit) -> float:
 def _ordered(steps: list[Step]) -> list[Step]:
     """Return accepted steps of one parent, the best first.
 
-    Among those near the best in evidence, colour accounted for, the simplest is first. An effect
-    that the records show without a model goes before all others.
+    An effect that the records show without a model goes before all others.
     """
     problem = steps[0].fit.problem
     evident = [s for s in steps if any(map(problem.is_evident, s.move.into))]
     rest = [s for s in steps if s not in evident]
-    ordered: list[Step] = []
-    for group in (evident, rest):
-        if not group:
-            continue
-        top = max(group, key=lambda step: step.comparison.worth)
-        colour = inflation(top.fit, top.move.into)
-        margin = top.comparison.worth - INSEPARABLE * colour
-        near = [step for step in group if step.comparison.worth >= margin]
-        near.sort(key=lambda step: (_complexity(step), -step.comparison.worth))
-        far = [step for step in group if step.comparison.worth < margin]
-        ordered += [*near, *sorted(far, key=lambda step: -step.comparison.worth)]
-    return ordered
+    return [*_by_evidence(evident), *_by_evidence(rest)]
+
+
+def _by_evidence(steps: list[Step]) -> list[Step]:
+    """Return steps by their evidence; among those near the best, colour accounted for, the simplest
+    goes first.
+    """
+    if not steps:
+        return []
+    top = max(steps, key=lambda step: step.comparison.worth)
+    margin = top.comparison.worth - INSEPARABLE * inflation(top.fit, top.move.into)
+
+    def order(step: Step):
+        near = step.comparison.worth >= margin
+        return not near, _complexity(step) if near else 0, -step.comparison.worth
+
+    return sorted(steps, key=order)
 
 
 def _complexity(step: Step) -> int:

@@ -64,6 +64,7 @@ def finding_words(finding: Finding) -> str:
     return {
         Check.NOISE_LIKE: "The residual that remains is more than noise"
         + (f"; it depends on {names}." if names else "."),
+        Check.ONE_FUNCTION: f"Together {names} make up one function, whose form is not settled.",
         Check.IN_PLACE: f"The residual of the declared model acts elsewhere than {names}.",
         Check.UNIT_GAIN: f"An effect that is absent or present has another gain than one: "
         f"{numbers}.",

@@ -72,7 +72,7 @@ def correlated(rng, shape, memory):
 
 
 def problem(seed, *effects, library=LIBRARY, **setting):
-    """Return a problem whose declared model lacks some effects: two records to fit, one to check."""
+    """Return a problem whose declared model lacks some effects, of two records and a check."""
     flown = [fly(10 * seed + k, *effects, **setting) for k in range(3)]
     model = Spring(jnp.array(1.2), jnp.array(0.15))
     chosen = free(model, "k", "c", per_record=("initial_state",))

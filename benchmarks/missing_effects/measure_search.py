@@ -57,7 +57,7 @@ def run_search(
         problem = problem.without(*names)
     found = search_effects(problem, test={"test": test})
     seconds = {"seconds": time.perf_counter() - begin, "processor": time.process_time() - busy}
-    summary = seconds | {"failed": None} | _summary(found, scenario.planted, test)
+    summary: dict[str, Any] = seconds | {"failed": None} | _summary(found, scenario.planted, test)
     if removed:
         return summary
     true = reference(scenario, flown, library, system.window)

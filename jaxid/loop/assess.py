@@ -2,17 +2,19 @@
 
 import dataclasses
 import enum
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from scipy.stats import chi2
 
+from .._foundation.grid import typical_step
 from ..data.record import Record
 from ..diagnosis.localise import LocalisationResult
 from ..diagnosis.residual_report import analyse_residual
 from ..effects.base import Effect
+from ..estimation.autoregressive_noise import AutoregressiveNoise
 from .evidence import DETERMINED, Decision, inflation, is_noise_like
 from .fit import LoopFit
 from .heldout_error import difference_error, mean_log
@@ -38,6 +40,11 @@ UNIT_GAIN_DEVIATION = 3.0
 # Chosen: share of an effect's fall of chi-square within which an alternative is the same function
 # to the records, so that both name one cause.
 SAME_SHARE = 0.01
+
+
+# Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
+# five times in a record, and is as well a constant or a drift.
+LONGEST_MEMORY = 0.1
 
 
 class Verdict(enum.Enum):
@@ -114,7 +121,8 @@ def assess(tree: SearchTree, tests: Mapping[str, Record], options: SearchOptions
         verdict = Verdict.NOISE if more is None else Verdict.UNEXPLAINED
         return Assessment(verdict, () if more is None else (more,), _where(tree))
     where = _where(tree)
-    objections = [more, one_function(best), in_place(best, where), unit_gain(best)]
+    effects = [best.problem.effects[name] for name in best.effects]
+    objections = [more, one_function(effects), in_place(best, where), unit_gain(best)]
     if not any(objections):
         objections.append(alternative(tree))
     objections.append(carries_over(tree, tests))
@@ -126,7 +134,8 @@ def noise_like(tree: SearchTree, options: SearchOptions) -> Finding | None:
     """Return a finding if the residual of the best hypothesis is more than noise.
 
     It is if its past predicts it, if a refused candidate lowers the cost significantly, if a
-    free-form disturbance at some place explains it, if it depends on a signal under a noise model,
+    free-form disturbance at some place explains it, if it depends on a signal under a noise model
+    or the noise is as slow as a drift,
     or if effects need random forces: an effect of nearly the right shape leaves a motion.
 
     It alone decides when the effect is not in the library and no shape in it comes near: a scale of
@@ -140,6 +149,9 @@ def noise_like(tree: SearchTree, options: SearchOptions) -> Finding | None:
     if refused:
         return Finding(Check.NOISE_LIKE, refused)
     if not isinstance(best.hypothesis.noise, White):
+        record = np.asarray(best.problem.train.t)
+        if memory(best) > LONGEST_MEMORY * float(np.max(record[:, -1] - record[:, 0])):
+            return Finding(Check.NOISE_LIKE)
         signals = _dependence(tree, options.level)
         return Finding(Check.NOISE_LIKE, signals) if signals else None
     if best.effects and stands_out(localise_fit(best, _where(tree).splines), options.level):
@@ -147,7 +159,7 @@ def noise_like(tree: SearchTree, options: SearchOptions) -> Finding | None:
     return None
 
 
-def one_function(best: LoopFit) -> Finding | None:
+def one_function(effects: Sequence[Effect]) -> Finding | None:
     """Return a finding if effects of different shapes together make up one function of one signal.
 
     Terms of one series are one function; a kink, a friction and a cubic of the same signal at one
@@ -157,7 +169,7 @@ def one_function(best: LoopFit) -> Finding | None:
     library, where cubic, friction and dead band imitate it (`test_shapes_of_one_function`).
     """
     groups: dict[tuple, list[Effect]] = {}
-    for effect in (best.problem.effects[name] for name in best.effects):
+    for effect in effects:
         if effect.card.signals:
             groups.setdefault((effect.card.location, effect.card.signals), []).append(effect)
     names = tuple(
@@ -253,6 +265,22 @@ def stands_out(where: LocalisationResult, level: float) -> bool:
     places = [place for place in where.places if place.dof]
     chances = [float(chi2.sf(place.score, place.dof)) for place in places]
     return min(chances, default=1.0) < level / max(len(chances), 1)
+
+
+def memory(fitted: LoopFit) -> float:
+    """Return the longest correlation time of the noise of a fit [s]; zero for white noise.
+
+    Autoregressive noise with coefficients of characteristic roots `z` decays as `max |z|^i`.
+    """
+    noise = fitted.estimation.problem.likelihood.noise
+    times = [v for n, (v, _) in fitted.estimates.items() if n.startswith("correlation_time.")]
+    if isinstance(noise, AutoregressiveNoise):
+        mask = fitted.problem.train.mask
+        step = float(typical_step(fitted.problem.train.t))
+        for coefficients in np.asarray(noise.coefficients(fitted.solution.residuals, mask)):
+            largest = float(np.max(np.abs(np.roots(np.r_[1.0, -coefficients])), initial=0.0))
+            times.append(step / max(-np.log(max(largest, 1e-300)), 1e-300))
+    return max(times, default=0.0)
 
 
 def _where(tree: SearchTree) -> LocalisationResult:

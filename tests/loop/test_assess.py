@@ -5,9 +5,9 @@ import pytest
 from searched_spring import fly, problem
 
 from jaxid import InputError
-from jaxid.effects import InputDelay, Term
+from jaxid.effects import DeadBand, InputDelay, Placement, Term
 from jaxid.loop import search_effects
-from jaxid.loop.assess import Check, Verdict
+from jaxid.loop.assess import Check, Verdict, one_function
 
 LATE_INPUT = InputDelay("force", jnp.array(0.1))
 CUBIC = Term("v", "x^3", jnp.array(-0.3))
@@ -16,6 +16,17 @@ FAINT = Term("v", "x^3", jnp.array(-0.01))
 
 def checks(found):
     return [finding.check for finding in found.assessment.findings]
+
+
+def test_shapes_of_one_function():
+    """A cubic and a dead band of one signal are one cause; two terms, or two signals, are not."""
+    cubic, square = Term("v", "v^3"), Term("v", "v^2")
+    kink = DeadBand(Placement.equation("v"), "v")
+    finding = one_function((cubic, kink))
+    assert finding is not None
+    assert set(finding.names) == {cubic.name, kink.name}
+    assert one_function((cubic, square)) is None
+    assert one_function((Term("v", "x^3"), kink)) is None
 
 
 def test_effects_elsewhere_are_proxies():

@@ -72,6 +72,12 @@ def test_random_forces_are_told_with_their_size():
         assert abs(value - true) < 4.0 * error
 
 
+def test_constant_force_is_not_taken_for_noise():
+    """No candidate is constant; a random force that never changes is no noise."""
+    found = search_effects(problem(9, Term("v", "1", jnp.array(0.1))))
+    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PROXIES)
+
+
 def test_effect_under_coloured_noise_is_named():
     found = search_effects(problem(8, CUBIC, memory=0.8))
     assert found.verdict is Verdict.CAUSE

@@ -113,14 +113,10 @@ def assess(tree: SearchTree, tests: Mapping[str, Record], options: SearchOptions
         tests: anonymous stacks of records that decided nothing, by name.
         options: levels and limits.
     """
-    best = tree.best
     more = noise_like(tree, options)
-    if not best.effects:
-        if more is None and isinstance(best.hypothesis.noise, White):
-            return Assessment(Verdict.NOTHING_MISSING, (), None)
-        verdict = Verdict.NOISE if more is None else Verdict.UNEXPLAINED
-        return Assessment(verdict, () if more is None else (more,), _where(tree))
-    where = _where(tree)
+    if not tree.best.effects:
+        return _assess_noise(tree, more)
+    where, best = _where(tree), tree.best
     effects = [best.problem.effects[name] for name in best.effects]
     objections = [more, one_function(effects), in_place(best, where), unit_gain(best)]
     if not any(objections):
@@ -128,6 +124,20 @@ def assess(tree: SearchTree, tests: Mapping[str, Record], options: SearchOptions
     objections.append(carries_over(tree, tests))
     findings = tuple(finding for finding in objections if finding is not None)
     return Assessment(Verdict.PROXIES if findings else Verdict.CAUSE, findings, where)
+
+
+def _assess_noise(tree: SearchTree, more: Finding | None) -> Assessment:
+    """Return the verdict of a search that ended without effects.
+
+    Args:
+        tree: the search.
+        more: finding of `noise_like`.
+    """
+    if more is not None:
+        return Assessment(Verdict.UNEXPLAINED, (more,), _where(tree))
+    if isinstance(tree.best.hypothesis.noise, White):
+        return Assessment(Verdict.NOTHING_MISSING, (), None)
+    return Assessment(Verdict.NOISE, (), _where(tree))
 
 
 def noise_like(tree: SearchTree, options: SearchOptions) -> Finding | None:

@@ -26,9 +26,9 @@ from jaxid.aircraft.flight.longitudinal import Longitudinal
 from jaxid.diagnosis.validation import predict
 from jaxid.effects import Augmented, general_effects
 from jaxid.effects.base import Effect
+from jaxid.loop.columns import own_parameters
 from jaxid.models.base import AbstractModel
 from jaxid.study import Study
-from jaxid.study.columns import own_parameters
 
 ORDER = ("static separation", "separation with hysteresis")
 WINDOW = 50  # samples in which the test stall's first state is fitted

@@ -31,6 +31,7 @@ FLOORS = (
     {"structure"},
     {"diagnosis", "design"},  # siblings: neither imports the other
     {"batches"},
+    {"loop"},
     {"study"},
     {"report"},
 )

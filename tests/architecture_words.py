@@ -48,7 +48,7 @@ COUNTED = {
 # complexity and constants.
 EXEMPT = {
     *("study/search.py", "study/way.py", "study/tried.py", "study/pairs.py", "study/kin.py"),
-    *("study/doubts.py", "study/judge.py", "study/check.py", "study/rivals.py"),
+    *("study/doubts.py", "study/judge.py", "study/rivals.py"),
     *("study/shortlist.py", "study/unpredictable.py", "study/not_finite.py", "study/verdict.py"),
     *("diagnosis/process_noise.py", "diagnosis/driven.py", "diagnosis/probing.py"),
     "diagnosis/innovations.py",

@@ -21,7 +21,7 @@ from jaxid.effects import (
     Saturation,
     parameter_effects,
 )
-from jaxid.study.columns import own_parameters
+from jaxid.loop.columns import own_parameters
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "effects.md"
 

@@ -9,6 +9,7 @@ from unittest import mock
 import equinox as eqx
 import numpy as np
 
+from benchmarks.missing_effects.measure_search import run_search
 from benchmarks.missing_effects.naive import naive
 from benchmarks.missing_effects.reference import Reference, mean_log, reference
 from benchmarks.missing_effects.scenarios import Flown, Planted, Scenario, System
@@ -30,6 +31,7 @@ def measure(
     *,
     removed: bool = False,
     library: tuple[Effect, ...] | None = None,
+    over_hypotheses: bool = False,
 ) -> dict[str, Any]:
     """Fly a scenario, run the loop on it, and return the comparison with the truth.
 
@@ -38,6 +40,7 @@ def measure(
         seed: seed of the inputs and the noise.
         removed: if True, the planted effects are left out of the library.
         library: candidates; by default those of `close_loop`.
+        over_hypotheses: True for the search of `jaxid.loop`, False for that of `close_loop`.
     """
     key = {
         "system": system.name,
@@ -49,6 +52,8 @@ def measure(
     begin, busy = time.perf_counter(), time.process_time()
     try:
         flown = system.fly(scenario, seed)
+        if over_hypotheses:
+            return key | run_search(system, scenario, flown, removed, library)
         begin, busy = time.perf_counter(), time.process_time()
         with left_out(scenario.planted if removed else ()):
             study = _study(system, flown, library)

@@ -12,8 +12,8 @@ from jaxid import LoopOptions, OutputError
 from jaxid.diagnosis.scores import critical
 from jaxid.effects.base import Effect
 from jaxid.estimation.estimate import as_stack
+from jaxid.loop.columns import own_parameters
 from jaxid.study.close_loop import SOLVER
-from jaxid.study.columns import own_parameters
 from jaxid.study.fit import Fitted
 from jaxid.study.workbench import Workbench
 

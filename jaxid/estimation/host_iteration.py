@@ -18,7 +18,7 @@ from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
 from ..models.free import Parameters, Positions
-from ..models.noise import AbstractNoise
+from ..models.noise import AbstractNoise, InnovationNoise
 from ..simulation.solution import Solution
 from .estimate import Fit, fit_of
 from .likelihoods import AbstractLikelihood
@@ -89,6 +89,12 @@ class _Evaluated(AbstractLikelihood):
     def sensitivities(self, family, theta, record):
         rows, S = self._split(record)
         return rows, S.reshape(rows.shape[0], self.sensitive, theta.size)
+
+    def measurement_covariance(self, model, rows, mask):
+        if isinstance(self.noise, InnovationNoise):
+            # R of a filter is a parameter of its model, which is unknown here.
+            return jnp.full((mask.shape[-1], mask.shape[-1]), jnp.nan)
+        return super().measurement_covariance(model, rows, mask)
 
     def check(self, model, records):
         self.noise.check(records.mask, records.outputs)

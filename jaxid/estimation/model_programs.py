@@ -103,9 +103,9 @@ def sensitivities(
     likelihood: AbstractLikelihood,
     at: Int[Array, " column"],
     leaves: tuple[int, ...],
-) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
-    """Return the residuals of a model, and the derivatives of its outputs by elements of the flat
-    vectors.
+) -> tuple[Float[Array, "case time row"], Float[Array, "case time sensitive column"]]:
+    """Return the rows of misfit of a model and their negative derivatives by elements of the flat
+    vectors: for output error the residuals and the derivatives of the outputs.
 
     Args:
         model, flat, records, likelihood: as in `outputs`.

@@ -29,17 +29,17 @@ from ..estimation.estimate import (
 from ..estimation.filter_error import FilterError
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
+from ..loop.problem import starting_states
+from ..loop.thresholds import INSEPARABLE
 from ..models.base import AbstractModel
 from ..models.free import Free
 from .assembly import Findings, StudyRecords, assemble_study
 from .candidates import candidates, require_absent
 from .fit import Fitted
 from .judge import Judge
-from .loop_problem import starting_states
 from .options import LoopOptions
 from .search import Search
 from .study import Study
-from .thresholds import INSEPARABLE
 from .verdict import conclude, not_borne_out
 from .way import Way
 from .workbench import Workbench

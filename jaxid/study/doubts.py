@@ -10,10 +10,10 @@ from .._foundation.location import LocationKind
 from .._foundation.types import Float
 from ..diagnosis.localise import LocalisationResult
 from ..effects.base import Effect
+from ..loop.thresholds import SETTLED
 from .fit import Fitted
 from .kin import near_kin
 from .rounds import Alternative, Round
-from .thresholds import SETTLED
 from .workbench import Workbench
 
 # The misfits of shapes in equal steps grow as squares, 0, 1, 4: where the truth, a step to the

@@ -1,11 +1,10 @@
-"""`Fitted`: a fit of the declared parameters and of some effects; the rule for continuing a fit."""
+"""`Fitted`: a fit of the declared parameters and of some effects."""
 
 import equinox as eqx
 import numpy as np
 
 from .._foundation.types import Float
 from ..estimation.estimate import Fit
-from .thresholds import MAX_CONTINUATIONS, MIN_COST_FALL
 
 
 class Fitted(eqx.Module):
@@ -27,19 +26,3 @@ class Fitted(eqx.Module):
     def cost(self) -> float:
         """Negative log-likelihood."""
         return float(self.fit.cost)
-
-
-def worth_continuing(costs: list[float], creeping: float) -> bool:
-    """Return True if a fit that its iteration limit stopped should be continued.
-
-    Args:
-        costs: cost after the first run and after each continuation so far.
-        creeping: share of the fall of all continuations; a continuation that brings less is the
-            last.
-    """
-    if len(costs) > MAX_CONTINUATIONS:
-        return False
-    if len(costs) < 2:
-        return True  # no fall is known yet
-    fall, total = costs[-2] - costs[-1], costs[0] - costs[-1]
-    return fall > max(MIN_COST_FALL, creeping * total)

@@ -12,8 +12,8 @@ from ..data.record import Record
 from ..diagnosis.autoregression import autoregressive_r2, chance_level
 from ..diagnosis.scores import critical
 from ..diagnosis.validation import Prediction, root_mean_square
+from ..loop.heldout_error import difference_error, mean_log
 from ..models.noise import AbstractNoise
-from .check import difference_error, mean_log
 from .fit import Fitted
 from .options import LoopOptions
 from .rounds import Candidate, Decision

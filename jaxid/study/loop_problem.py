@@ -17,9 +17,12 @@ from ..effects.library import uncertain_equations
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..estimation.solver import GaussNewton
+from ..loop.columns import Columns
+from ..loop.compilation import use_reduced_model
+from ..loop.problem import starting_states
+from ..loop.thresholds import COLUMN_BLOCK
 from ..models.base import AbstractModel, canonical, equations_of
 from ..models.free import (
-    INITIAL_STATE,
     Free,
     Positions,
     all_names,
@@ -28,10 +31,7 @@ from ..models.free import (
     with_values_at,
 )
 from ..models.names import flat_vector
-from .columns import Columns
-from .compilation import use_reduced_model
 from .fit import Fitted
-from .thresholds import COLUMN_BLOCK
 
 
 class LoopProblem:
@@ -172,23 +172,3 @@ class LoopProblem:
         on_bound = np.isclose(fitted.values[at][None], bounds, rtol=1e-9, atol=0.0)
         of_names = np.isin(fitted.columns, columns.of(names))
         return bool(np.any(on_bound) or np.any(undetermined[: len(fitted.columns)] & of_names))
-
-
-def starting_states(
-    free: Free, declared: AbstractModel, augmented: AbstractModel
-) -> tuple[str, ...]:
-    """Return the states whose initial value is fitted for a prediction.
-
-    These are the free declared initial states, or all if none is free, and the states of effects.
-    """
-    chosen = tuple(
-        state for state in declared.states if f"{INITIAL_STATE}.{state}" in free.per_record
-    )
-    return (chosen or declared.states) + augmented.states[len(declared.states) :]
-
-
-def regular(R: Float[Array, "output output"]) -> Float[Array, "output output"]:
-    """Return R with a floor on its diagonal, for a channel that is fitted without any error."""
-    known = np.asarray(R)
-    floor = np.finfo(float).eps * np.max(np.diagonal(known))
-    return to_device(known + floor * np.eye(known.shape[0]))

@@ -9,14 +9,14 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from ..diagnosis.scores import Scores, critical
-from .check import mean_log, uncertainty
+from ..loop.heldout_error import mean_log, uncertainty
+from ..loop.thresholds import INSEPARABLE
 from .fit import Fitted
 from .judge import Judge
 from .not_finite import refusal
 from .pairs import pairs_of
 from .rounds import Alternative, Candidate, Decision, Round
 from .shortlist import shortlist
-from .thresholds import INSEPARABLE
 from .tried import Tried
 from .way import Way
 

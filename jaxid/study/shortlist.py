@@ -8,7 +8,7 @@ import numpy as np
 
 from ..diagnosis.scores import Scores
 from ..effects.base import Effect
-from .columns import own_parameters
+from ..loop.columns import own_parameters
 from .rounds import Candidate, Decision
 
 COLLINEAR = 0.9999  # overlap from which on two candidates are one and the same to the data

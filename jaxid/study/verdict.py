@@ -14,14 +14,21 @@ from jax.scipy.stats import chi2
 from ..data.record import Record
 from ..diagnosis.localise import LocalisationResult
 from ..diagnosis.validation import Prediction
-from .check import difference_error, mean_log, mean_log_of, of_channel, seen, uncertainty
+from ..loop.heldout_error import (
+    difference_error,
+    mean_log,
+    mean_log_of,
+    observed_channels,
+    of_channel,
+    uncertainty,
+)
+from ..loop.thresholds import INSEPARABLE, SETTLED
 from .doubts import Doubts, doubts_about
 from .fit import Fitted
 from .outcome import Outcome
 from .rounds import Alternative, Round
 from .search import Search
 from .study import ColouredNoise, RandomForces, Side
-from .thresholds import INSEPARABLE, SETTLED
 from .unpredictable import act_on_the_motion, coloured_noise, random_forces
 from .workbench import Workbench
 
@@ -239,7 +246,7 @@ def grown(name: str, old: Prediction, new: Prediction, outputs: tuple[str, ...])
         outputs: names of the channels.
     """
     found = []
-    for index in map(int, np.flatnonzero(seen(new))):
+    for index in map(int, np.flatnonzero(observed_channels(new))):
         before, after = (of_channel(one, index) for one in (old, new))
         rise = mean_log(after) - mean_log(before)
         if rise > SHOWN * difference_error(before, after):
@@ -260,7 +267,7 @@ def late(
         rounds: by which they came in; of the errors at the beginning of each only those behind the
             first are asked.
     """
-    known = seen(test)
+    known = observed_channels(test)
     errors = [
         mean_log_of(np.array([*one.errors[f"test {name}"].values()])[known]) for one in rounds[1:]
     ]

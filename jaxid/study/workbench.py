@@ -28,13 +28,15 @@ from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.model_programs import PROGRAMS, FlatProblem
 from ..estimation.problem import Problem
 from ..estimation.solver import GaussNewton
+from ..loop.compilation import signals_of
+from ..loop.fit import worth_continuing
+from ..loop.problem import regular
+from ..loop.thresholds import MAX_COMPILED_FITS, MIN_CONTINUATION_SHARE
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free, Parameters, initial_parameters, with_values
 from ..models.noise import FixedNoise
-from .compilation import signals_of
-from .fit import Fitted, worth_continuing
-from .loop_problem import LoopProblem, regular
-from .thresholds import MAX_COMPILED_FITS, MIN_CONTINUATION_SHARE
+from .fit import Fitted
+from .loop_problem import LoopProblem
 
 
 class Pass(NamedTuple):

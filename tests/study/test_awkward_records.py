@@ -16,10 +16,10 @@ from jaxid._foundation.types import Array
 from jaxid.diagnosis.autoregression import autoregressive_r2
 from jaxid.diagnosis.validation import Prediction
 from jaxid.effects import Effect, EffectCard, Location, LocationKind, Term
+from jaxid.loop.heldout_error import difference_error, mean_log, uncertainty
 from jaxid.models import FixedNoise
 from jaxid.report import html
 from jaxid.report.tables import decided
-from jaxid.study.check import difference_error, mean_log, uncertainty
 from jaxid.study.outcome import Outcome
 from jaxid.study.verdict import grown
 

@@ -39,6 +39,7 @@ from jaxid.effects import (
 )
 from jaxid.effects.base import Effect
 from jaxid.estimation.estimate import as_stack
+from jaxid.loop.thresholds import SETTLED
 from jaxid.models import FixedNoise
 from jaxid.study.candidates import candidates
 from jaxid.study.close_loop import SOLVER
@@ -49,7 +50,6 @@ from jaxid.study.pairs import pairs_of
 from jaxid.study.rivals import discrimination
 from jaxid.study.rounds import Alternative, Candidate, Decision, Round
 from jaxid.study.search import Search
-from jaxid.study.thresholds import SETTLED
 from jaxid.study.unpredictable import act_on_the_motion
 from jaxid.study.verdict import beyond, late, stands_out
 from jaxid.study.workbench import Workbench

@@ -13,10 +13,11 @@ from jaxid.effects.equation import StateLimit, Term
 from jaxid.effects.input import InputLag
 from jaxid.effects.sensor import SensorBias
 from jaxid.estimation.estimate import as_stack
-from jaxid.study import fit, loop_problem
+from jaxid.loop import fit
+from jaxid.loop.compilation import operations, use_reduced_model
+from jaxid.loop.fit import worth_continuing
+from jaxid.study import loop_problem
 from jaxid.study.close_loop import SOLVER
-from jaxid.study.compilation import operations, use_reduced_model
-from jaxid.study.fit import worth_continuing
 from jaxid.study.workbench import Workbench
 
 LIBRARY = (Term("v", "x^3"), InputLag("force"), SensorBias("x"), StateLimit("x", "v"))

@@ -1,6 +1,4 @@
-"""What the check records say: an error in one number, how well it is known, and how well a
-difference of two.
-"""
+"""Error of held-out records as one number, its standard error, and that of a difference."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,14 +11,14 @@ from ..estimation.coloured import score_covariance, tapered_covariance, valid_pa
 
 
 def mean_log(prediction: Prediction) -> float:
-    """Mean over the channels that were seen of the logarithm of the error; infinite where the
+    """Return the mean over the observed channels of the logarithm of the error; infinite if the
     simulation fails.
     """
-    return mean_log_of(np.asarray(prediction.rms)[seen(prediction)])
+    return mean_log_of(np.asarray(prediction.rms)[observed_channels(prediction)])
 
 
 def mean_log_of(rms: Float[np.ndarray, " output"]) -> float:
-    """The same of errors by channel."""
+    """Return the mean logarithm of errors by channel; infinite if one is not finite."""
     return (
         float(np.mean(np.log(np.maximum(rms, np.finfo(float).tiny))))
         if np.all(np.isfinite(rms))
@@ -28,21 +26,21 @@ def mean_log_of(rms: Float[np.ndarray, " output"]) -> float:
     )
 
 
-def seen(prediction: Prediction) -> Bool[np.ndarray, " output"]:
-    """Channels of which a sample counts."""
+def observed_channels(prediction: Prediction) -> Bool[np.ndarray, " output"]:
+    """Return a mask of the channels with a scored sample."""
     return np.any(np.asarray(prediction.scored), axis=(0, 1))
 
 
 def of_channel(prediction: Prediction, index: int) -> Prediction:
-    """A prediction of which one channel counts alone."""
+    """Return a prediction in which one channel is scored alone."""
     scored = np.array(prediction.scored)
     scored[..., np.arange(scored.shape[-1]) != index] = False
-    return eqx.tree_at(lambda one: one.scored, prediction, to_device(scored))
+    return eqx.tree_at(lambda node: node.scored, prediction, to_device(scored))
 
 
 def difference_error(before: Prediction, after: Prediction) -> float:
-    """Standard error of the difference of two `mean_log`, whose residuals are of the same samples
-    and coloured; zero where a simulation failed.
+    """Return the standard error of the difference of two `mean_log` of the same samples, with
+    coloured residuals; zero if a simulation failed.
 
     d(log rms) = 1/(2 N) sum_i (v_i^2 / mean v^2 - 1), the sum's variance from its autocovariance
     """
@@ -55,9 +53,10 @@ def difference_error(before: Prediction, after: Prediction) -> float:
 def _difference_error(before: Prediction, after: Prediction):
     """Standard error of the difference of two `mean_log` (jitted)."""
 
-    def influence(one: Prediction):
-        v, counts = jnp.where(one.scored, one.residuals, 0.0), jnp.sum(one.scored, axis=(0, 1))
-        power = jnp.where(one.rms > 0, one.rms, 1.0) ** 2  # of a channel that was seen and missed
+    def influence(prediction: Prediction):
+        v = jnp.where(prediction.scored, prediction.residuals, 0.0)
+        counts, rms = jnp.sum(prediction.scored, axis=(0, 1)), prediction.rms
+        power = jnp.where(rms > 0, rms, 1.0) ** 2
         return 0.5 * v**2 / (power * jnp.maximum(counts, 1) * jnp.sum(counts > 0))[None, None]
 
     apart = jnp.sum(influence(before) - influence(after), axis=-1, keepdims=True)
@@ -66,12 +65,12 @@ def _difference_error(before: Prediction, after: Prediction):
 
 
 def uncertainty(prediction: Prediction) -> float:
-    """Standard error of `mean_log`, from the number of independent samples that the coloured
-    residual amounts to.
+    """Return the standard error of `mean_log`, from the effective number of samples of a coloured
+    residual.
 
     var(log rms) = 1/(4 N^2) sum_k 2 n_k r_k^2
 
-    for a Gaussian residual with autocorrelation r_k, of which n_k pairs of valid samples are k
+    for a Gaussian residual with autocorrelation r_k and n_k pairs of valid samples that are k
     samples apart.
     """
     return float(_uncertainty(prediction))

@@ -1,0 +1,363 @@
+"""`assess`: the checks of a search's result, in order, and its verdict."""
+
+import dataclasses
+import enum
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.stats import chi2
+
+from .._foundation.grid import typical_step
+from ..data.record import Record
+from ..diagnosis.localise import LocalisationResult
+from ..diagnosis.residual_report import analyse_residual
+from ..effects.base import Effect
+from ..estimation.autoregressive_noise import AutoregressiveNoise
+from .evidence import DETERMINED, Decision, inflation, is_noise_like
+from .fit import LoopFit
+from .heldout_error import difference_error, mean_log
+from .hypothesis import RandomForces, White
+from .linear import fall
+from .moves import MoveKind, localise_fit
+from .problem import SearchOptions
+from .search import SearchTree
+from .thresholds import SETTLED
+
+# Derived: the misfits of shapes in equal steps grow as squares, 0, 1, 4. Where the truth is one
+# step to the other side and would fit better by SETTLED, the next shape fits worse by three times
+# that.
+SETTLED_NEIGHBOUR = 3.0 * SETTLED
+# Chosen: share of the residual's power by which a place may explain less than the best one and
+# still be the place; several effects in several places may act as one in another.
+NEAR_PLACE, NEAR_PLACE_OF_TWO = 0.2, 0.05
+# Chosen: largest deviation from one, and largest standard error, of a gain that is zero or one. It
+# is then five standard errors from zero and from two.
+UNIT_GAIN_ERROR = 0.2
+# Chosen: standard errors by which a gain of zero or one may deviate from one.
+UNIT_GAIN_DEVIATION = 3.0
+# Chosen: share of an effect's fall of chi-square within which an alternative is the same function
+# to the records, so that both name one cause.
+SAME_SHARE = 0.01
+
+
+# Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
+# five times in a record, and is as well a constant or a drift.
+LONGEST_MEMORY = 0.1
+
+
+class Verdict(enum.Enum):
+    """Result of a search.
+
+    Attributes:
+        NOTHING_MISSING: the residual is white noise, and no candidate explains any of it.
+        CAUSE: with the effects, the residual is noise, and every check is passed.
+        PROXIES: the effects predict better, but are not shown to be the cause.
+        UNEXPLAINED: something is missing, and no hypothesis explains it.
+        NOISE: coloured noise or random forces explain the residual; no effect is missing.
+    """
+
+    NOTHING_MISSING = enum.auto()
+    CAUSE = enum.auto()
+    PROXIES = enum.auto()
+    UNEXPLAINED = enum.auto()
+    NOISE = enum.auto()
+
+
+class Check(enum.Enum):
+    """The checks, in their order."""
+
+    NOISE_LIKE = enum.auto()
+    ONE_FUNCTION = enum.auto()
+    IN_PLACE = enum.auto()
+    UNIT_GAIN = enum.auto()
+    ALTERNATIVE = enum.auto()
+    CARRIES_OVER = enum.auto()
+
+
+class Finding(NamedTuple):
+    """Objection of one check to the effects as the cause.
+
+    Attributes:
+        check: the check.
+        names: effects, signals or sets of records concerned.
+        numbers: figures concerned, in the order of the names.
+    """
+
+    check: Check
+    names: tuple[str, ...] = ()
+    numbers: tuple[float, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Assessment:
+    """Verdict of a search.
+
+    Attributes:
+        verdict: the verdict.
+        findings: objections of the checks.
+        where: location of the residual of the declared model; None if nothing is missing.
+    """
+
+    verdict: Verdict
+    findings: tuple[Finding, ...]
+    where: LocalisationResult | None
+
+
+def assess(tree: SearchTree, tests: Mapping[str, Record], options: SearchOptions) -> Assessment:
+    """Return the verdict of a search.
+
+    Args:
+        tree: the search.
+        tests: anonymous stacks of records that decided nothing, by name.
+        options: levels and limits.
+    """
+    more = noise_like(tree, options)
+    if not tree.best.effects:
+        return _assess_noise(tree, more)
+    where, best = _where(tree), tree.best
+    effects = [best.problem.effects[name] for name in best.effects]
+    objections = [more, one_function(effects), in_place(best, where), unit_gain(best)]
+    if not any(objections):
+        objections.append(alternative(tree))
+    objections.append(carries_over(tree, tests))
+    findings = tuple(finding for finding in objections if finding is not None)
+    return Assessment(Verdict.PROXIES if findings else Verdict.CAUSE, findings, where)
+
+
+def _assess_noise(tree: SearchTree, more: Finding | None) -> Assessment:
+    """Return the verdict of a search that ended without effects.
+
+    Args:
+        tree: the search.
+        more: finding of `noise_like`.
+    """
+    if more is not None:
+        return Assessment(Verdict.UNEXPLAINED, (more,), _where(tree))
+    if isinstance(tree.best.hypothesis.noise, White):
+        return Assessment(Verdict.NOTHING_MISSING, (), None)
+    return Assessment(Verdict.NOISE, (), _where(tree))
+
+
+def noise_like(tree: SearchTree, options: SearchOptions) -> Finding | None:
+    """Return a finding if the residual of the best hypothesis is more than noise.
+
+    It is if its past predicts it, if a refused candidate lowers the cost significantly, if a
+    free-form disturbance at some place explains it, if it depends on a signal under a noise model
+    or the noise is as slow as a drift,
+    or if effects need random forces: an effect of nearly the right shape leaves a motion.
+
+    It alone decides when the effect is not in the library and no shape in it comes near: a scale of
+    the sensor that no other effect imitates (`test_absent_effect_is_not_named`).
+    """
+    best = tree.best
+    forces = isinstance(best.hypothesis.noise, RandomForces)
+    if not is_noise_like(best, options) or (forces and best.effects):
+        return Finding(Check.NOISE_LIKE)
+    refused = _significant_refusals(tree)
+    if refused:
+        return Finding(Check.NOISE_LIKE, refused)
+    if not isinstance(best.hypothesis.noise, White):
+        record = np.asarray(best.problem.train.t)
+        if memory(best) > LONGEST_MEMORY * float(np.max(record[:, -1] - record[:, 0])):
+            return Finding(Check.NOISE_LIKE)
+        signals = _dependence(tree, options.level)
+        return Finding(Check.NOISE_LIKE, signals) if signals else None
+    if best.effects and stands_out(localise_fit(best, _where(tree).splines), options.level):
+        return Finding(Check.NOISE_LIKE)
+    return None
+
+
+def one_function(effects: Sequence[Effect]) -> Finding | None:
+    """Return a finding if effects of different shapes together make up one function of one signal.
+
+    Terms of one series are one function; a kink, a friction and a cubic of the same signal at one
+    place are not three causes.
+
+    It alone decides in the scenario "quadratic drag" of the spring without that effect in the
+    library, where cubic, friction and dead band imitate it (`test_shapes_of_one_function`).
+    """
+    groups: dict[tuple, list[Effect]] = {}
+    for effect in effects:
+        if effect.card.signals:
+            groups.setdefault((effect.card.location, effect.card.signals), []).append(effect)
+    names = tuple(
+        effect.name
+        for group in groups.values()
+        for effect in group
+        if len({type(member) for member in group}) > 1
+    )
+    return Finding(Check.ONE_FUNCTION, names) if names else None
+
+
+def in_place(best: LoopFit, where: LocalisationResult) -> Finding | None:
+    """Return a finding if most effects act where the residual of the declared model is not.
+
+    Only equations, inputs and sensors count: a coefficient or a parameter may move more equations
+    than one.
+
+    It alone decides when effects elsewhere imitate the cause in full: two late sensors for a late
+    input (`test_effects_elsewhere_are_proxies`).
+    """
+    locations = {name: best.problem.effects[name].card.location for name in best.effects}
+    within = NEAR_PLACE if len(set(locations.values())) == 1 else NEAR_PLACE_OF_TWO
+    near = {place.location for place in where.near_best(within)}
+    known = {place.location for place in where.places}
+    elsewhere = tuple(name for name, location in locations.items() if location not in near)
+    if set(locations.values()) <= known and 2 * len(elsewhere) > len(locations):
+        return Finding(Check.IN_PLACE, elsewhere)
+    return None
+
+
+def unit_gain(best: LoopFit) -> Finding | None:
+    """Return a finding if the gain of an effect that is absent or present is not shown to be one.
+
+    It alone decides when a related effect takes a gain without a meaning: a lag of another gain
+    than one for a delay (`test_lag_of_partial_gain_is_proxy`).
+    """
+    effects = [best.problem.effects[name] for name in best.effects]
+    names = [e.name for e in effects if e.card.unit_gain and not best.problem.is_evident(e.name)]
+    partial = {}
+    for name in names:
+        gain, error = best.estimates[f"{name}.gain"]
+        allowed = max(UNIT_GAIN_DEVIATION * error, UNIT_GAIN_ERROR)
+        if not (error <= UNIT_GAIN_ERROR and abs(gain - 1.0) <= allowed):
+            partial[name] = gain
+    return Finding(Check.UNIT_GAIN, tuple(partial), tuple(partial.values())) if partial else None
+
+
+def alternative(tree: SearchTree) -> Finding | None:
+    """Return a finding if another shape fits nearly as well as an effect.
+
+    Refitted alternatives of no more parameters, and shapes next to those of the effects that the
+    library need not hold, such as the next higher power.
+
+    It alone decides when an effect is faint (`test_faint_effect_is_proxy`).
+    """
+    best = tree.best
+    margin = SETTLED * inflation(best, best.effects)
+    explained = 2.0 * (tree.declared.cost - best.cost)
+    near = {
+        _label(other): worse
+        for other, worse in tree.alternatives()
+        if worse < margin and abs(worse) > SAME_SHARE * explained and other.count <= best.count
+    }
+    if not near:
+        near = {
+            n: w for n, w in _neighbours(best).items() if w < margin / SETTLED * SETTLED_NEIGHBOUR
+        }
+    return Finding(Check.ALTERNATIVE, tuple(near), tuple(near.values())) if near else None
+
+
+def carries_over(tree: SearchTree, tests: Mapping[str, Record]) -> Finding | None:
+    """Return a finding if test records are predicted worse with the effects than without.
+
+    It alone decides when an effect holds only in the range of the train and check records
+    (`test_effect_that_does_not_carry_over_is_proxy`).
+    """
+    worse: dict[str, float] = {}
+    for name, records in tests.items():
+        before, after = tree.declared.predict(records), tree.best.predict(records)
+        rise = mean_log(after) - mean_log(before)
+        if rise > DETERMINED * difference_error(before, after):
+            worse[name] = rise
+    return Finding(Check.CARRIES_OVER, tuple(worse), tuple(worse.values())) if worse else None
+
+
+def stands_out(where: LocalisationResult, level: float) -> bool:
+    """Return True if a free-form disturbance at a place explains more than chance would.
+
+    Args:
+        where: location of the residual.
+        level: probability of a false alarm, over all places.
+    """
+    places = [place for place in where.places if place.dof]
+    chances = [float(chi2.sf(place.score, place.dof)) for place in places]
+    return min(chances, default=1.0) < level / max(len(chances), 1)
+
+
+def memory(fitted: LoopFit) -> float:
+    """Return the longest correlation time of the noise of a fit [s]; zero for white noise.
+
+    Autoregressive noise with coefficients of characteristic roots `z` decays as `max |z|^i`.
+    """
+    noise = fitted.estimation.problem.likelihood.noise
+    times = [v for n, (v, _) in fitted.estimates.items() if n.startswith("correlation_time.")]
+    if isinstance(noise, AutoregressiveNoise):
+        mask = fitted.problem.train.mask
+        step = float(typical_step(fitted.problem.train.t))
+        for coefficients in np.asarray(noise.coefficients(fitted.solution.residuals, mask)):
+            largest = float(np.max(np.abs(np.roots(np.r_[1.0, -coefficients])), initial=0.0))
+            times.append(step / max(-np.log(max(largest, 1e-300)), 1e-300))
+    return max(times, default=0.0)
+
+
+def _where(tree: SearchTree) -> LocalisationResult:
+    """Return the location of the residual of the declared model, computed once."""
+    if tree.where is None:
+        tree.where = localise_fit(tree.declared)
+    return tree.where
+
+
+def _significant_refusals(tree: SearchTree) -> tuple[str, ...]:
+    """Return the effects that lower the cost of the best hypothesis significantly, and were
+    refused.
+    """
+    refused = (Decision.CHECK_WORSE, Decision.NOT_SIGNIFICANT)
+    steps = [
+        step
+        for step in tree.steps
+        if step.parent is tree.best and step.move.kind is MoveKind.ADD
+        if step.comparison.decision in refused
+    ]
+    significant = [step for step in steps if step.comparison.fall > step.comparison.required]
+    return tuple(name for step in significant for name in step.move.into)
+
+
+def _dependence(tree: SearchTree, level: float) -> tuple[str, ...]:
+    """Return the signals on which the whitened residual of the best hypothesis depends."""
+    best = tree.best
+    mask, outputs = best.problem.train.mask, best.problem.model.outputs
+    signals = {n: jnp.asarray(signal) for n, signal in tree.signals.items() if n != "t"}
+    report = analyse_residual(jnp.asarray(best.white_residuals), mask, signals, outputs)
+    maps, cross = np.asarray(report.maps.p_value), np.asarray(report.tests.cross_p)
+    limit = level / (maps.size + cross.size)
+    variables, lagged = report.maps.variables, report.tests.signals
+    dependent = [variables[k] for k in np.flatnonzero(np.any(maps < limit, axis=0))]
+    dependent += [lagged[k] for k in np.flatnonzero(np.any(cross < limit, axis=0))]
+    return tuple(dict.fromkeys(dependent))
+
+
+def _neighbours(best: LoopFit) -> dict[str, float]:
+    """Return how much worse each neighbouring shape fits, in chi-square of the linear model.
+
+    The fit is linearised with a library of its own effects and their neighbours.
+    """
+    problem = best.problem
+    inside = [e for e in problem.library if e.name in best.effects]
+    known = {effect.name for effect in problem.library}
+    pairs = {
+        shape.name: (effect.name, shape)
+        for effect in inside
+        for shape in effect.neighbouring_shapes()
+        if shape.name not in known
+    }
+    if not pairs:
+        return {}
+    library = (*inside, *(shape for _, shape in pairs.values()))
+    wide = dataclasses.replace(problem, library=library, excluded=frozenset())
+    triangle = dataclasses.replace(best, problem=wide).triangle
+    worse = {}
+    for name, (effect, _) in pairs.items():
+        out = triangle.at(wide.columns.own[effect])
+        worse[name] = -fall(triangle, out, triangle.at([f"{name}.gain"]))
+    return worse
+
+
+def _label(fitted: LoopFit) -> str:
+    """Return the names of the effects and the noise of a hypothesis."""
+    noise = fitted.hypothesis.noise
+    parts = list(fitted.effects)
+    parts += [] if isinstance(noise, White) else [type(noise).__name__]
+    return " + ".join(parts) or "no effect"

@@ -1,0 +1,221 @@
+"""`compare`: whether one hypothesis is better than another, with the numbers of the decision."""
+
+import dataclasses
+import enum
+
+import equinox as eqx
+import numpy as np
+from scipy.stats import chi2
+
+from .._foundation.types import Array, Float
+from ..diagnosis.autoregression import chance_level
+from ..diagnosis.validation import Prediction
+from ..models.noise import AbstractNoise
+from .fit import LoopFit
+from .heldout_error import difference_error, mean_log, uncertainty
+from .hypothesis import White
+from .problem import SearchOptions
+from .thresholds import INSEPARABLE
+
+# Chosen: standard errors by which a gain must differ from zero to be determined.
+DETERMINED = 2.0
+
+
+class Decision(enum.Enum):
+    """Outcome of a comparison.
+
+    Attributes:
+        BETTER: the new hypothesis replaces the old one.
+        CHECK_WORSE: it predicts the check records worse.
+        UNDETERMINED: the gain of an added effect is within two standard errors of zero.
+        DEGENERATE: an added effect is on a bound where it has no effect.
+        NOT_SIGNIFICANT: the decrease of the cost may be due to chance.
+    """
+
+    BETTER = enum.auto()
+    CHECK_WORSE = enum.auto()
+    UNDETERMINED = enum.auto()
+    DEGENERATE = enum.auto()
+    NOT_SIGNIFICANT = enum.auto()
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """A decision and its numbers.
+
+    Attributes:
+        decision: the decision.
+        fall: decrease of twice the cost of the training records (chi-square).
+        required: least fall for the change, for its number of parameters, the number of candidates
+            and the colour of the residual.
+        check_fall: decrease of the mean logarithm of the check records' error.
+        worth: evidence of the new hypothesis: twice the log-likelihood less a price for each
+            parameter.
+    """
+
+    decision: Decision
+    fall: float
+    required: float
+    check_fall: float
+    worth: float
+
+    @property
+    def accepted(self) -> bool:
+        """True if the new hypothesis replaces the old one."""
+        return self.decision is Decision.BETTER
+
+
+def compare(old: LoopFit, new: LoopFit, options: SearchOptions, count: int) -> Comparison:
+    """Compare a hypothesis with the one from which it was made.
+
+    Added parameters must lower twice the cost by more than chance would with as many candidates
+    (chi-square, Bonferroni), multiplied by the variance inflation of the new residual. A removal
+    must raise it by less; a swap is priced by the number of parameters. Where the residual is still
+    predictable, significance is inaccurate: the check records must gain as well.
+
+    Args:
+        old, new: the two fits.
+        options: levels and limits.
+        count: number of candidates among which the change was selected.
+    """
+    fall = 2.0 * (old.cost - new.cost)
+    if type(old.hypothesis.noise) is not type(new.hypothesis.noise):
+        required = log_samples(new) * (new.count - old.count) + INSEPARABLE
+        better = np.isfinite(fall) and fall > required
+        decision = Decision.BETTER if better else Decision.NOT_SIGNIFICANT
+        return Comparison(decision, fall, required, float("nan"), worth(new))
+    required = _required(old, new, options.level / max(count, 1))
+    check_fall = mean_log(old.check_prediction) - mean_log(new.check_prediction)
+    decision = _decide(old, new, options, fall - required, check_fall)
+    return Comparison(decision, fall, required, check_fall, worth(new))
+
+
+def _decide(old: LoopFit, new: LoopFit, options: SearchOptions, excess, check_fall) -> Decision:
+    """Return the decision between two fits of one noise."""
+    added = [name for name in new.effects if name not in old.effects]
+    if not check_fall >= -_tolerated_loss(old, new, options):  # also if it is not a number
+        return Decision.CHECK_WORSE
+    if not all(_is_determined(new, name) for name in added):
+        return Decision.UNDETERMINED
+    if is_degenerate(new, added):
+        return Decision.DEGENERATE
+    better = excess > 0 and _is_supported(old, new, options, check_fall)
+    return Decision.BETTER if better else Decision.NOT_SIGNIFICANT
+
+
+def _is_supported(old: LoopFit, new: LoopFit, options: SearchOptions, check_fall: float) -> bool:
+    """Return True if the significance of a change is accurate, or the check records support it.
+
+    An addition needs a material gain on the check records while the residual is predictable.
+    """
+    added = set(new.effects) - set(old.effects)
+    if not added or _is_swap(old, new) or any(map(new.problem.is_evident, added)):
+        return True
+    scatter = difference_error(old.check_prediction, new.check_prediction)
+    return check_fall > max(options.min_check_gain, scatter) or is_noise_like(new, options)
+
+
+def _tolerated_loss(old: LoopFit, new: LoopFit, options: SearchOptions) -> float:
+    """Return the largest rise of the check records' error, in its logarithm.
+
+    An effect that the records show without a model, and a swap, may raise it by its scatter.
+    """
+    if _is_swap(old, new):
+        return uncertainty(new.check_prediction)
+    if any(new.problem.is_evident(name) for name in new.effects if name not in old.effects):
+        scatter = difference_error(old.check_prediction, new.check_prediction)
+        return max(options.max_check_loss, scatter)
+    return options.max_check_loss
+
+
+def _is_swap(old: LoopFit, new: LoopFit) -> bool:
+    """Return True if effects were both removed and added."""
+    before, after = set(old.effects), set(new.effects)
+    return not before <= after and not after <= before
+
+
+def _required(old: LoopFit, new: LoopFit, level: float) -> float:
+    """Return the least fall of chi-square by which the new hypothesis is better."""
+    more = new.count - old.count
+    removal = set(new.effects) < set(old.effects)
+    if removal:
+        return -float(chi2.isf(level, -more))
+    if more > 0 and not set(old.effects) - set(new.effects):
+        added = [name for name in new.effects if name not in old.effects]
+        return float(chi2.isf(level, more)) * inflation(new, added)
+    return log_samples(new) * more + INSEPARABLE * (more == 0)
+
+
+def inflation(fit: LoopFit, effects) -> float:
+    """Return the largest factor by which colour inflates the variance of an effect's parameters.
+
+    Autocorrelation of the residual, after the effect was fitted, makes falls of the cost by chance
+    larger by this factor.
+    """
+    columns = fit.problem.columns
+    at = [fit.estimation.names.index(name) for e in effects for name in columns.own[e]]
+    robust, plain = (
+        np.diagonal(np.asarray(matrix))[at]
+        for matrix in (fit.solution.robust_covariance, fit.solution.covariance)
+    )
+    known = np.isfinite(plain) & (plain > 0)
+    return float(np.max(robust[known] / plain[known], initial=1.0))
+
+
+def is_degenerate(fit: LoopFit, effects) -> bool:
+    """Return True if an effect is on a bound at which it has no effect, or has an undetermined
+    parameter that is not on a bound.
+    """
+    problem, names = fit.problem, fit.estimation.names
+    at_bound = np.asarray(fit.solution.shared_on_bound)
+    variance = np.diagonal(np.asarray(fit.solution.covariance))
+    for effect in effects:
+        own = [names.index(name) for name in problem.columns.own[effect]]
+        if np.any(np.isinf(variance[own]) & ~at_bound[own]):
+            return True
+        fields = problem.effects[effect].card.degenerate_at_bounds
+        if any(at_bound[names.index(f"{effect}.{field}")] for field in fields):
+            return True
+    return False
+
+
+def is_noise_like(fit: LoopFit, options: SearchOptions) -> bool:
+    """Return True if the past of no whitened residual predicts more of it than is allowed."""
+    mask = np.asarray(fit.problem.train.mask)
+    allowed = options.max_predictable_share + chance_level(int(np.min(np.sum(mask, axis=(0, 1)))))
+    return all(share <= allowed for share in fit.predictable.values())
+
+
+def worth(fit: LoopFit) -> float:
+    """Return the evidence of a fit: twice the log-likelihood less a price for each parameter.
+
+    The price is the logarithm of the number of samples (Schwarz, Annals of Statistics 6, 1978). For
+    white noise the check records count as well: a short check record alone is a matter of chance.
+    """
+    evidence = -2.0 * fit.cost - log_samples(fit) * fit.count
+    if isinstance(fit.hypothesis.noise, White):
+        noise = fit.estimation.problem.likelihood.noise
+        evidence -= 2.0 * float(_cost(noise, fit.check_prediction))
+    return evidence
+
+
+def log_samples(fit: LoopFit) -> float:
+    """Return the price of a parameter, the logarithm of the number of samples."""
+    return float(np.log(fit.problem.samples))
+
+
+def _is_determined(fit: LoopFit, effect: str) -> bool:
+    """Return True if the gain of an effect without a shape differs from zero significantly.
+
+    The gain of an effect with a shape is determined together with the shape only.
+    """
+    if fit.problem.has_shape(effect):
+        return True
+    value, error = fit.estimates[f"{effect}.gain"]
+    return abs(value) > DETERMINED * error
+
+
+@eqx.filter_jit
+def _cost(noise: AbstractNoise, prediction: Prediction) -> Float[Array, ""]:
+    """Return the negative log-likelihood of the errors of a prediction (jitted)."""
+    return noise.cost(prediction.residuals, prediction.scored)

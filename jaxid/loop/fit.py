@@ -1,0 +1,349 @@
+"""`fit`: estimate of a hypothesis; `LoopFit` owns its linearisation."""
+
+import dataclasses
+from collections.abc import Mapping
+from functools import cached_property
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import to_device
+from .._foundation.results import RESULTS
+from .._foundation.types import Array, Float
+from ..diagnosis.autoregression import autoregressive_r2
+from ..diagnosis.validation import Prediction, Predictor
+from ..estimation.estimate import Fit
+from ..estimation.host_iteration import fit_by_steps
+from ..estimation.likelihoods import AbstractLikelihood, OutputError
+from ..estimation.model_programs import PROGRAMS, FlatProblem
+from ..estimation.problem import Limits, Problem
+from ..models.base import AbstractModel, canonical
+from ..models.free import Free, Parameters, Positions, initial_parameters, with_values
+from ..models.noise import AbstractNoise, FixedNoise
+from ..sensitivity.information import gather, record_triangles
+from .hypothesis import Hypothesis
+from .linear import Triangle
+from .problem import LoopProblem, regular
+from .thresholds import MAX_CONTINUATIONS, MIN_CONTINUATION_SHARE, MIN_COST_FALL
+
+
+class Estimation(NamedTuple):
+    """An estimation problem of a hypothesis.
+
+    Attributes:
+        problem: the problem, with padding columns if it has the absent effects.
+        parameters: starting values.
+        names: names of the free shared parameters, without the padding.
+        model, free: the model with its values, and its free parameters.
+    """
+
+    problem: Problem
+    parameters: Parameters
+    names: tuple[str, ...]
+    model: AbstractModel
+    free: Free
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LoopFit:
+    """A fit of a hypothesis, with its linearisation.
+
+    Attributes:
+        problem: the problem of the search.
+        hypothesis: effects and noise.
+        estimation: the estimation problem at the fit.
+        solution: result of the solver; its parameters may have padding.
+    """
+
+    problem: LoopProblem
+    hypothesis: Hypothesis
+    estimation: Estimation
+    solution: Fit
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects in the model."""
+        return self.hypothesis.effects
+
+    @property
+    def cost(self) -> float:
+        """Negative log-likelihood of the training records."""
+        return float(self.solution.cost)
+
+    @property
+    def converged(self) -> bool:
+        """True if the solver met its tolerance."""
+        return bool(
+            (self.solution.result == RESULTS.successful)
+            | (self.solution.result == RESULTS.at_bound)
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of shared parameters, those of the noise beyond white noise included."""
+        outputs = len(self.problem.model.outputs)
+        columns = self.problem.columns.chosen(self.effects)
+        return len(columns) + self.hypothesis.noise.count(outputs)
+
+    @cached_property
+    def estimates(self) -> dict[str, tuple[float, float]]:
+        """Value and standard error, corrected for colour, of each free shared parameter."""
+        deviation = np.sqrt(np.diagonal(np.asarray(self.solution.robust_covariance)))
+        shared = np.asarray(self.solution.parameters.shared)
+        names = self.estimation.names
+        return {n: (float(shared[k]), float(deviation[k])) for k, n in enumerate(names)}
+
+    @cached_property
+    def values(self) -> Float[np.ndarray, " column"]:
+        """Values of all columns; zero gains and initial shapes for absent effects."""
+        values = self.problem.initial_values.copy()
+        for name, column in self.problem.columns.index.items():
+            values[column] = self.estimates.get(name, (values[column], 0.0))[0]
+        return values
+
+    @cached_property
+    def linearised(self) -> tuple[Array, Array, tuple[str, ...]]:
+        """Rows of misfit, their sensitivities, and the names of the shared columns.
+
+        The columns are those of all candidates for output error, and the free ones otherwise.
+        """
+        problem, solution = self.problem, self.solution
+        if not isinstance(self.estimation.problem.likelihood, OutputError):
+            case = FlatProblem.of(self.estimation.problem)
+            rows, S = PROGRAMS.sensitivities(*case.sensitivities_arguments(solution.parameters))
+            return rows, S, self.estimation.names
+        augmented = problem.model_at(self.values)
+        shared = to_device(self.values[: problem.columns.declared])
+        base = _padded(problem, augmented, self.estimation.problem.likelihood, (), shared)
+        case = FlatProblem.of(base)
+        parameters = Parameters(_padded_values(shared, base), solution.parameters.rows)
+        arguments = case.outputs_arguments(parameters)
+        width, at = case.at.size, np.r_[np.asarray(problem.row_positions), problem.positions]
+        padded = np.r_[at, np.full(-at.size % width, len(problem.names))]
+        blocks = [
+            PROGRAMS.sensitivities(*arguments, to_device(block), problem.leaves)
+            for block in padded.reshape(-1, width)
+        ]
+        S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : at.size]
+        return blocks[0][0], to_device(S), problem.columns.names
+
+    @cached_property
+    def triangle(self) -> Triangle:
+        """Triangular factor of the sensitivities to all columns, and of the residual."""
+        rows, S, names = self.linearised
+        S = np.array(S)
+        S[..., ~np.all(np.isfinite(S), axis=(0, 1, 2))] = 0.0
+        likelihood, mask = self.estimation.problem.likelihood, self.problem.train.mask
+        row_mask = likelihood.row_mask(mask)
+        own = len(self.problem.free.per_record)
+        factor = _white_factor(likelihood.noise, rows, to_device(S), row_mask, own)
+        chosen = set(self.estimation.names)
+        free = np.array([name in chosen for name in names])
+        index = self.problem.columns.index
+        values = [
+            self.estimates[n][0] if n in self.estimates else self.values[index[n]] for n in names
+        ]
+        return Triangle(names, np.asarray(factor), free, np.array(values))
+
+    @cached_property
+    def white_residuals(self) -> Float[Array, "case time output"]:
+        """Residuals in units of the noise, with its memory removed: innovations under colour."""
+        likelihood, mask = self.estimation.problem.likelihood, self.problem.train.mask
+        if isinstance(likelihood, OutputError):
+            return _white(likelihood.noise, self.solution.residuals, mask)
+        return self.linearised[0][..., : mask.shape[-1]]
+
+    @cached_property
+    def predictable(self) -> dict[str, float]:
+        """Share of the power of each whitened residual that its own past explains."""
+        share = autoregressive_r2(self.white_residuals, self.problem.train.mask)
+        return dict(zip(self.problem.model.outputs, map(float, share), strict=True))
+
+    @property
+    def noise_covariance(self) -> Float[Array, "output output"]:
+        """Covariance of the sensor noise; of its innovations if it is coloured."""
+        if isinstance(self.estimation.problem.likelihood, OutputError):
+            return self.solution.noise
+        deviations = [self.estimates[f"sensor.{n}"][0] for n in self.problem.model.outputs]
+        return to_device(np.diag(np.square(deviations)))
+
+    @cached_property
+    def check_prediction(self) -> Prediction:
+        """Prediction of the check records."""
+        return self.predict(self.problem.check)
+
+    def predict(self, records) -> Prediction:
+        """Return the prediction of records that were not fitted, by simulation.
+
+        Args:
+            records: an anonymous stack.
+        """
+        known = FixedNoise(regular(self.noise_covariance))
+        likelihood = eqx.tree_at(lambda node: node.noise, self.problem.likelihood, known)
+        problem = self.problem
+        predictor = Predictor(likelihood, problem.window, problem.starts, problem.train.n_cases)
+        return predictor.predict(problem.model_at(self.values), records)
+
+
+def fit(
+    problem: LoopProblem,
+    hypothesis: Hypothesis,
+    parent: LoopFit | None = None,
+    start: Mapping[str, float] | None = None,
+) -> LoopFit:
+    """Estimate all parameters of a hypothesis together.
+
+    A fit stopped by its iteration limit is continued: comparing unconverged fits can select the
+    wrong candidate.
+
+    Args:
+        problem: the problem of the search.
+        hypothesis: effects and noise.
+        parent: fit from whose values it starts; by default from the declared values.
+        start: starting values of some parameters, by name.
+    """
+    values, known = _start(problem, hypothesis, parent, start or {})
+    rows = None if parent is None else parent.solution.parameters.rows
+    solution, costs = None, []
+    while solution is None or (
+        solution.result == RESULTS.steps_exhausted
+        and worth_continuing(costs, MIN_CONTINUATION_SHARE)
+    ):
+        estimation = estimation_of(problem, hypothesis, values, known, rows)
+        likelihood, solver = estimation.problem.likelihood, problem.solver
+        if not isinstance(likelihood, OutputError):
+            solver = dataclasses.replace(solver, chord=False)  # its rows are no residuals
+        solution = fit_by_steps(estimation.problem, estimation.parameters, solver)
+        shared = np.asarray(solution.parameters.shared)
+        known = {name: float(shared[k]) for k, name in enumerate(estimation.names)}
+        chosen = problem.columns.chosen(hypothesis.effects)
+        values[chosen] = shared[: len(chosen)]
+        rows, costs = solution.parameters.rows, [*costs, float(solution.cost)]
+    return LoopFit(problem, hypothesis, estimation, solution)
+
+
+def estimation_of(
+    problem: LoopProblem,
+    hypothesis: Hypothesis,
+    values: Float[np.ndarray, " column"],
+    known: Mapping[str, float],
+    rows: Float[Array, "case own"] | None,
+) -> Estimation:
+    """Return the estimation problem of a hypothesis.
+
+    Args:
+        problem: the problem of the search.
+        hypothesis: effects and noise.
+        values: starting values of all columns.
+        known: starting values by name, also of parameters of the noise.
+        rows: starting values of the per-record parameters; by default those of the model.
+    """
+    noise, columns = hypothesis.noise, problem.columns
+    likelihood = canonical(noise.likelihood(problem.likelihood))
+    chosen = columns.chosen(hypothesis.effects)
+    names = tuple(columns.names[k] for k in chosen)
+    free = _free(problem, names)
+    augmented = problem.model_at(values)
+    padded = isinstance(likelihood, OutputError) and not problem.uses_reduced_model
+    if padded:
+        model = augmented
+        shared = to_device(values[chosen])
+        base = _padded(problem, model, likelihood, hypothesis.effects, shared)
+        shared = _padded_values(shared, base)
+    else:
+        model = canonical(noise.model(augmented.only(hypothesis.effects)))
+        model, free = canonical(likelihood.prepared(model, free, problem.train))
+        extra = tuple(name for name in free.shared if name in known and name not in names)
+        if extra:
+            model = with_values(model, extra, jnp.array([known[name] for name in extra]))
+        base = Problem.of(model, free, problem.train, likelihood)
+        shared = initial_parameters(model, base.positions, problem.train).shared
+    if rows is None:
+        rows = initial_parameters(base.model, base.positions, problem.train).rows
+    return Estimation(base, Parameters(shared, rows), free.shared, model, free)
+
+
+def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None, start):
+    """Return starting values of all columns, and starting values by name."""
+    values = (problem.initial_values if parent is None else parent.values).copy()
+    estimates = {} if parent is None else parent.estimates
+    known = {name: value for name, (value, _) in estimates.items()} | dict(start)
+    index, gains = problem.columns.index, problem.columns.gains
+    for name in set(known) & set(index):
+        values[index[name]] = known[name]
+    values[[gains[name] for name in set(gains) - set(hypothesis.effects)]] = 0.0
+    return values, known
+
+
+def worth_continuing(costs: list[float], creeping: float) -> bool:
+    """Return True if a fit that its iteration limit stopped should be continued.
+
+    Args:
+        costs: cost after the first run and after each continuation so far.
+        creeping: share of the fall of all continuations; a continuation that brings less is the
+            last.
+    """
+    if len(costs) > MAX_CONTINUATIONS:
+        return False
+    if len(costs) < 2:
+        return True  # no fall is known yet
+    fall, total = costs[-2] - costs[-1], costs[0] - costs[-1]
+    return fall > max(MIN_COST_FALL, creeping * total)
+
+
+def _free(problem: LoopProblem, names: tuple[str, ...]) -> Free:
+    """Return the free parameters with these shared ones, and their bounds."""
+    free, columns = problem.free, problem.columns
+    lower, upper = dict(free.lower), dict(free.upper)
+    for name in names:
+        column = columns.index[name]
+        if column >= columns.declared:
+            lower[name] = to_device(np.array(columns.lower[column]))
+            upper[name] = to_device(np.array(columns.upper[column]))
+    return Free(names, free.per_record, lower, upper, free.scale, free.prior)
+
+
+def _padded(
+    problem: LoopProblem,
+    model: AbstractModel,
+    likelihood: AbstractLikelihood,
+    effects: tuple[str, ...],
+    shared: Float[Array, " column"],
+) -> Problem:
+    """Return a problem of the model with all candidates, whose columns are padded to a width.
+
+    All hypotheses of one width share their compiled programs.
+    """
+    chosen = problem.columns.chosen(effects)
+    padding = problem.width(len(chosen)) - len(chosen)
+    at = to_device(np.r_[problem.positions[chosen], np.full(padding, len(problem.names))])
+    positions = Positions(at, problem.row_positions, problem.leaves)
+    limits: Limits = problem.columns.limits(chosen, padding, problem.train.n_cases)
+    return Problem(model, positions, problem.train, likelihood, limits)
+
+
+def _padded_values(shared, base: Problem):
+    """Return starting values with zeros for the padding."""
+    missing = base.positions.shared.size - shared.size
+    return to_device(np.r_[np.asarray(shared), np.zeros(missing)])
+
+
+@fast_compile_jit
+def _white_factor(noise: AbstractNoise, rows, S, row_mask, own: int):
+    """Return the triangle `[T r]` of the shared columns."""
+    whiten = noise.whitening(rows, row_mask)
+    v, mask = rows[..., : S.shape[2]], row_mask[..., : S.shape[2]]
+    white_v, white_S = whiten.misfit(v, mask), whiten(S, mask)
+    triangles = record_triangles(white_S[..., :own], white_S[..., own:], white_v)
+    shared = S.shape[-1] - own
+    held = jnp.zeros((rows.shape[0], own), bool), jnp.zeros(shared, bool)
+    return gather(triangles, jnp.zeros((1, shared + 1)), *held).factor
+
+
+@fast_compile_jit
+def _white(noise: AbstractNoise, v, mask):
+    """Return whitened residuals."""
+    return noise.whitening(v, mask).misfit(v, mask)

@@ -1,0 +1,126 @@
+"""The linear value of a change of hypothesis, from one triangle.
+
+Let `T` be the triangular factor of the whitened sensitivities to all shared parameters, free and
+absent, with the per-record parameters eliminated, `r` its right-hand side, and `phi` the values of
+the parameters. A change removes the columns `out` and adds the columns `into`. With `K` the free
+columns that stay, and `P_K` the projection orthogonal to them,
+
+    fall(out, into) = |r|^2 - min_b | P_K (r + T_out phi_out) - P_K T_into b |^2
+
+is the fall of chi-square in the linear model: of an addition (`out` empty), of two at once, of a
+swap, and, negative, of a removal (`into` empty).
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .._foundation.types import Bool, Float, Int
+from ..diagnosis.scores import IDENTIFIABLE
+
+# Chosen: least share of a column's squared length outside the span of the columns added with it. A
+# pair that overlaps more has gains that grow without limit against each other.
+LEAST_APART = 0.02
+
+
+class Triangle(NamedTuple):
+    """Triangular factor of the sensitivities to all columns, at a fit.
+
+    Attributes:
+        names: names of the columns.
+        factor: `[T r]`, with the per-record parameters eliminated.
+        free: the columns that are free in the fit.
+        values: parameter values of the columns.
+    """
+
+    names: tuple[str, ...]
+    factor: Float[np.ndarray, "row column+1"]
+    free: Bool[np.ndarray, " column"]
+    values: Float[np.ndarray, " column"]
+
+    def at(self, names: Sequence[str]) -> list[int]:
+        """Return the columns of some names."""
+        return [self.names.index(name) for name in names]
+
+
+class Reduced(NamedTuple):
+    """A triangle with free columns removed, orthogonal to the free columns that stay.
+
+    Attributes:
+        correlation: correlations between the orthogonal parts of all columns; zero for a column
+            that the free columns reproduce.
+        product: products of the orthogonal parts, scaled to unit length, with the right-hand side.
+        length: length of the orthogonal parts.
+        base: fall of chi-square by the removal alone, at most zero.
+    """
+
+    correlation: Float[np.ndarray, "column column"]
+    product: Float[np.ndarray, " column"]
+    length: Float[np.ndarray, " column"]
+    base: float
+
+
+def reduce(triangle: Triangle, out: Sequence[int] = ()) -> Reduced:
+    """Return the triangle without some free columns.
+
+    Args:
+        triangle: factor at a fit.
+        out: columns that are removed.
+    """
+    T, r = triangle.factor[:, :-1], triangle.factor[:, -1]
+    removed = np.zeros(T.shape[1], bool)
+    removed[list(out)] = True
+    kept = triangle.free & ~removed
+    basis = _basis(T[:, kept])
+    extended = np.column_stack([T, r + T[:, removed] @ triangle.values[removed]])
+    remainder = extended - basis @ (basis.T @ extended)
+    orthogonal, target = remainder[:, :-1], remainder[:, -1]
+    length = np.linalg.norm(orthogonal, axis=0)
+    apart = (length**2 > IDENTIFIABLE * np.sum(T**2, axis=0)) & (length > 0) & ~kept
+    unit = np.where(apart, orthogonal / np.where(apart, length, 1.0), 0.0)
+    base = float(r @ r - target @ target)
+    return Reduced(unit.T @ unit, unit.T @ target, np.where(apart, length, 0.0), base)
+
+
+def falls(reduced: Reduced, into: Int[np.ndarray, "set member"]) -> Float[np.ndarray, " set"]:
+    """Return the fall of chi-square for sets of added columns, all of one size.
+
+    Args:
+        reduced: triangle without the removed columns.
+        into: added columns, one row per set.
+
+    Returns:
+        Falls; minus infinity for a set with a column that the others reproduce.
+    """
+    gram, b = reduced.correlation[into[:, :, None], into[:, None, :]], reduced.product[into]
+    determined = np.linalg.eigvalsh(gram)[:, 0] > LEAST_APART
+    safe = np.where(determined[:, None, None], gram, np.eye(into.shape[1]))
+    gained = np.sum(b * np.linalg.solve(safe, b[..., None])[..., 0], axis=1)
+    return np.where(determined, reduced.base + gained, -np.inf)
+
+
+def fall(triangle: Triangle, out: Sequence[int], into: Sequence[int]) -> float:
+    """Return the fall of chi-square by removing columns and adding others.
+
+    Args:
+        triangle: factor at a fit.
+        out, into: removed and added columns; either may be empty.
+    """
+    reduced = reduce(triangle, out)
+    return float(falls(reduced, np.array([[*into]], int))[0]) if into else reduced.base
+
+
+def gains(reduced: Reduced, into: Sequence[int]) -> Float[np.ndarray, " member"]:
+    """Return the values of added columns in the linear model."""
+    at = [*into]
+    scaled = np.linalg.lstsq(reduced.correlation[np.ix_(at, at)], reduced.product[at], rcond=None)
+    length = reduced.length[at]
+    return scaled[0] / np.where(length > 0, length, 1.0)
+
+
+def _basis(columns):
+    """Return an orthonormal basis of some columns, weak directions left out."""
+    length = np.linalg.norm(columns, axis=0)
+    U, s, _ = np.linalg.svd(columns / np.where(length > 0, length, 1.0), full_matrices=False)
+    return U[:, s > 1e-10 * np.max(s, initial=0.0)]

@@ -1,0 +1,310 @@
+"""`propose`: the hypotheses next to a fit, with the fall of chi-square that each should bring."""
+
+import dataclasses
+import enum
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.stats import chi2
+
+from .._foundation.grid import typical_step
+from .._foundation.host import to_device
+from .._foundation.location import LocationKind
+from ..diagnosis.localise import LocalisationResult, localise, resolution
+from ..effects.base import Effect
+from ..estimation.autoregressive_noise import select_order
+from ..estimation.problem import Problem
+from ..models.free import Free, Parameters
+from .evidence import log_samples
+from .fit import LoopFit
+from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces
+from .linear import Reduced, falls, gains, reduce
+from .problem import SearchOptions, regular
+from .thresholds import INSEPARABLE
+
+# Chosen: overlap from which two candidates are the same to the records.
+COLLINEAR_OVERLAP = 0.9999
+# Chosen: starting value of the correlation time of a random force [samples].
+FORCE_TIME = 5.0
+
+
+class MoveKind(enum.Enum):
+    """Kind of a change of hypothesis."""
+
+    ADD = enum.auto()
+    GROUP = enum.auto()
+    PAIR = enum.auto()
+    SWAP = enum.auto()
+    DROP = enum.auto()
+    NOISE = enum.auto()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Move:
+    """A change of hypothesis.
+
+    Attributes:
+        kind: kind of the change.
+        hypothesis: the hypothesis after it.
+        into: effects that it adds.
+        expected: fall of chi-square in the linear model.
+        start: starting values by name.
+        estimated: values of the added gains in the linear model, by name.
+    """
+
+    kind: MoveKind
+    hypothesis: Hypothesis
+    into: tuple[str, ...]
+    expected: float
+    start: Mapping[str, float]
+    estimated: Mapping[str, float]
+
+
+class Proposals:
+    """The moves from one fit.
+
+    Args:
+        fit: the fit.
+        options: levels and limits.
+    """
+
+    def __init__(self, fit: LoopFit, options: SearchOptions):
+        self.fit, self.options, self.problem = fit, options, fit.problem
+        self.candidates = self._absent(fit.effects)
+        self.reduced = reduce(fit.triangle)
+        count = max(len(self.candidates), 1)
+        self.threshold = float(chi2.isf(options.level / count, 1))
+
+    def drops(self) -> list[Move]:
+        """Return removals of effects that have become insignificant, the least harmful first."""
+        moves = []
+        for name in self._removable():
+            own = [n for n in self.problem.columns.own[name] if n in self.fit.triangle.names]
+            expected = reduce(self.fit.triangle, self.fit.triangle.at(own)).base
+            if expected > -self.threshold:
+                moves.append(self._move(MoveKind.DROP, (), (name,), expected, self.reduced))
+        return sorted(moves, key=lambda move: -move.expected)
+
+    def additions(self) -> list[Move]:
+        """Return the best candidates, the best of each place, and those without a score.
+
+        A place is a location of a card: many shapes at one place must not crowd out the others.
+        Candidates that the records cannot distinguish are represented by the simplest.
+        """
+        scores = self._scores(self.candidates, self.reduced)
+        distinct = self._distinct([self.candidates[k] for k in np.argsort(-scores)])
+        significant = [e for e in distinct if self.score(e) > self.threshold]
+        best_of_place: dict = {}
+        for effect in significant:
+            best_of_place.setdefault(effect.card.location, effect)
+        blind = [e for e in self.candidates if self._is_blind(e)]
+        blind.sort(key=lambda effect: not self.problem.is_evident(effect.name))
+        chosen = [*significant[: self.options.refits], *best_of_place.values()]
+        chosen += blind[: self.options.refits]
+        unique = {effect.name: effect for effect in chosen}
+        return [
+            self._move(
+                MoveKind.ADD,
+                (name,),
+                self.problem.refined_by(name, self.fit.effects),
+                max(self.score(effect), 0.0),
+                self.reduced,
+            )
+            for name, effect in unique.items()
+        ]
+
+    def groups(self) -> list[Move]:
+        """Return sets of terms of one signal in one place that are significant only together."""
+        sets: dict[tuple, list[Effect]] = {}
+        for effect in self.candidates:
+            if effect.terms and len(effect.card.signals) == 1:
+                sets.setdefault((effect.card.location, effect.card.signals), []).append(effect)
+        moves = []
+        for members in sets.values():
+            if len(members) < 2:
+                continue
+            names = tuple(effect.name for effect in members)
+            joint = float(self._joint(self.reduced, [names])[0])
+            best, others = max(map(self.score, members)), len(members) - 1
+            level = self.options.level / max(len(self.candidates), 1)
+            if joint - best > chi2.isf(level, others):
+                moves.append(self._move(MoveKind.GROUP, names, (), joint, self.reduced))
+        return moves
+
+    def pairs(self) -> list[Move]:
+        """Return the best pairs of effects that hide each other: weak alone, strong together."""
+        pairs = [
+            (one.name, other.name)
+            for one, other in itertools.combinations(self.candidates, 2)
+            if one.card.family != other.card.family
+        ]
+        if not pairs:
+            return []
+        joint = self._joint(self.reduced, pairs)
+        threshold = chi2.isf(self.options.level / len(pairs), 2)
+        best = [k for k in np.argsort(-joint)[: self.options.swaps] if joint[k] > threshold]
+        return [
+            self._move(MoveKind.PAIR, pairs[k], (), float(joint[k]), self.reduced) for k in best
+        ]
+
+    def swaps(self, margin: float, pairs: bool = True) -> list[Move]:
+        """Return exchanges of one or two effects for another one, the best first.
+
+        Args:
+            margin: chi-square by which the exchange may be worse.
+            pairs: False for exchanges of single effects only.
+        """
+        sizes = (1, 2) if pairs else (1,)
+        sets = [out for n in sizes for out in itertools.combinations(self._removable(), n)]
+        moves = [move for out in sets for move in self._swaps_of(out, margin)]
+        return sorted(moves, key=lambda move: -move.expected)
+
+    def _swaps_of(self, out: tuple[str, ...], margin: float) -> list[Move]:
+        """Return the best exchanges of some effects for another one."""
+        own = [name for effect in out for name in self.problem.columns.own[effect]]
+        if not set(own) <= set(self.fit.triangle.names):
+            return []
+        reduced = reduce(self.fit.triangle, self.fit.triangle.at(own))
+        rest = self._absent(self.fit.hypothesis.changed(out).effects)
+        others = [e for e in rest if e.name not in out and not e.card.refines]
+        expected = self._scores(others, reduced) + log_samples(self.fit) * (len(out) - 1)
+        best = [k for k in np.argsort(-expected)[: self.options.swaps] if expected[k] > -margin]
+        return [
+            self._move(MoveKind.SWAP, (others[k].name,), out, float(expected[k]), reduced)
+            for k in best
+        ]
+
+    def score(self, effect: Effect) -> float:
+        """Return the fall of chi-square by adding one candidate."""
+        return float(self._scores([effect], self.reduced)[0])
+
+    def _absent(self, effects: tuple[str, ...]) -> list[Effect]:
+        """Return the candidates that may be added to some effects and have a column."""
+        names = set(self.fit.triangle.names)
+        return [e for e in self.problem.absent(effects) if f"{e.name}.gain" in names]
+
+    def _removable(self) -> list[str]:
+        return [name for name in self.fit.effects if not self.problem.is_evident(name)]
+
+    def _is_blind(self, effect: Effect) -> bool:
+        return bool(effect.card.refines) or effect.score_blind(self.problem.measured)
+
+    def _scores(self, effects: list[Effect], reduced: Reduced):
+        """Return the fall of chi-square by each of some effects."""
+        return self._joint(reduced, [(effect.name,) for effect in effects])
+
+    def _joint(self, reduced: Reduced, sets):
+        """Return the fall of chi-square by sets of effects."""
+        if not sets:
+            return np.zeros(0)
+        at = [self.fit.triangle.at([f"{name}.gain" for name in names]) for names in sets]
+        return falls(reduced, np.array(at, int))
+
+    def _distinct(self, ordered: list[Effect]) -> list[Effect]:
+        """Return the candidates without those that the records cannot distinguish from another."""
+        kept: list[Effect] = []
+        for effect in ordered:
+            alike = [k for k, other in enumerate(kept) if self._same(effect, other)]
+            if not alike:
+                kept.append(effect)
+            elif effect.card.complexity < kept[alike[0]].card.complexity:
+                kept[alike[0]] = effect
+        return kept
+
+    def _same(self, effect: Effect, other: Effect) -> bool:
+        """Return True if two effects without a shape have the same influence on the outputs."""
+        if self.problem.has_shape(effect.name) or self.problem.has_shape(other.name):
+            return False
+        i, j = self.fit.triangle.at([f"{effect.name}.gain", f"{other.name}.gain"])
+        return bool(abs(self.reduced.correlation[i, j]) > COLLINEAR_OVERLAP)
+
+    def _move(self, kind, into, out, expected: float, reduced: Reduced) -> Move:
+        """Return a move with its starting values."""
+        columns, effects = self.problem.columns, self.problem.effects
+        start = {f"{name}.gain": effects[name].card.initial_gain for name in into}
+        for name, other in itertools.product(into, out):
+            if effects[other].card.family == effects[name].card.refines:
+                for own, theirs in columns.same_named(name, other):
+                    start[columns.names[own]] = float(self.fit.values[theirs])
+        gain_names = [f"{name}.gain" for name in into]
+        estimated = dict(
+            zip(
+                gain_names,
+                map(float, gains(reduced, self.fit.triangle.at(gain_names))),
+                strict=True,
+            )
+        )
+        return Move(kind, self.fit.hypothesis.changed(out, into), into, expected, start, estimated)
+
+
+def noise_moves(fit: LoopFit, where: LocalisationResult | None) -> list[Move]:
+    """Return the noise models that should explain the residual of a fit with white noise.
+
+    Autoregressive noise of order p should lower twice the cost of channel j by `-N_j log(1 - r_j)`,
+    with r the share of the residual that its past explains. Forces in an equation should lower it
+    by `d (s/d - 1 - log(s/d))`, with s the chi-square of d spline coefficients of a free-form force
+    (all of one variance). Each is proposed with the effects of the fit and without any.
+
+    Args:
+        fit: the fit.
+        where: location of its residual; None without random forces.
+    """
+    proposals: list[tuple[NoiseHypothesis, float]] = []
+    problem, outputs = fit.problem, len(fit.problem.model.outputs)
+    counts = np.sum(np.asarray(problem.train.mask), axis=(0, 1))
+    shares = np.clip(list(fit.predictable.values()), 0.0, 1.0 - 1e-12)
+    order = select_order(fit.white_residuals, problem.train.mask)
+    if order:
+        proposals.append((Coloured(order), float(np.sum(-counts * np.log1p(-shares)))))
+    if where is not None:
+        proposals += _forces(fit, where)
+    moves = []
+    for noise, expected in proposals:
+        if expected > log_samples(fit) * noise.count(outputs) + INSEPARABLE:
+            for effects in dict.fromkeys((fit.effects, ())):
+                hypothesis = Hypothesis(effects, noise)
+                moves.append(Move(MoveKind.NOISE, hypothesis, (), expected, {}, {}))
+    return moves
+
+
+def _forces(fit: LoopFit, where: LocalisationResult) -> list[tuple[NoiseHypothesis, float]]:
+    """Return random forces in the equations near the best place, with their expected fall."""
+    equations = [p for p in where.near_best() if p.location.kind is LocationKind.EQUATION]
+    if not equations:
+        return []
+    ratio = max(equations[0].score / max(equations[0].dof, 1), 1.0)
+    expected = equations[0].dof * (ratio - 1.0 - float(np.log(ratio)))
+    time = FORCE_TIME * float(typical_step(fit.problem.train.t))
+    deviations = {p.location.name: max(p.size, 1e-9) for p in equations}
+    return [(RandomForces(deviations, time), expected)]
+
+
+def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> LocalisationResult:
+    """Return the location of the residual of a fit with output error.
+
+    Args:
+        fit: the fit.
+        splines: number of splines and rows of an earlier result.
+    """
+    problem = fit.problem
+    rows, S, names = fit.linearised
+    model = problem.model_at(fit.values)
+    if problem.uses_reduced_model:
+        model = model.only(fit.effects)
+    rest = Problem.of(model, Free((), problem.free.per_record), problem.train, problem.likelihood)
+    places = {
+        LocationKind.EQUATION: problem.equations,
+        LocationKind.INPUT: model.inputs,
+        LocationKind.SENSOR: model.outputs,
+    }
+    own = len(problem.free.per_record)
+    chosen = [own + names.index(name) for name in fit.estimation.names]
+    columns = np.asarray(S)[..., np.r_[np.arange(own), chosen]]
+    padding = problem.width(len(chosen)) - len(chosen)
+    columns = np.pad(columns, ((0, 0), (0, 0), (0, 0), (0, padding)))
+    splines = splines or resolution(problem.train, fit.solution.residuals)
+    parameters = Parameters(to_device(np.zeros(0)), fit.solution.parameters.rows)
+    linearised = (rows, to_device(columns))
+    R = regular(fit.noise_covariance)
+    return localise(rest, parameters, linearised, R, splines, places)

@@ -1,0 +1,278 @@
+"""`LoopProblem`: declared model, library of candidate effects and records of a search."""
+
+import dataclasses
+from functools import cached_property
+
+import equinox as eqx
+import numpy as np
+
+from .._foundation.checks import require, require_known
+from .._foundation.host import to_device
+from .._foundation.types import Array, Float
+from ..data.record import Record
+from ..effects.augmented import Augmented
+from ..effects.base import Effect
+from ..effects.library import uncertain_equations
+from ..estimation.estimate import as_stack, check_channels
+from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.solver import GaussNewton
+from ..models.base import AbstractModel, canonical, equations_of
+from ..models.free import INITIAL_STATE, Free, all_names, leaves_at, with_values_at
+from ..models.names import flat_vector
+from .columns import Columns
+from .compilation import use_reduced_model
+from .thresholds import COLUMN_BLOCK
+
+# The tolerance is in standard errors; a decision needs no smaller one. Effects with corners make
+# the solver reject steps, hence the number of steps.
+SEARCH_SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
+
+
+class SearchOptions(eqx.Module):
+    """Levels and limits of a search.
+
+    Args:
+        level: probability of one false effect in a search where nothing is missing, spread over
+            all candidates.
+        refits: number of best-scored candidates that are refitted from each hypothesis, in addition
+            to the best candidate of each place; and of those at most that have no score.
+        swaps: number of swaps, and of pairs, that are refitted from each hypothesis.
+        max_rounds: largest number of rounds; each adds an effect or a pair.
+        beam_width: number of hypotheses that are kept in each round.
+        min_check_gain: least fall of the check records' error (mean over channels of its logarithm)
+            for an effect to be added while the residual is still predictable.
+        max_check_loss: largest rise of the same error that an effect may cause.
+        max_predictable_share: largest share of the residual's power that its past may explain for
+            the residual to count as noise.
+    """
+
+    level: float = eqx.field(static=True, default=0.01)
+    refits: int = eqx.field(static=True, default=6)
+    swaps: int = eqx.field(static=True, default=3)
+    max_rounds: int = eqx.field(static=True, default=8)
+    beam_width: int = eqx.field(static=True, default=1)
+    min_check_gain: float = eqx.field(static=True, default=0.02)
+    max_check_loss: float = eqx.field(static=True, default=0.001)
+    max_predictable_share: float = eqx.field(static=True, default=0.03)
+
+    def __check_init__(self):
+        for name in ("level", "min_check_gain", "max_predictable_share"):
+            value = getattr(self, name)
+            require(0 < value < 1, f"{name} is {value}; it must lie between 0 and 1.")
+        for name in ("refits", "max_rounds", "beam_width"):
+            value = getattr(self, name)
+            require(value >= 1, f"{name} is {value}; it must be at least 1.")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LoopProblem:
+    """Everything that a search for missing effects is given; build it by `LoopProblem.of`.
+
+    Attributes:
+        model: the declared model.
+        library: candidate effects, all absent.
+        free: free parameters of the declared model.
+        likelihood: measure of the misfit for white noise.
+        train: stack of records to fit.
+        check: stack of records that decide.
+        window: samples at the start of a check record in which its initial state is fitted.
+        excluded: names of candidates that are not used.
+        solver: the Gauss-Newton solver.
+    """
+
+    model: AbstractModel
+    library: tuple[Effect, ...]
+    free: Free
+    likelihood: AbstractLikelihood
+    train: Record
+    check: Record
+    window: int | None = None
+    excluded: frozenset[str] = frozenset()
+    solver: GaussNewton = SEARCH_SOLVER
+
+    @classmethod
+    def of(
+        cls, model, library, free, likelihood, train, check, *, window=None, solver=SEARCH_SOLVER
+    ) -> "LoopProblem":
+        """Return the problem of a model and its records; the arguments are the attributes.
+
+        Raises:
+            InputError: if channels differ, or a candidate occurs twice or is already present.
+        """
+        train, check = as_stack(train), as_stack(check)
+        for records in (train, check):
+            check_channels(model, records)
+        likelihood.check(model, train)
+        for effect in library:
+            gain = float(effect.gain)
+            require(
+                gain == 0.0,
+                f"The candidate {effect.name!r} has a gain of {gain:g}; a candidate starts absent. "
+                "Leave its gain out.",
+            )
+        augmented = canonical(Augmented(model, tuple(library)))
+        return cls(
+            augmented.model,
+            augmented.effects_in,
+            canonical(free),
+            canonical(likelihood.compact()),
+            train.anonymous(),
+            check.anonymous(),
+            window,
+            solver=solver,
+        )
+
+    def on(self, records) -> "LoopProblem":
+        """Return the same problem with other training records."""
+        return dataclasses.replace(self, train=as_stack(records).anonymous())
+
+    def without(self, *names: str) -> "LoopProblem":
+        """Return the problem without some candidates, given by name or by family.
+
+        The compiled programs of the complete library still serve it.
+        """
+        cards = [effect.card for effect in self.library]
+        known = {card.name for card in cards} | {card.family for card in cards}
+        require_known("effect of the library", names, sorted(known))
+        barred = {card.name for card in cards if {card.name, card.family} & set(names)}
+        return dataclasses.replace(self, excluded=self.excluded | barred)
+
+    def with_library(self, library: tuple[Effect, ...]) -> "LoopProblem":
+        """Return the problem with other shapes of the same candidates."""
+        return dataclasses.replace(self, library=tuple(library))
+
+    @cached_property
+    def augmented(self) -> Augmented:
+        """The declared model with all candidates."""
+        return canonical(Augmented(self.model, self.library))
+
+    @cached_property
+    def effects(self) -> dict[str, Effect]:
+        """The candidates that are used, by name."""
+        return {e.name: e for e in self.library if e.name not in self.excluded}
+
+    @cached_property
+    def columns(self) -> Columns:
+        """The columns of all shared parameters: the declared ones, then those of each effect."""
+        return Columns(self.free, self.library)
+
+    @cached_property
+    def positions(self) -> np.ndarray:
+        """Positions of the columns in the flat vector of the augmented model."""
+        return self._positions(self.columns.names)
+
+    @cached_property
+    def row_positions(self) -> Array:
+        """Positions of the per-record parameters in the flat vector of the augmented model."""
+        return to_device(self._positions(self.free.per_record))
+
+    @cached_property
+    def leaves(self) -> tuple[int, ...]:
+        """Leaves of the augmented model that hold the columns."""
+        return leaves_at(self.augmented, np.r_[self.positions, np.asarray(self.row_positions)])
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of all parameters of the augmented model."""
+        return all_names(self.augmented)
+
+    @cached_property
+    def initial_values(self) -> Float[np.ndarray, " column"]:
+        """Values of all columns in the declared model with absent effects."""
+        return np.array(flat_vector(self.augmented))[self.positions]
+
+    @cached_property
+    def uses_reduced_model(self) -> bool:
+        """True if each set of effects is fitted by a program without the absent effects."""
+        return use_reduced_model(self.augmented, self.train.t.shape[1])
+
+    @cached_property
+    def equations(self) -> tuple[str, ...]:
+        """States whose equations are uncertain; none for a static model."""
+        if equations_of(self.model) != self.model.states:
+            return ()
+        return uncertain_equations(self.model, np.asarray(self.free.positions(self.model).shared))
+
+    @cached_property
+    def starts(self) -> tuple[str, ...]:
+        """States whose initial value is fitted for a prediction."""
+        return starting_states(self.free, self.model, self.augmented)
+
+    @cached_property
+    def samples(self) -> int:
+        """Number of valid measured values of the training records."""
+        return int(np.sum(np.asarray(self.train.mask)))
+
+    @cached_property
+    def measured(self) -> dict[str, np.ndarray]:
+        """Valid samples of each measured output."""
+        z, mask = np.asarray(self.train.z), np.asarray(self.train.mask)
+        return {name: z[..., i][mask[..., i]] for i, name in enumerate(self.train.outputs)}
+
+    def model_at(self, values: Float[np.ndarray, " column"]) -> Augmented:
+        """Return the model with all candidates at values of all columns."""
+        return with_values_at(self.augmented, self.positions, np.asarray(values))
+
+    def width(self, chosen: int) -> int:
+        """Return the number of columns of a fit, padding included.
+
+        Args:
+            chosen: number of its shared parameters.
+        """
+        declared = self.columns.declared
+        return declared + COLUMN_BLOCK * max(1, -(-(chosen - declared) // COLUMN_BLOCK))
+
+    def absent(self, effects: tuple[str, ...]) -> tuple[Effect, ...]:
+        """Return the candidates that may be added to some effects.
+
+        At most one member of a family is in a model unless it is repeatable; a refinement needs the
+        effect that it refines, and replaces it.
+        """
+        inside = [self.effects[name].card for name in effects]
+        families = {card.family for card in inside}
+        refined = {card.refines for card in inside}
+        absent = []
+        for name, effect in self.effects.items():
+            card = effect.card
+            taken = refined if card.repeatable else families | refined
+            allowed = name not in effects and card.family not in taken
+            if allowed and (not card.refines or card.refines in families):
+                absent.append(effect)
+        return tuple(absent)
+
+    def refined_by(self, name: str, effects: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the effects among `effects` that an effect refines and replaces."""
+        refines = self.effects[name].card.refines
+        return tuple(e for e in effects if refines and self.effects[e].card.family == refines)
+
+    def has_shape(self, name: str) -> bool:
+        """Return True if an effect has estimated parameters besides its gain."""
+        return len(self.columns.own[name]) > 1
+
+    def is_evident(self, name: str) -> bool:
+        """Return True if the records show an effect without a model."""
+        return self.effects[name].evident_in_data(self.measured)
+
+    def _positions(self, names) -> np.ndarray:
+        index = {name: position for position, name in enumerate(self.names)}
+        return np.array([index[name] for name in names], int)
+
+
+def starting_states(
+    free: Free, declared: AbstractModel, augmented: AbstractModel
+) -> tuple[str, ...]:
+    """Return the states whose initial value is fitted for a prediction.
+
+    These are the free declared initial states, or all if none is free, and the states of effects.
+    """
+    chosen = tuple(
+        state for state in declared.states if f"{INITIAL_STATE}.{state}" in free.per_record
+    )
+    return (chosen or declared.states) + augmented.states[len(declared.states) :]
+
+
+def regular(R: Float[Array, "output output"]) -> Float[Array, "output output"]:
+    """Return R with a floor on its diagonal, for a channel that is fitted without any error."""
+    known = np.asarray(R)
+    floor = np.finfo(float).eps * np.max(np.diagonal(known))
+    return to_device(known + floor * np.eye(known.shape[0]))

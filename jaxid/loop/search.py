@@ -1,0 +1,299 @@
+"""`search`: beam search over hypotheses, from the declared model."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from .._foundation.grid import typical_step
+from .._foundation.host import to_device
+from ..diagnosis.localise import LocalisationResult
+from ..effects.library import initialise_shapes
+from ..effects.shape_initialisation import RESIDUAL, SIMULATED
+from ..estimation.estimate import divergence
+from ..estimation.model_programs import PROGRAMS
+from ..estimation.problem import Problem
+from ..models.free import Parameters, with_values
+from .compilation import signals_of
+from .evidence import Comparison, compare, inflation, is_noise_like, worth
+from .fit import LoopFit, fit
+from .hypothesis import Hypothesis, White
+from .moves import Move, MoveKind, Proposals, localise_fit, noise_moves
+from .problem import LoopProblem, SearchOptions
+from .thresholds import INSEPARABLE, MAX_COMPILED_FITS, SETTLED
+
+# Chosen: share of the expected fall; a refit that brings less starts again from the estimated gain.
+STALLED = 0.25
+# Chosen: share of the best fall; a candidate without a shape that scores less cannot compete.
+HOPELESS_SHARE = 0.05
+Progress = Callable[[str], None]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Step:
+    """A refitted move.
+
+    Attributes:
+        parent: fit from which it was made.
+        move: the change.
+        fit: the fit after it.
+        comparison: the comparison of both.
+    """
+
+    parent: LoopFit
+    move: Move
+    fit: LoopFit
+    comparison: Comparison
+
+
+@dataclasses.dataclass(eq=False)
+class SearchTree:
+    """All fits of a search.
+
+    Attributes:
+        problem: the problem, with shapes set from the declared fit.
+        declared: fit of the declared model.
+        best: fit of the best hypothesis.
+        steps: all refits, in order.
+        signals: states, inputs and time `t` of the declared fit, each of shape (case, time).
+        path: accepted steps from the declared model to the best hypothesis.
+        where: location of the residual of the declared model, if it was needed.
+        interrupted: True if the user stopped the search.
+    """
+
+    problem: LoopProblem
+    declared: LoopFit
+    best: LoopFit
+    signals: Mapping[str, np.ndarray]
+    steps: list[Step] = dataclasses.field(default_factory=list)
+    path: list[Step] = dataclasses.field(default_factory=list)
+    where: LocalisationResult | None = None
+    interrupted: bool = False
+
+    def fits(self) -> list[LoopFit]:
+        """Return all different fits, the declared one first."""
+        by_key = {self.declared.hypothesis.key: self.declared}
+        for step in self.steps:
+            known = by_key.get(step.fit.hypothesis.key)
+            if known is None or step.fit.cost < known.cost:
+                by_key[step.fit.hypothesis.key] = step.fit
+        return list(by_key.values())
+
+    def alternatives(self) -> list[tuple[LoopFit, float]]:
+        """Return the fits that lack an effect or the noise of the best one, and by how much worse
+        each is in chi-square, priced by parameters; the nearest first.
+        """
+        best = self.best
+        others = [
+            other
+            for other in self.fits()
+            if not set(best.effects) <= set(other.effects)
+            or type(other.hypothesis.noise) is not type(best.hypothesis.noise)
+        ]
+        price = float(np.log(best.problem.samples))
+        worse = [2.0 * (o.cost - best.cost) + price * (o.count - best.count) for o in others]
+        pairs = [(o, w) for o, w in zip(others, worse, strict=True) if np.isfinite(w)]
+        return sorted(pairs, key=lambda pair: pair[1])
+
+
+def search(problem: LoopProblem, options: SearchOptions, progress: Progress) -> SearchTree:
+    """Return the search tree of a problem.
+
+    From each hypothesis of the beam the moves are refitted in stages: removals; additions, groups
+    and profitable swaps; pairs; swaps where there are two effects; noise models. The first stage
+    with an accepted move ends the expansion, and the best `beam_width` results of all expansions
+    are the next beam. The search stops when no move is accepted. Ctrl-C ends it with the best
+    hypothesis so far.
+
+    Args:
+        problem: the problem.
+        options: levels and limits.
+        progress: function that receives a short text at every step.
+    """
+    progress("estimate of the declared model")
+    declared = fit(problem, Hypothesis())
+    if not np.isfinite(declared.cost):
+        raise divergence(problem.model, problem.free, problem.train, problem.likelihood)
+    problem, signals = with_shapes(declared)
+    declared = dataclasses.replace(declared, problem=problem)
+    tree = SearchTree(problem, declared, declared, signals)
+    try:
+        _grow(tree, options, progress)
+        _refit_alternatives(tree, options, progress)
+    except KeyboardInterrupt:
+        tree.interrupted = True
+    return tree
+
+
+def with_shapes(declared: LoopFit) -> tuple[LoopProblem, dict[str, np.ndarray]]:
+    """Return the problem with the initial shapes of its effects set from the declared fit, and the
+    states, inputs and time of that fit.
+    """
+    problem, train = declared.problem, declared.problem.train
+    shared = to_device(declared.values[: problem.columns.declared])
+    model = with_values(problem.model, problem.free.shared, shared)
+    simulation = Problem.of(model, problem.free, train, problem.likelihood)
+    signals, real = signals_of(simulation, Parameters(shared, declared.solution.parameters.rows))
+    mask, z = np.asarray(train.mask), np.asarray(train.z)
+    left = np.where(mask, np.asarray(declared.solution.residuals), 0.0)
+    signals = {name: np.asarray(signal) for name, signal in signals.items()}
+    variables = {name: signals[name] for name in (*model.states, *model.inputs, "t")}
+    for i, name in enumerate(train.outputs):
+        signals[RESIDUAL + name] = left[..., i]
+        signals[SIMULATED + name] = np.where(mask[..., i], z[..., i] - left[..., i], 0.0)
+    valid = np.asarray(real)
+    samples = {name: signal[valid] for name, signal in signals.items()}
+    step = float(typical_step(train.t))
+    library = initialise_shapes(problem.library, samples, problem.measured, step)
+    return problem.with_library(library), variables
+
+
+def _grow(tree: SearchTree, options: SearchOptions, progress: Progress) -> None:
+    """Expand the beam until no move is accepted."""
+    beam: list[tuple[LoopFit, list[Step]]] = [(tree.declared, [])]
+    expanded: set = set()
+    depth = 2 * options.max_rounds  # removals count as well
+    for _ in range(depth):
+        children: list[tuple[LoopFit, list[Step]]] = []
+        for parent, path in beam:
+            expanded.add(parent.hypothesis.key)
+            for step in _expand(tree, parent, path, options, progress):
+                if step.fit.hypothesis.key not in expanded:
+                    children.append((step.fit, [*path, step]))
+        if not children:
+            return
+        beam = children[: options.beam_width]
+        tree.best, tree.path = beam[0]
+
+
+def _expand(tree, parent: LoopFit, path, options: SearchOptions, progress) -> list[Step]:
+    """Return the accepted steps of the first stage that has any, the best first."""
+    proposals = Proposals(parent, options)
+    count = len(proposals.candidates)
+    stages: list[Callable[[], tuple[list[Move], int]]] = [lambda: (proposals.drops()[:1], count)]
+    rounds = sum(step.move.kind is not MoveKind.DROP for step in path)
+    if rounds < options.max_rounds:
+        stages.append(lambda: (_changes(proposals), count))
+        stages.append(lambda: (proposals.pairs(), count * (count - 1) // 2))
+        if len(parent.effects) > 1:
+            stages.append(lambda: (proposals.swaps(np.inf)[: options.swaps], count))
+        stages.append(lambda: (_noises(tree, parent, options, progress), 1))
+    for stage in stages:
+        moves, candidates = stage()
+        steps = _refits(tree, parent, moves, candidates, options, progress)
+        accepted = [step for step in steps if step.comparison.accepted]
+        if accepted:
+            return _ordered(accepted)
+    return []
+
+
+def _changes(proposals: Proposals) -> list[Move]:
+    """Return additions, groups, and the swaps that should be better."""
+    swaps = proposals.swaps(0.0)[: proposals.options.swaps]
+    return [*proposals.additions(), *proposals.groups(), *swaps]
+
+
+def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
+    """Return noise models; random forces are localised if the residual is not white."""
+    if not isinstance(parent.hypothesis.noise, White):
+        return []
+    where = None
+    if not is_noise_like(parent, options) and tree.problem.equations:
+        progress("location of the residual")
+        if tree.where is None:
+            tree.where = localise_fit(tree.declared)
+        where = tree.where if parent is tree.declared else localise_fit(parent, tree.where.splines)
+    return noise_moves(parent, where)
+
+
+def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> list[Step]:
+    """Return the refits of moves, without candidates that cannot compete with the best so far."""
+    for program in PROGRAMS:
+        program.make_room(len(moves), MAX_COMPILED_FITS)
+    steps: list[Step] = []
+    best = 0.0
+    for move in sorted(moves, key=lambda move: -move.expected):
+        simple = move.kind is MoveKind.ADD and not tree.problem.has_shape(move.into[0])
+        if simple and move.expected < HOPELESS_SHARE * best:
+            continue
+        noise = type(move.hypothesis.noise).__name__ if move.kind is MoveKind.NOISE else ""
+        progress(f"refit with {', '.join(move.hypothesis.effects) or 'no effect'} {noise}".strip())
+        new = refit(parent, move)
+        steps.append(Step(parent, move, new, compare(parent, new, options, count)))
+        tree.steps.append(steps[-1])
+        if steps[-1].comparison.accepted:
+            best = max(best, steps[-1].comparison.fall)
+    return steps
+
+
+def refit(parent: LoopFit, move: Move) -> LoopFit:
+    """Return the fit of a move: from the parent's values, and if it stalls from others.
+
+    A refit that brings much less than the linear model predicts, or does not converge, is repeated
+    from the gain that the linear model predicts, and from the declared values.
+    """
+    first = fit(parent.problem, move.hypothesis, parent, move.start)
+    if move.kind in (MoveKind.DROP, MoveKind.NOISE):
+        return first
+    fits = [first]
+    if not first.converged or 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
+        fits.append(fit(parent.problem, move.hypothesis, parent, {**move.start, **move.estimated}))
+    if not first.converged:
+        fits.append(fit(parent.problem, move.hypothesis, None, move.start))
+    return min(fits, key=_cost_or_infinity)
+
+
+def _cost_or_infinity(fitted: LoopFit) -> float:
+    return fitted.cost if np.isfinite(fitted.cost) else float("inf")
+
+
+def _ordered(steps: list[Step]) -> list[Step]:
+    """Return accepted steps of one parent, the best first.
+
+    An effect that the records show without a model goes before all others.
+    """
+    problem = steps[0].fit.problem
+    evident = [s for s in steps if any(map(problem.is_evident, s.move.into))]
+    rest = [s for s in steps if s not in evident]
+    return [*_by_evidence(evident), *_by_evidence(rest)]
+
+
+def _by_evidence(steps: list[Step]) -> list[Step]:
+    """Return steps by their evidence; among those near the best, colour accounted for, the simplest
+    goes first.
+    """
+    if not steps:
+        return []
+    top = max(steps, key=lambda step: step.comparison.worth)
+    margin = top.comparison.worth - INSEPARABLE * inflation(top.fit, top.move.into)
+
+    def order(step: Step):
+        near = step.comparison.worth >= margin
+        return not near, _complexity(step) if near else 0, -step.comparison.worth
+
+    return sorted(steps, key=order)
+
+
+def _complexity(step: Step) -> int:
+    return sum(step.fit.problem.effects[name].card.complexity for name in step.fit.effects)
+
+
+def _refit_alternatives(tree: SearchTree, options: SearchOptions, progress: Progress) -> None:
+    """Refit the exchanges of single effects that may be nearly as good as the best hypothesis.
+
+    If one of them turns out to be clearly better, it becomes the best.
+    """
+    best = tree.best
+    if not best.effects:
+        return
+    proposals = Proposals(best, options)
+    known = {fitted.hypothesis.key for fitted in tree.fits()}
+    margin = SETTLED * inflation(best, best.effects)
+    moves = [
+        move for move in proposals.swaps(margin, pairs=False) if move.hypothesis.key not in known
+    ]
+    count = len(proposals.candidates)
+    steps = _refits(tree, best, moves[: options.refits], count, options, progress)
+    better = [step for step in steps if step.comparison.accepted and worth(step.fit) > worth(best)]
+    if better:
+        tree.best, tree.path = better[0].fit, [*tree.path, better[0]]

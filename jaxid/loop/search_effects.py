@@ -1,0 +1,116 @@
+"""`search_effects`: find the hypothesis that explains the records, and assess it."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from functools import cached_property
+
+import jax.numpy as jnp
+
+from .._foundation.checks import require_float64
+from .._foundation.memory import release_compiled_programs_if_needed
+from .._foundation.notebook import preformatted
+from ..data.record import Record
+from ..effects.augmented import Augmented
+from ..estimation.estimate import as_stack
+from ..models.base import AbstractModel
+from ..models.free import with_values
+from .assess import Assessment, Verdict, assess
+from .hypothesis import Hypothesis
+from .problem import LoopProblem, SearchOptions
+from .search import SearchTree, search
+from .wording import error_words, next_best_words, table, verdict_words
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class EffectSearch:
+    """Result of `search_effects`.
+
+    Attributes:
+        tree: all fits of the search.
+        assessment: verdict, findings and location of the residual.
+        tests: test records by name of set.
+    """
+
+    tree: SearchTree
+    assessment: Assessment
+    tests: Mapping[str, Record]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict."""
+        return self.assessment.verdict
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """The best hypothesis."""
+        return self.tree.best.hypothesis
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects of the best hypothesis."""
+        return self.tree.best.effects
+
+    @property
+    def estimates(self) -> dict[str, tuple[float, float]]:
+        """Value and standard error of each parameter, those of the noise included."""
+        return self.tree.best.estimates
+
+    @property
+    def next_best(self) -> tuple[Hypothesis, float] | None:
+        """The next best hypothesis and how much worse it is in chi-square, priced by parameters."""
+        others = self.tree.alternatives()
+        return (others[0][0].hypothesis, others[0][1]) if others else None
+
+    @cached_property
+    def model(self) -> AbstractModel:
+        """The declared model with the effects and values of the best hypothesis."""
+        best = self.tree.best
+        problem = best.problem
+        names = tuple(problem.columns.names[k] for k in problem.columns.chosen(best.effects))
+        effects = tuple(problem.effects[name] for name in best.effects)
+        model = Augmented(problem.model, effects) if effects else problem.model
+        return with_values(model, names, jnp.array([best.estimates[name][0] for name in names]))
+
+    def __str__(self) -> str:
+        errors = error_words(self.tree.declared, self.tree.best, self.tests)
+        parts = [verdict_words(self.tree, self.assessment), next_best_words(self.tree), errors]
+        stopped = ["The search was stopped; this is its best so far."] * self.tree.interrupted
+        return "\n".join([*stopped, *filter(None, parts), "", table(self.tree)])
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
+
+
+def search_effects(
+    problem: LoopProblem,
+    *,
+    test: Mapping[str, Record] | None = None,
+    options: SearchOptions | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> EffectSearch:
+    """Find the effects and the noise that explain the records of a problem.
+
+    A hypothesis is a set of effects and a noise model. Moves from the best hypotheses are ranked by
+    the fall of chi-square in the linear model, refitted with all parameters, and compared by the
+    likelihood of the training records, priced by parameters, and by the error on the check records.
+    The final hypothesis passes through a list of checks before its effects are called the cause.
+
+    Args:
+        problem: model, library, free parameters and records (`LoopProblem.of`).
+        test: records that decide nothing, by name of set; they can only withdraw a cause.
+        options: levels and limits.
+        progress: function that receives a short text at every step.
+
+    Returns:
+        The search with its verdict. Ctrl-C stops the search; the result is then its best so far.
+
+    Raises:
+        InputError: if JAX is in 32 bit, or the declared model diverges at its starting values.
+    """
+    require_float64()
+    release_compiled_programs_if_needed()
+    options, progress = options or SearchOptions(), progress or (lambda _: None)
+    tree = search(problem, options, progress)
+    tests = {name: as_stack(records).anonymous() for name, records in (test or {}).items()}
+    progress("assessment")
+    return EffectSearch(tree, assess(tree, tests, options), tests)

@@ -1,0 +1,111 @@
+"""Sentences and the table of a search; no other file of the search has any."""
+
+import numpy as np
+
+from .assess import Assessment, Check, Finding, Verdict
+from .evidence import Decision
+from .fit import LoopFit
+from .heldout_error import mean_log
+from .hypothesis import Coloured, NoiseHypothesis, RandomForces
+from .search import SearchTree, Step
+
+DECISIONS = {
+    Decision.BETTER: "better",
+    Decision.CHECK_WORSE: "predicts the check records worse",
+    Decision.UNDETERMINED: "its gain is not determined",
+    Decision.DEGENERATE: "on a bound where it has no effect",
+    Decision.NOT_SIGNIFICANT: "not significant",
+}
+MOST_STEPS = 12  # chosen: rows of the table
+
+
+def noise_words(noise: NoiseHypothesis) -> str:
+    """Return a noise model in words."""
+    if isinstance(noise, Coloured):
+        return f"coloured sensor noise of order {noise.order}"
+    if isinstance(noise, RandomForces):
+        return f"random forces in the equation of {' and '.join(noise.equations)}"
+    return "white noise"
+
+
+def verdict_words(tree: SearchTree, assessment: Assessment) -> str:
+    """Return the verdict in a sentence or two."""
+    best = tree.best
+    effects = "; ".join(best.problem.effects[name].card.description for name in best.effects)
+    noise = noise_words(best.hypothesis.noise)
+    sentence = {
+        Verdict.NOTHING_MISSING: "Nothing is missing: the residual is consistent with white noise, "
+        "and no candidate explains any of it.",
+        Verdict.CAUSE: f"The model lacked: {effects}. With it the residual is consistent with "
+        f"{noise}.",
+        Verdict.PROXIES: f"Something is missing; the best proxies are: {effects}.",
+        Verdict.UNEXPLAINED: "Something is missing, and nothing in the library explains it. The "
+        f"residual acts at: {place_words(assessment)}.",
+        Verdict.NOISE: f"No effect is missing that these records could show: the residual is "
+        f"consistent with {noise}.",
+    }[assessment.verdict]
+    return " ".join([sentence, *map(finding_words, assessment.findings)])
+
+
+def place_words(assessment: Assessment) -> str:
+    """Return the places near the best one."""
+    if assessment.where is None:
+        return "no place"
+    return " or ".join(place.location.label for place in assessment.where.near_best())
+
+
+def finding_words(finding: Finding) -> str:
+    """Return the objection of a check as a sentence."""
+    names = ", ".join(finding.names)
+    numbers = ", ".join(
+        f"{name} ({number:.3g})"
+        for name, number in zip(finding.names, finding.numbers, strict=False)
+    )
+    return {
+        Check.NOISE_LIKE: "The residual that remains is more than noise"
+        + (f"; it depends on {names}." if names else "."),
+        Check.ONE_FUNCTION: f"Together {names} make up one function, whose form is not settled.",
+        Check.IN_PLACE: f"The residual of the declared model acts elsewhere than {names}.",
+        Check.UNIT_GAIN: f"An effect that is absent or present has another gain than one: "
+        f"{numbers}.",
+        Check.ALTERNATIVE: f"Other hypotheses fit nearly as well, with chi-square larger by: "
+        f"{numbers}.",
+        Check.CARRIES_OVER: f"The error of test records grows, by the logarithm: {numbers}.",
+    }[finding.check]
+
+
+def next_best_words(tree: SearchTree) -> str:
+    """Return the next best hypothesis and how much worse it is."""
+    others = tree.alternatives()
+    if not others:
+        return "No other hypothesis was fitted."
+    other, worse = others[0]
+    effects = " and ".join(other.effects) or "no effect"
+    noise = noise_words(other.hypothesis.noise)
+    return f"Next best: {effects} with {noise}, worse by {worse:.1f} in chi-square."
+
+
+def table(tree: SearchTree) -> str:
+    """Return the refits of a search, best first, and the estimates of the best hypothesis."""
+    header = f"{'chi-square falls by':>20} {'required':>9} {'check':>7}  hypothesis: decision"
+    rows = sorted(tree.steps, key=lambda step: step.fit.cost)[:MOST_STEPS]
+    lines = [header, *map(_row, rows), "", f"{'parameter':<40} {'value':>12} {'std. error':>12}"]
+    lines += [f"{n:<40} {v:>12.5g} {e:>12.3g}" for n, (v, e) in tree.best.estimates.items()]
+    return "\n".join(lines)
+
+
+def error_words(before: LoopFit, after: LoopFit, tests) -> str:
+    """Return the ratio of the errors on test records after and before, by set."""
+    parts = []
+    for name, records in tests.items():
+        ratio = np.exp(mean_log(after.predict(records)) - mean_log(before.predict(records)))
+        parts.append(f"Error on {name}: {ratio:.3g} times the error of the declared model.")
+    return "\n".join(parts)
+
+
+def _row(step: Step) -> str:
+    comparison = step.comparison
+    effects = ", ".join(step.fit.effects) or "no effect"
+    words = f"{effects} with {noise_words(step.fit.hypothesis.noise)}"
+    numbers = f"{comparison.fall:>20.1f} {comparison.required:>9.1f} {comparison.check_fall:>7.3f}"
+    return f"{numbers}  {words}: {DECISIONS[comparison.decision]}"

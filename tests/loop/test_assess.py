@@ -1,0 +1,71 @@
+"""Each check of a search's result, in the scenario that it alone decides."""
+
+import jax.numpy as jnp
+import pytest
+from searched_spring import fly, problem
+
+from jaxid import InputError
+from jaxid.effects import DeadBand, InputDelay, Placement, Term
+from jaxid.loop import search_effects
+from jaxid.loop.assess import Check, Verdict, one_function
+
+LATE_INPUT = InputDelay("force", jnp.array(0.1))
+CUBIC = Term("v", "x^3", jnp.array(-0.3))
+FAINT = Term("v", "x^3", jnp.array(-0.01))
+
+
+def checks(found):
+    return [finding.check for finding in found.assessment.findings]
+
+
+def test_shapes_of_one_function():
+    """A cubic and a dead band of one signal are one cause; two terms, or two signals, are not."""
+    cubic, square = Term("v", "v^3"), Term("v", "v^2")
+    kink = DeadBand(Placement.equation("v"), "v")
+    finding = one_function((cubic, kink))
+    assert finding is not None
+    assert set(finding.names) == {cubic.name, kink.name}
+    assert one_function((cubic, square)) is None
+    assert one_function((Term("v", "x^3"), kink)) is None
+
+
+def test_effects_elsewhere_are_proxies():
+    """A late input delays both sensors alike, which two late sensors imitate in full."""
+    late = problem(11, LATE_INPUT).without("delay of input force", "lag of input force")
+    found = search_effects(late)
+    assert set(found.effects) == {"delay of x", "delay of v"}
+    assert checks(found) == [Check.IN_PLACE]
+    assert found.verdict is Verdict.PROXIES
+
+
+def test_lag_of_partial_gain_is_proxy():
+    """A delay looks like a lag whose gain is not one."""
+    late = problem(12, InputDelay("force", jnp.array(0.02))).without(
+        "delay of input force", "delay of x", "delay of v"
+    )
+    found = search_effects(late)
+    assert found.effects == ("lag of input force",)
+    assert checks(found) == [Check.UNIT_GAIN]
+    assert found.verdict is Verdict.PROXIES
+
+
+def test_faint_effect_is_proxy():
+    """Of a faint effect the records show that it is there, not which shape it has."""
+    found = search_effects(problem(13, FAINT))
+    assert found.effects == ("x^3 in v",)
+    assert checks(found) == [Check.ALTERNATIVE]
+    assert found.verdict is Verdict.PROXIES
+
+
+def test_effect_that_does_not_carry_over_is_proxy():
+    found = search_effects(problem(14, CUBIC), test={"new spring": fly(150, size=2.0)})
+    assert found.effects == ("x^3 in v",)
+    assert checks(found) == [Check.CARRIES_OVER]
+    assert found.assessment.findings[0].names == ("new spring",)
+    assert found.verdict is Verdict.PROXIES
+
+
+def test_library_without_an_unknown_name_is_refused():
+    assert "x^3 in v" not in problem(15).without("x^3 in v").effects
+    with pytest.raises(InputError, match="effect of the library"):
+        problem(15).without("x^7 in v")

@@ -1,0 +1,73 @@
+"""The linear value of a change: additions, pairs, swaps and removals by one formula."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxid.diagnosis.scores import scores_of
+from jaxid.loop.linear import Triangle, fall, falls, gains, reduce
+
+NAMES = ("a", "b", "c", "d", "e", "f")
+FREE = np.array([True, True, True, False, False, False])
+
+
+@pytest.fixture(scope="module")
+def regression():
+    """A linear model `v = S p + noise`, of which the first three parameters were fitted."""
+    rng = np.random.default_rng(3)
+    S = rng.normal(size=(60, 6))
+    S[:, 4] += 0.8 * S[:, 5]
+    z = S @ np.array([1.0, -2.0, 0.7, 0.4, 0.3, -0.3]) + rng.normal(size=60)
+    values = np.zeros(6)
+    values[FREE] = np.linalg.lstsq(S[:, FREE], z, rcond=None)[0]
+    v = z - S @ values
+    factor = np.linalg.qr(np.column_stack([S, v]), mode="r")
+    return S, z, v, Triangle(NAMES, factor, FREE, values)
+
+
+def chi_square(S, z, columns):
+    p = np.linalg.lstsq(S[:, columns], z, rcond=None)[0]
+    return np.sum((z - S[:, columns] @ p) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("out", "into"),
+    [("", "d"), ("", "de"), ("", "def"), ("c", "d"), ("bc", "e"), ("c", ""), ("bc", "")],
+)
+def test_fall_equals_refit_of_linear_model(regression, out, into):
+    S, z, v, triangle = regression
+    columns = [k for k, n in enumerate(NAMES) if (FREE[k] and n not in out) or n in into]
+    refitted = v @ v - chi_square(S, z, columns)
+    expected = fall(triangle, triangle.at(out), triangle.at(into))
+    assert expected == pytest.approx(refitted, rel=1e-9)
+
+
+def test_gains_equal_refit_of_linear_model(regression):
+    S, z, _, triangle = regression
+    refit = np.linalg.lstsq(S[:, [0, 1, 2, 3, 4]], z, rcond=None)[0]
+    expected = gains(reduce(triangle), triangle.at("de"))
+    assert expected == pytest.approx(refit[3:], rel=1e-9)
+
+
+def test_addition_of_one_equals_score_test(regression):
+    S, _, v, triangle = regression
+    scores = scores_of(
+        jnp.asarray(v)[None, :, None],
+        jnp.asarray(S)[None, :, None],
+        jnp.ones((1, 60, 1), bool),
+        jnp.asarray(FREE),
+    )
+    single = falls(reduce(triangle), np.array([[3], [4], [5]]))
+    assert single == pytest.approx(np.asarray(scores.score)[3:], rel=1e-9)
+
+
+def test_column_that_the_free_ones_reproduce_has_no_value():
+    rng = np.random.default_rng(4)
+    S = rng.normal(size=(30, 3))
+    S = np.column_stack([S, S[:, 0] - S[:, 1], S[:, 2]])
+    factor = np.linalg.qr(np.column_stack([S, rng.normal(size=30)]), mode="r")
+    free = np.array([True, True, False, False, False])
+    triangle = Triangle(NAMES[:5], factor, free, np.zeros(5))
+    assert fall(triangle, (), (3,)) == -np.inf
+    assert fall(triangle, (), (2, 4)) == -np.inf
+    assert np.isfinite(fall(triangle, (), (2,)))

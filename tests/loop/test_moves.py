@@ -1,0 +1,69 @@
+"""Proposals of moves: groups, swaps, removals, and noise models, from the linear model of a fit."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from searched_spring import problem
+
+from jaxid.effects import InputDelay, SensorBias, Term
+from jaxid.loop import Coloured, Hypothesis, SearchOptions, search_effects
+from jaxid.loop.evidence import Decision, compare
+from jaxid.loop.fit import fit
+from jaxid.loop.moves import Proposals, noise_moves
+
+OPTIONS = SearchOptions()
+SQUARE, CUBIC = Term("v", "x^2", jnp.array(0.1)), Term("v", "x^3", jnp.array(-0.1))
+
+
+def test_powers_of_one_signal_are_a_group():
+    given = problem(21, SQUARE, CUBIC)
+    proposals = Proposals(fit(given, Hypothesis()), OPTIONS)
+    (group,) = proposals.groups()
+    assert set(group.into) == {"x^2 in v", "x^3 in v"}
+    single = max(proposals.score(effect) for effect in proposals.candidates)
+    assert group.expected > single
+    assert set(search_effects(given).effects) == set(group.into)
+
+
+def test_one_cause_replaces_two_effects():
+    """Two late sensors stand for a late input until the exchange is proposed."""
+    given = problem(22, InputDelay("force", jnp.array(0.1)))
+    both = fit(given, Hypothesis(("delay of x", "delay of v")))
+    best = Proposals(both, OPTIONS).swaps(np.inf)[0]
+    assert best.hypothesis.effects == ("delay of input force",)
+    new = fit(given, best.hypothesis, both, best.start)
+    assert compare(both, new, OPTIONS, 9).decision is Decision.BETTER
+
+
+def test_superfluous_effect_is_dropped():
+    given = problem(23, CUBIC)
+    wide = fit(given, Hypothesis(("x^3 in v", "bias of v")))
+    drops = Proposals(wide, OPTIONS).drops()
+    assert [move.hypothesis.effects for move in drops] == [("x^3 in v",)]
+    new = fit(given, drops[0].hypothesis, wide)
+    assert compare(wide, new, OPTIONS, 9).accepted
+    # The linear model predicts the rise of chi-square by the removal.
+    assert 2.0 * (wide.cost - new.cost) == pytest.approx(drops[0].expected, rel=0.05, abs=0.05)
+
+
+def test_best_candidate_of_every_place_is_proposed():
+    """Seven effects act on the motion, one is a small bias of a sensor."""
+    given = problem(24, Term("v", "x^3", jnp.array(-0.3)), SensorBias("v", jnp.array(0.05)))
+    moves = Proposals(fit(given, Hypothesis()), SearchOptions(refits=1)).additions()
+    places = {given.effects[move.into[0]].card.location for move in moves}
+    assert len(places) > 1
+
+
+def test_noise_is_proposed_where_it_explains_the_residual():
+    white, coloured = (fit(problem(25, memory=m), Hypothesis()) for m in (0.0, 0.8))
+    assert noise_moves(white, None) == []
+    (move,) = noise_moves(coloured, None)
+    assert isinstance(move.hypothesis.noise, Coloured)
+    new = fit(coloured.problem, move.hypothesis, coloured)
+    assert 2.0 * (coloured.cost - new.cost) == pytest.approx(move.expected, rel=0.1)
+
+
+def test_wider_beam_finds_the_same_pair():
+    given = problem(5, Term("v", "x^3", jnp.array(-0.3)), SensorBias("v", jnp.array(0.1)))
+    found = search_effects(given, options=SearchOptions(beam_width=2))
+    assert set(found.effects) == {"x^3 in v", "bias of v"}

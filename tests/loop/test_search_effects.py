@@ -1,0 +1,106 @@
+"""The search over hypotheses on a spring: effects, pairs and noise models, each planted."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from searched_spring import fly, problem
+
+from jaxid.effects import SensorBias, SensorDelay, SensorScale, Term
+from jaxid.loop import Coloured, Hypothesis, RandomForces, White, search_effects
+from jaxid.loop.assess import Check, Verdict
+from jaxid.loop.fit import fit
+
+CUBIC = Term("v", "x^3", jnp.array(-0.3))
+LATE = SensorDelay("x", jnp.array(0.1))
+BIASED = SensorBias("v", jnp.array(0.1))
+SCALED = SensorScale("v", jnp.array(0.1))
+
+
+def test_cubic_term_is_named_as_the_cause():
+    found = search_effects(problem(1, CUBIC), test={"test": fly(99, CUBIC)})
+    assert found.verdict is Verdict.CAUSE
+    assert found.effects == ("x^3 in v",)
+    gain, error = found.estimates["x^3 in v.gain"]
+    assert abs(gain + 0.3) < 4.0 * error
+    hypothesis, worse = found.next_best
+    assert hypothesis.effects != found.effects
+    assert worse > 25.0
+    assert "The model lacked: x^3 in the equation of v" in str(found)
+
+
+def test_nothing_is_added_where_nothing_is_missing():
+    found = search_effects(problem(2))
+    assert found.verdict is Verdict.NOTHING_MISSING
+    assert found.effects == ()
+    assert isinstance(found.hypothesis.noise, White)
+
+
+def test_absent_effect_is_not_named():
+    """`assess.noise_like` decides alone: no other candidate imitates a scale of the sensor."""
+    found = search_effects(problem(3, SCALED).without("scale of v"))
+    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PROXIES)
+    assert [finding.check for finding in found.assessment.findings] == [Check.NOISE_LIKE]
+
+
+@pytest.mark.parametrize("effect", [LATE, BIASED])
+def test_error_of_a_sensor_is_named(effect):
+    found = search_effects(problem(4, effect))
+    assert (found.verdict, found.effects) == (Verdict.CAUSE, (effect.name,))
+
+
+def test_two_effects_are_named():
+    found = search_effects(problem(5, CUBIC, BIASED))
+    assert found.verdict is Verdict.CAUSE
+    assert set(found.effects) == {CUBIC.name, BIASED.name}
+
+
+def test_coloured_noise_of_sensors_is_told():
+    found = search_effects(problem(6, memory=0.8))
+    assert found.verdict is Verdict.NOISE
+    assert isinstance(found.hypothesis.noise, Coloured)
+    assert found.effects == ()
+
+
+def test_random_forces_are_told_with_their_size():
+    found = search_effects(problem(7, gust=0.3))
+    assert found.verdict is Verdict.NOISE
+    assert isinstance(found.hypothesis.noise, RandomForces)
+    assert found.hypothesis.noise.equations == ("v",)
+    for name, true in (("process.force_v", 0.3), ("k", 1.5), ("sensor.x", 0.02)):
+        value, error = found.estimates[name]
+        assert 0.0 < error < 0.3 * true
+        assert abs(value - true) < 4.0 * error
+
+
+def test_constant_force_is_not_taken_for_noise():
+    """No candidate is constant; a random force that never changes is no noise."""
+    found = search_effects(problem(9, Term("v", "1", jnp.array(0.1))))
+    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PROXIES)
+
+
+def test_effect_under_coloured_noise_is_named():
+    found = search_effects(problem(8, CUBIC, memory=0.8))
+    assert found.verdict is Verdict.CAUSE
+    assert found.effects == (CUBIC.name,)
+    assert isinstance(found.hypothesis.noise, Coloured)
+
+
+def test_interrupted_search_returns_its_best():
+    """Ctrl-C in the second round keeps the effect of the first."""
+
+    def stop_in_second_round(text):
+        if text.startswith("refit with") and text.count(" in v") + text.count(" of ") > 1:
+            raise KeyboardInterrupt
+
+    found = search_effects(problem(5, CUBIC, BIASED), progress=stop_in_second_round)
+    assert found.tree.interrupted
+    assert len(found.effects) == 1
+    assert "The search was stopped" in str(found)
+
+
+def test_problem_on_other_records_keeps_its_library():
+    first = problem(1, CUBIC)
+    other = first.on([fly(71, CUBIC), fly(72, CUBIC)])
+    assert other.augmented.states == first.augmented.states
+    assert not np.array_equal(other.train.z, first.train.z)
+    assert fit(other, Hypothesis(("x^3 in v",))).cost < fit(other, Hypothesis()).cost

@@ -2,13 +2,13 @@
 
 from .autoregressive_noise import AutoregressiveNoise, select_order
 from .estimate import estimate
-from .filter_error import FilterError
-from .innovation_form import InnovationForm
+from .filter.filter_error import FilterError
+from .filter.innovation_form import InnovationForm
+from .filter.noise_options import FirstOrder, Fixed
+from .filter.smoother import Smoothed, smooth_states
 from .likelihoods import OutputError
 from .listing import listing
-from .noise_options import FirstOrder, Fixed
 from .result import Estimate
-from .smoother import Smoothed, smooth_states
 from .solver import GaussNewton
 from .spectrum_policy import Clip, Plain, Truncate, TwoStep
 

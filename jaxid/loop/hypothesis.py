@@ -13,9 +13,9 @@ import numpy as np
 
 from .._foundation.checks import require
 from ..estimation.autoregressive_noise import AutoregressiveNoise
-from ..estimation.filter_error import FilterError
+from ..estimation.filter.filter_error import FilterError
+from ..estimation.filter.noise_options import FirstOrder
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
-from ..estimation.noise_options import FirstOrder
 from ..models.base import AbstractModel
 
 

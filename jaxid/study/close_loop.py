@@ -26,7 +26,7 @@ from ..estimation.estimate import (
     check_sampling,
     divergence,
 )
-from ..estimation.filter_error import FilterError
+from ..estimation.filter.filter_error import FilterError
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
 from ..loop.problem import starting_states

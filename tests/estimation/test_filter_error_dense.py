@@ -12,9 +12,9 @@ from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
 from jaxid.data import record
 from jaxid.estimation import FilterError, OutputError
 from jaxid.estimation.estimate import as_stack
-from jaxid.estimation.kalman import kalman_filter
+from jaxid.estimation.filter.kalman import kalman_filter
+from jaxid.estimation.filter.smoother import smooth_filtered
 from jaxid.estimation.problem import Problem
-from jaxid.estimation.smoother import smooth_filtered
 from jaxid.models import LinearModel, free
 from jaxid.models.base import canonical
 from jaxid.models.free import Parameters, initial_parameters

@@ -6,22 +6,22 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import require
-from .._foundation.dependence import returns_argument
-from .._foundation.types import Array, Float
-from ..data.record import Record
-from ..models.base import AbstractModel
-from ..models.free import Free
-from ..models.free_model import FreeModel
-from ..models.noise import InnovationNoise
-from ..models.stochastic import StochasticModel
-from ..sensitivity.jacobian import value_and_jacobian
-from ..simulation.hold import AbstractHold, Linear
-from ..simulation.solution import Solution
-from ..simulation.steppers import RK4
+from ..._foundation.checks import require
+from ..._foundation.dependence import returns_argument
+from ..._foundation.types import Array, Float
+from ...data.record import Record
+from ...models.base import AbstractModel
+from ...models.free import Free
+from ...models.free_model import FreeModel
+from ...models.noise import InnovationNoise
+from ...models.stochastic import StochasticModel
+from ...sensitivity.jacobian import value_and_jacobian
+from ...simulation.hold import AbstractHold, Linear
+from ...simulation.solution import Solution
+from ...simulation.steppers import RK4
+from ..likelihoods import AbstractLikelihood
 from .filter_sensitivities import filter_sensitivities
 from .kalman import Filtered, inverse_cholesky, kalman_filter
-from .likelihoods import AbstractLikelihood
 from .noise_identifiability import check_noise_identifiable
 from .noise_options import FirstOrder, Number, number
 from .noise_parameters import check_names, check_values, with_noise_parameters
@@ -139,9 +139,10 @@ class FilterError(AbstractLikelihood):
     def _derivatives(self, family: FreeModel, theta, record: Record):
         """Return the innovations, their covariances, and the derivatives of both."""
         if self.updates == 1:
-            options = (self.hold, self.stepper.substeps)
-            found = filter_sensitivities(family, theta, record, *options, steady=self.steady)
-            return found.filtered.v, found.filtered.B, found.innovation, found.covariance
+            filtered, dv, dB = filter_sensitivities(
+                family, theta, record, self.hold, self.stepper.substeps, steady=self.steady
+            )
+            return filtered.v, filtered.B, dv, dB
         m = record.z.shape[-1]
 
         def innovations(theta):

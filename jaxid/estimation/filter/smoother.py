@@ -17,18 +17,18 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._foundation.checks import require, require_float64, require_known
-from .._foundation.compiler import fast_compile_jit
-from .._foundation.types import Array, Float
-from ..data.record import Record
-from ..models.base import AbstractModel, canonical
-from ..models.free import Free, Parameters
-from ..models.free_model import FreeModel
-from .estimate import as_stack, check_channels
+from ..._foundation.checks import require, require_float64, require_known
+from ..._foundation.compiler import fast_compile_jit
+from ..._foundation.types import Array, Float
+from ...data.record import Record
+from ...models.base import AbstractModel, canonical
+from ...models.free import Free, Parameters
+from ...models.free_model import FreeModel
+from ..estimate import as_stack, check_channels
+from ..problem import Problem
+from ..result import Estimate
 from .filter_error import FilterError
 from .kalman import Filtered
-from .problem import Problem
-from .result import Estimate
 
 
 class Smoothed(eqx.Module):

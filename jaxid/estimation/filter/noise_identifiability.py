@@ -19,14 +19,14 @@ import numpy as np
 from jax.core import Tracer
 from scipy.linalg import solve_triangular
 
-from .._foundation.checks import InputError
-from .._foundation.host import to_device
-from .._foundation.types import Array, Float, Int
-from ..data.record import Record
-from ..models.base import canonical
-from ..models.free import Free, with_values
-from ..models.names import flatten, parameter_names
-from ..models.stochastic import StochasticModel
+from ..._foundation.checks import InputError
+from ..._foundation.host import to_device
+from ..._foundation.types import Array, Float, Int
+from ...data.record import Record
+from ...models.base import canonical
+from ...models.free import Free, with_values
+from ...models.names import flatten, parameter_names
+from ...models.stochastic import StochasticModel
 from .kalman import SERIES_TERMS
 
 # Chosen: samples of a record that are examined, half of them adjacent, half spread over it.

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 
-from .._foundation.checks import require, require_known
-from .._foundation.host import on_host
-from .._foundation.types import Array, Float
-from ..data.record import Record
-from ..models.base import AbstractModel
-from ..models.free import INITIAL_STATE, Free
-from ..models.stochastic import StochasticModel
+from ..._foundation.checks import require, require_known
+from ..._foundation.host import on_host
+from ..._foundation.types import Array, Float
+from ...data.record import Record
+from ...models.base import AbstractModel
+from ...models.free import INITIAL_STATE, Free
+from ...models.stochastic import StochasticModel
 from .noise_options import FirstOrder, Fixed, Number, check_number, check_option, value_of
 
 # Chosen: bounds of an estimated deviation or correlation time, relative to its start.

@@ -7,21 +7,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import require, require_known
-from .._foundation.dependence import returns_argument
-from .._foundation.grid import is_uniform
-from .._foundation.types import Array, Float
-from ..data.record import Record
-from ..models.base import AbstractModel, as_float
-from ..models.free import Free
-from ..models.innovation import InnovationModel
-from ..models.noise import AbstractNoise, FullNoise
-from ..simulation.hold import AbstractHold, Linear
-from ..simulation.input_signal import substeps_of
-from ..simulation.simulate import effective_input
-from ..simulation.solution import Solution
-from ..simulation.steppers import RK4, runge_kutta_step
-from .likelihoods import AbstractLikelihood
+from ..._foundation.checks import require, require_known
+from ..._foundation.dependence import returns_argument
+from ..._foundation.grid import is_uniform
+from ..._foundation.types import Array, Float
+from ...data.record import Record
+from ...models.base import AbstractModel, as_float
+from ...models.free import Free
+from ...models.innovation import InnovationModel
+from ...models.noise import AbstractNoise, FullNoise
+from ...simulation.hold import AbstractHold, Linear
+from ...simulation.input_signal import substeps_of
+from ...simulation.simulate import effective_input
+from ...simulation.solution import Solution
+from ...simulation.steppers import RK4, runge_kutta_step
+from ..likelihoods import AbstractLikelihood
 
 
 class InnovationForm(AbstractLikelihood):
@@ -31,14 +31,14 @@ class InnovationForm(AbstractLikelihood):
         x(i|i) = x(i|i-1) + K v_i,    x(i+1|i) = x(i|i) moved through one step     (A.56, A.57)
 
     No covariance is propagated, and nothing need be known of the sources of the noise: K and B
-    stand for Q and R. A pass costs as much as one of output error with as many parameters. The
-    price (section A.5 of the report): K and B have more elements than Q and R, so that the estimates
-    have no minimum variance, and no Q need belong to them. Take `FilterError` where the structure
-    of the noise is known. The gain is that of a filter in steady state, which is wrong at the
-    first samples and after a gap, so that the intervals of the gain itself are too narrow: in 400
-    simulated records of an oscillator, 87 to 92 % of those of 95 % held the truth at 400 samples,
-    and 92 % at 1,600; of those of the coefficients 92 to 93 %, and 94 to 96 %. Where a step makes
-    the filter unstable, the simulation diverges and the step is refused.
+    stand for Q and R. A pass costs little more than one of output error. The price (section A.5 of
+    the report): K and B have more elements than Q and R, so that the estimates have no minimum
+    variance, and no Q need belong to them. Take `FilterError` where the structure of the noise is
+    known. The gain is that of a filter in steady state, which is wrong at the first samples and
+    after a gap, so that the intervals of the gain itself are too narrow: in 400 simulated records
+    of an oscillator, 87 to 92 % of those of 95 % held the truth at 400 samples, and 92 % at 1,600;
+    of those of the coefficients 92 to 93 %, and 94 to 96 %. Where a step makes the filter
+    unstable, the simulation diverges and the step is refused.
 
     Args:
         gains: by state, the outputs whose innovations correct it; by default all states by all

@@ -20,12 +20,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .._foundation.types import Array, Bool, Float
-from ..data.record import Record
-from ..models.free_model import FreeModel
-from ..models.stochastic import StochasticModel
-from ..sensitivity.jacobian import value_and_jacobian
-from ..simulation.hold import AbstractHold
+from ..._foundation.types import Array, Bool, Float
+from ...data.record import Record
+from ...models.free_model import FreeModel
+from ...models.stochastic import StochasticModel
+from ...sensitivity.jacobian import value_and_jacobian
+from ...simulation.hold import AbstractHold
 from .kalman import (
     Filtered,
     Sample,
@@ -37,7 +37,7 @@ from .kalman import (
     predicted,
 )
 
-BLOCK = 32  # samples differentiated at once; chosen: some megabytes for 40 parameters
+SAMPLES_TOGETHER = 32  # samples differentiated at once; chosen: some megabytes for 40 parameters
 
 
 class FilterSensitivities(NamedTuple):
@@ -55,7 +55,7 @@ class FilterSensitivities(NamedTuple):
 
 
 class Moments(NamedTuple):
-    """What the equations give at one sample and over the step after it.
+    """Values of the equations at one sample and over the step after it.
 
     The last axis of their derivatives counts directions: first the parameters, then the states.
     """
@@ -141,9 +141,9 @@ def filter_sensitivities(
 
 def _in_blocks(leaf: Array) -> Array:
     """Return an array over time in blocks, the last one filled with the last sample."""
-    fill = -leaf.shape[0] % BLOCK
+    fill = -leaf.shape[0] % SAMPLES_TOGETHER
     padded = jnp.concatenate([leaf, jnp.repeat(leaf[-1:], fill, axis=0)])
-    return padded.reshape(-1, BLOCK, *leaf.shape[1:])
+    return padded.reshape(-1, SAMPLES_TOGETHER, *leaf.shape[1:])
 
 
 def _moments(

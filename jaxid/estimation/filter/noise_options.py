@@ -3,10 +3,10 @@
 import equinox as eqx
 import numpy as np
 
-from .._foundation.checks import InputError
-from .._foundation.traced_checks import require_value
-from .._foundation.types import Array, Float
-from ..models.base import as_float
+from ..._foundation.checks import InputError
+from ..._foundation.traced_checks import require_value
+from ..._foundation.types import Array, Float
+from ...models.base import as_float
 
 
 class Fixed(eqx.Module):

@@ -27,13 +27,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.types import Array, Bool, Float
-from ..data.record import Record
-from ..models.stochastic import StochasticModel
-from ..sensitivity.jacobian import value_and_jacobian
-from ..simulation.hold import AbstractHold
-from ..simulation.input_signal import substeps_of
-from ..simulation.simulate import effective_input
+from ..._foundation.types import Array, Bool, Float
+from ...data.record import Record
+from ...models.stochastic import StochasticModel
+from ...sensitivity.jacobian import value_and_jacobian
+from ...simulation.hold import AbstractHold
+from ...simulation.input_signal import substeps_of
+from ...simulation.simulate import effective_input
 
 SERIES_TERMS = 8  # derived: relative error of Qd below 1e-12 for h |A| = 0.1
 _ORDERS = np.add.outer(np.arange(SERIES_TERMS), np.arange(SERIES_TERMS))

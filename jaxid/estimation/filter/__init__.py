@@ -1,0 +1,1 @@
+"""Likelihoods of models with process noise: Kalman filter, innovation form, smoother."""

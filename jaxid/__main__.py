@@ -1,4 +1,6 @@
-"""Command line: find the effect that a model lacks, add it, and report the errors."""
+"""Command line: find the effect that a model lacks, add it, and report the errors; estimate many
+records.
+"""
 
 import dataclasses
 import sys
@@ -21,6 +23,8 @@ from .aircraft import model_of
 from .aircraft.flight.coupled_flight import coupled_flight
 from .aircraft.flight.longitudinal_flight import longitudinal_flight
 from .aircraft.flight.simulated_flight import SimulatedFlight, realised_noise
+from .batches import Progress as BatchProgress
+from .batches import estimate_many, summary
 from .data.io.study import read_study
 from .estimation import OutputError
 from .measured import emps, silverbox, tanks
@@ -196,6 +200,45 @@ def study_file(
             progress=progress,
         )
     _deliver(study, file.title, json, out)
+
+
+@app.command()
+def batch(
+    path: Annotated[
+        Path,
+        typer.Argument(
+            metavar="STUDY.toml", help="The study file; docs/study_file.md has its keys."
+        ),
+    ],
+    store: Annotated[
+        Path | None,
+        typer.Option(help="Zarr store of the results, by default STUDY.zarr here; continued."),
+    ] = None,
+) -> None:
+    """Estimate every training record of a study file by itself, in one call that can be continued.
+
+    The sections for checks, tests and candidates of the file have no effect here.
+    """
+    sys.path.insert(0, str(path.resolve().parent))  # modules in the folder of the file
+    with _show_progress() as progress:
+        progress("reading")
+        case = case_of(read_study(path), BUILT_IN, progress)
+        devices = jax.local_devices()
+        results = estimate_many(
+            case.model,
+            case.free,
+            case.train,
+            case.likelihood,
+            store=store or Path(f"{path.stem}.zarr"),
+            devices=devices if len(devices) > 1 else None,
+            progress=lambda state: progress(_in_words(state)),
+        )
+    print(summary(results))
+
+
+def _in_words(state: BatchProgress) -> str:
+    """Return the progress of a batch with the time that remains."""
+    return f"{state}, {state.remaining:.0f} s remain"
 
 
 def _require_new(*paths: Path | None) -> None:

@@ -178,7 +178,6 @@ def study_file(
 ) -> None:
     """Find the effects that your own model lacks; a study file names the model and the records."""
     _require_new(json, out)
-    sys.path.insert(0, str(path.resolve().parent))  # modules in the folder of the file
     with _show_progress() as progress:
         progress("reading")
         file = read_study(path)

@@ -349,7 +349,12 @@ def _leaf(value: Any) -> Any:
     """Return a number or a list of numbers as an array; any other value unchanged."""
     if isinstance(value, bool | str | dict):
         return value
-    return jnp.asarray(value, float)
+    try:
+        return jnp.asarray(value, float)
+    except (OverflowError, TypeError, ValueError) as error:
+        raise InputError(
+            f"found {str(value)[:40]!r}, and a number or a list of numbers is wanted. Correct it."
+        ) from error
 
 
 def _float(value: Any) -> Any:

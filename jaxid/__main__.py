@@ -15,6 +15,7 @@ import jax
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from ._foundation.checks import InputError
 from ._foundation.configuration import configure
@@ -30,7 +31,13 @@ from .estimation import OutputError
 from .measured import emps, silverbox, tanks
 
 try:
-    from .report import require_new, write_json, write_study
+    from .report import (
+        require_new,
+        require_writable,
+        write_json,
+        write_or_elsewhere,
+        write_study,
+    )
 except ModuleNotFoundError as missing:
     package = str(missing.name).partition(".")[0]
     if package not in ("matplotlib", "jinja2"):
@@ -66,6 +73,8 @@ SETTINGS = (
 BUILT_IN = {"aircraft": BuiltIn(model_of, (*SETTINGS, "outputs", "airspeed", "beta"))}
 # Samples, two seconds, from which the initial state of a flight is fitted (chosen).
 FLIGHT_WINDOW = 50
+# Folder of the report, in the current folder.
+STUDY_FOLDER = Path("jaxid-study")
 
 
 class Set(StrEnum):
@@ -130,7 +139,7 @@ def _fly(
     make: Callable[[Array], SimulatedFlight], seed: int, json: Path | None, out: Path | None
 ) -> None:
     """Close the loop on a simulated flight, whose noise is known."""
-    _require_new(json, out)
+    _require_output(json, out)
     with _show_progress() as progress:
         progress("simulated flight")
         case = make(jax.random.key(seed))
@@ -161,7 +170,7 @@ def dataset(
     out: Out = None,
 ) -> None:
     """Find the effects that a simple physical model of a measured data set lacks."""
-    _require_new(json, out)
+    _require_output(json, out)
     with _show_progress() as progress:
         progress("reading")
         case = {Set.silverbox: silverbox, Set.emps: emps, Set.tanks: tanks}[name](path)
@@ -181,8 +190,7 @@ def study_file(
     out: Out = None,
 ) -> None:
     """Find the effects that your own model lacks; a study file names the model and the records."""
-    _require_new(json, out)
-    sys.path.insert(0, str(path.resolve().parent))  # modules in the folder of the file
+    _require_output(json, out)
     with _show_progress() as progress:
         progress("reading")
         file = read_study(path)
@@ -219,7 +227,6 @@ def batch(
 
     The sections for checks, tests and candidates of the file have no effect here.
     """
-    sys.path.insert(0, str(path.resolve().parent))  # modules in the folder of the file
     with _show_progress() as progress:
         progress("reading")
         case = case_of(read_study(path), BUILT_IN, progress)
@@ -241,11 +248,18 @@ def _in_words(state: BatchProgress) -> str:
     return f"{state}, {state.remaining:.0f} s remain"
 
 
-def _require_new(*paths: Path | None) -> None:
-    """Check before the long run that no output path exists."""
-    for path in paths:
+def _require_output(json: Path | None, out: Path | None) -> None:
+    """Check before the long run that no output path exists, and that each can be created."""
+    for path in (json, out):
         if path is not None:
             require_new(path)
+    if json is not None and not json.absolute().parent.is_dir():
+        raise InputError(
+            f"There is no folder {str(json.absolute().parent)!r} for {json.name!r}. Make it first."
+        )
+    for path in (json, out or STUDY_FOLDER):
+        if path is not None:
+            require_writable(path)
 
 
 @contextmanager
@@ -258,33 +272,61 @@ def _show_progress():
     if not console.is_terminal:
         begin = time.monotonic()
         yield lambda words: console.print(
-            f"{time.monotonic() - begin:6.0f} s  {words}", soft_wrap=True, highlight=False
+            f"{time.monotonic() - begin:6.0f} s  {words}",
+            soft_wrap=True,
+            highlight=False,
+            markup=False,
         )
         return
-    columns = (BarColumn(bar_width=24), TimeElapsedColumn(), TextColumn("{task.description}"))
+    columns = (
+        BarColumn(bar_width=24),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}", markup=False),
+    )
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=None)
         yield lambda words: bar.update(task, description=words)
 
 
 def _deliver(study: Study, title: str, json: Path | None, out: Path | None) -> None:
-    """Print the study, and write its page, its figures and, if requested, its JSON."""
+    """Print the study, and write its page, its figures and, if requested, its JSON.
+
+    Where a path can no longer be written, the results are saved elsewhere, the place is printed,
+    and the exit status is 1.
+    """
     print(study)
-    folder = write_study(
-        study, out or Path("jaxid-study"), title, exist="refuse" if out else "number"
+    exist = "refuse" if out else "number"
+    report = write_or_elsewhere(
+        lambda path: write_study(study, path, title, exist=exist), out or STUDY_FOLDER
     )
+    results = [report]
     if json is not None:
-        write_json(study, json)
-    print(f"\nThe report is {folder / 'study.html'}")
+        results.append(write_or_elsewhere(lambda path: write_json(study, path), json))
+    print(f"\nThe report is {report.path / 'study.html'}")
+    moved = [result for result in results if result.error is not None]
+    for result in moved:
+        _print_error(f"{result.error} The results are saved in {str(result.path)!r}.")
+    if moved:
+        raise SystemExit(1)
+
+
+def _print_error(message: str) -> None:
+    """Print one message on standard error; brackets in it are no markup."""
+    console.print(
+        Text.assemble(("jaxid:", "bold red"), " ", message), soft_wrap=True, highlight=False
+    )
 
 
 def main() -> None:
-    """Run the command line; invalid input gives one sentence instead of a traceback."""
+    """Run the command line; invalid input gives one message instead of a traceback."""
     try:
         configure()
         app()
     except InputError as error:
-        console.print(f"[bold red]jaxid:[/] {error}", soft_wrap=True)
+        _print_error(str(error))
+        raise SystemExit(2) from None
+    except OSError as error:
+        _print_error(f"{error}. Check the file, its folder and their rights.")
         raise SystemExit(2) from None
 
 

@@ -192,7 +192,13 @@ def segment(record: Record, seconds: float | int) -> tuple[Record, ...]:
         seconds > 0, f"The length of the pieces is {seconds} s. Give a positive number of seconds."
     )
     name, t = record.names[0], np.asarray(record.t)
-    count = max(1, math.ceil((t[-1] - t[0]) / seconds))
+    ratio = float(t[-1] - t[0]) / seconds
+    require(
+        ratio <= len(t),
+        f"Record {name!r}: {len(t)} samples make at most {len(t) // 2} pieces of 2 samples, and "
+        f"pieces of {seconds:g} s would be more. Give more seconds.",
+    )
+    count = max(1, math.ceil(ratio))
     edges = [*np.searchsorted(t, np.linspace(t[0], t[-1], count + 1)[:-1]), len(t)]
     fewest = int(np.min(np.diff(edges)))
     require(

@@ -4,7 +4,16 @@ This is the only package that uses matplotlib and jinja2.
 """
 
 from . import figures, figures_signals
-from .folder import require_new, write_json, write_study
+from .folder import require_new, require_writable, write_json, write_or_elsewhere, write_study
 from .html import html
 
-__all__ = ["figures", "figures_signals", "html", "require_new", "write_json", "write_study"]
+__all__ = [
+    "figures",
+    "figures_signals",
+    "html",
+    "require_new",
+    "require_writable",
+    "write_json",
+    "write_or_elsewhere",
+    "write_study",
+]

@@ -3,9 +3,10 @@
 import errno
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import chain, count
 from pathlib import Path
+from typing import NamedTuple
 
 from .._foundation.checks import InputError, require
 from ..study.study import Study
@@ -95,6 +96,74 @@ def require_new(path: str | Path) -> None:
             f"{str(path)!r} exists, and results are never overwritten. Give another name, or move "
             "it away."
         )
+
+
+def require_writable(path: str | Path) -> None:
+    """Check that a file or folder can be created; also called before long computations.
+
+    A temporary file is created and removed in the nearest folder that exists.
+
+    Args:
+        path: path of a new file or folder.
+
+    Raises:
+        InputError: when a part of the path is a file, or the folder cannot be written.
+    """
+    path = Path(path).absolute()
+    nearest = next(parent for parent in path.parents if os.path.lexists(parent))
+    require(
+        nearest.is_dir(),
+        f"{str(path)!r} cannot be created: {str(nearest)!r} is not a folder. Give another name.",
+    )
+    try:
+        with tempfile.TemporaryFile(dir=nearest):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"{str(path)!r} cannot be created: the folder {str(nearest)!r} cannot be written "
+            f"({error.strerror}). Give another name, or change the rights of the folder."
+        ) from error
+
+
+class Written(NamedTuple):
+    """Place of a written file or folder.
+
+    Attributes:
+        path: the file or folder.
+        error: reason why the requested path was not written; None if it was.
+    """
+
+    path: Path
+    error: OSError | InputError | None
+
+
+def write_or_elsewhere(write: Callable[[Path], Path], path: str | Path) -> Written:
+    """Write to a path, or to a new folder where this fails.
+
+    The other places are the system's folder for temporary files and the user's home folder, in this
+    order.
+
+    Args:
+        write: function that writes to a path, and returns the path written.
+        path: the requested path.
+
+    Returns:
+        The path written, and the error at the requested one.
+
+    Raises:
+        OSError: when no place can be written; the error is that of the requested path.
+    """
+    path = Path(path)
+    try:
+        return Written(write(path), None)
+    except (OSError, InputError) as error:
+        for place in (tempfile.gettempdir(), Path.home()):
+            try:
+                folder = Path(tempfile.mkdtemp(prefix="jaxid-", dir=place))
+                return Written(write(folder / path.name), error)
+            except OSError:
+                continue
+        raise
 
 
 def _contents(study: Study, title: str) -> dict[str, bytes]:

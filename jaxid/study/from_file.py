@@ -3,7 +3,6 @@ against the model.
 """
 
 import dataclasses
-import importlib
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -11,6 +10,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from .._foundation.checks import InputError, require, require_known
+from ..data.io.named_objects import Product, call, named_object
 from ..data.io.study import StudyFile
 from ..data.record import Record
 from ..data.stack import stack
@@ -28,6 +28,9 @@ from .close_loop import candidates
 from .identify import identify
 from .identify_options import IdentifyOptions
 from .options import LoopOptions
+
+MODEL = Product(AbstractModel, is_collection=False, description="a model")
+EFFECTS = Product(Effect, is_collection=True, description="effects")
 
 
 class BuiltIn(NamedTuple):
@@ -171,8 +174,10 @@ def _of_module(file: StudyFile, built_in: tuple[str, ...]) -> AbstractModel:
                 f"it belongs to a built-in model (use = {' or '.join(built_in)}). Leave it out.",
             )
     with file.at("model", "use"):
-        make = _object(
+        make = named_object(
             file.model["use"],
+            file.path.parent,
+            MODEL,
             f" A built-in model is named without a module: {', '.join(built_in)}.",
         )
     given = file.model.get("parameters", {})
@@ -196,7 +201,8 @@ def _of_module(file: StudyFile, built_in: tuple[str, ...]) -> AbstractModel:
             f"{', '.join(missing)} must have a starting value. Give "
             f"{' and '.join(f'{n} = 1.0' for n in missing)}.",
         )
-        model = make(**{name: _leaf(value) for name, value in given.items()})
+        values = {name: _leaf(value) for name, value in given.items()}
+        model = call(file.model["use"], make, **values)
     with file.at("model", "use"):
         require(
             isinstance(model, AbstractModel),
@@ -315,12 +321,13 @@ def _library(
     effects = candidates(model, chosen, *records) if file.library.get("general", True) else ()
     for name in file.library.get("effects", ()):
         with file.at("library", "effects"):
-            added = tuple(_object(name)(model))
+            function = named_object(name, file.path.parent, EFFECTS)
+            added = call(name, function, model)
             require(
-                all(isinstance(effect, Effect) for effect in added),
+                isinstance(added, Sequence) and all(isinstance(effect, Effect) for effect in added),
                 f"{name} returns an object that is not a jaxid.Effect.",
             )
-        effects += added
+        effects += tuple(added)
     with file.at("library", "leave_out"):
         names = [effect.name for effect in effects]
         known = dict.fromkeys(names + [effect.card.family for effect in effects])
@@ -338,39 +345,16 @@ def _library(
     return effects
 
 
-def _object(name: str, hint: str = "") -> Callable[..., Any]:
-    """The class or function that `module:name` refers to; `hint` is appended to errors."""
-    module, _, attribute = name.partition(":")
-    require(bool(module and attribute), f"found {name!r}, and `module:name` is wanted.{hint}")
-    try:
-        imported = importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        missing = error.name or ""
-        require(
-            f"{module}.".startswith(f"{missing}."),
-            f"{module}.py imports {missing!r}, which is not installed. Install it.",
-        )
-        raise InputError(
-            f"there is no module {error.name!r} in the file's folder, and none is installed. Put "
-            f"{module}.py there.{hint}"
-        ) from error
-    require_known(
-        f"name in the module {module!r}:",
-        [attribute],
-        [n for n in vars(imported) if not n.startswith("_")],
-    )
-    require(
-        callable(getattr(imported, attribute)),
-        f"{name} is neither a class nor a function. Name one.",
-    )
-    return getattr(imported, attribute)
-
-
 def _leaf(value: Any) -> Any:
     """Return a number or a list of numbers as an array; any other value unchanged."""
     if isinstance(value, bool | str | dict):
         return value
-    return jnp.asarray(value, float)
+    try:
+        return jnp.asarray(value, float)
+    except (OverflowError, TypeError, ValueError) as error:
+        raise InputError(
+            f"found {str(value)[:40]!r}, and a number or a list of numbers is wanted. Correct it."
+        ) from error
 
 
 def _float(value: Any) -> Any:

@@ -89,7 +89,6 @@ leave_out = ["bias of x"]
 def said(tmp_path, monkeypatch):
     """A function that reads a study file with some of its text changed."""
     (tmp_path / "own_springs.py").write_text(MODULE, encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "own_springs", raising=False)
     t = 0.1 * np.arange(20)
     header = "t,spare,force,x [mm],y [V]"
@@ -178,6 +177,10 @@ def test_defaults_of_file_equal_defaults_of_loop(said):
             "terms = { Cm = [] }\n[free]",
             r"\[model\] terms: it belongs to a built-in model",
         ),
+        ("c = 2", f"c = {10**400}", r"\[model\] parameters: found '1000000.*a number"),
+        ("c = 2", "c = [[1.0], [1.0, 2.0]]", r"\[model\] parameters: found .*a number"),
+        ("level = 0.05", f"level = {10**400}", r"\[loop\] level: found 1000.*a number is wanted"),
+        ("level = 0.05", f"level = {'9' * 5000}", r"study.toml is not a TOML file"),
         ('parameters = ["k"]', 'parameters = ["kk"]', r"\[free\]: There is no parameter 'kk'"),
         ('parameters = ["k"]', "", r"\[free\]: `parameters` is missing"),
         ("k = [0.0", "k = [2.0", r"\[free\]: The starting value of 'k'"),
@@ -215,6 +218,66 @@ def test_defaults_of_file_equal_defaults_of_loop(said):
 def test_unknown_name_raises_error_with_section_and_key(old, new, words, said):
     with pytest.raises(InputError, match=words):
         said((old, new))
+
+
+def test_folder_of_file_is_not_on_path_and_replaces_no_installed_package(said, tmp_path):
+    (tmp_path / "own_neighbour.py").write_text("K = 1.0\n")
+    (tmp_path / "pint.py").write_text("raise SystemExit('a neighbour was run')\n")
+    (tmp_path / "own_springs.py").write_text("import own_neighbour, pint\n" + MODULE)
+    before = list(sys.path)
+    said()
+    assert sys.path == before
+    assert Path(sys.modules["pint"].__file__).parent != tmp_path
+
+
+@pytest.mark.parametrize(
+    ("use", "words"),
+    [
+        ("subprocess:getoutput", "'subprocess' is a module of Python's standard library"),
+        ("os.path:exists", "'os' is a module of Python's standard library"),
+        ("numpy:loadtxt", "numpy:loadtxt is (neither a class nor|a function of an installed)"),
+        ("scipy.io:whosmat", "does not declare that it returns a model"),
+        ("pint:UnitRegistry", "pint:UnitRegistry is a class, and no subclass"),
+        ("jaxid:AbstractModel", "jaxid:AbstractModel is an abstract class"),
+        ("own_borrowed:getoutput", "is a function of the module 'subprocess'"),
+        ("..own_springs:Spring", "found '..own_springs:Spring', and `module:name` is wanted"),
+        ("own_springs:Spring.rhs", "and `module:name` is wanted"),
+        ("own_raises:Spring", r"raises ZeroDivisionError \(own_raises.py, line 2\): division"),
+        ("own_leaves:Spring", "raises SystemExit"),
+        ("own_syntax:Spring", r"raises SyntaxError \(own_syntax.py, line 1\)"),
+        ("own_springs:breaks", r"own_springs:breaks raises KeyError \(own_springs.py, line"),
+        ("numpy:Spring", "'numpy' is in the file's folder, and another module 'numpy' is inst"),
+    ],
+)
+def test_object_that_makes_no_model_raises_error_before_it_is_called(use, words, said, tmp_path):
+    (tmp_path / "own_borrowed.py").write_text("from subprocess import getoutput\n")
+    (tmp_path / "own_raises.py").write_text("x = 0\n1 / x\n")
+    (tmp_path / "own_leaves.py").write_text("raise SystemExit(3)\n")
+    (tmp_path / "own_syntax.py").write_text("def\n")
+    if use == "numpy:Spring":
+        (tmp_path / "numpy.py").write_text("raise RuntimeError\n")
+    breaks = MODULE + "\n\ndef breaks(k, c):\n    return {}[k.shape]\n"
+    (tmp_path / "own_springs.py").write_text(breaks)
+    marker = tmp_path / "called"
+    command = f"parameters = {{ cmd = 'touch {marker}' }}"
+    changes = [("own_springs:Spring", use)]
+    if "getoutput" in use:
+        changes.append(("parameters = { k = 1.0, c = 2 }", command))
+    with pytest.raises(InputError, match=words):
+        said(*changes)
+    assert not marker.exists()
+
+
+def test_function_of_installed_package_is_not_called_for_effects(said):
+    with pytest.raises(InputError, match="does not declare that it returns effects"):
+        said(("own_springs:own", "scipy.io:whosmat"))
+    with pytest.raises(InputError, match="is a class, and a function is wanted"):
+        said(("own_springs:own", "own_springs:Spring"))
+
+
+def test_function_of_installed_package_that_declares_effects_is_called(said):
+    case = said(("own_springs:own", "jaxid.effects:general_effects"), ("bias of x", "x^2 in v"))
+    assert "x^3 in v" in [effect.name for effect in case.effects]
 
 
 def test_missing_import_of_module_raises_error_with_its_name(said, tmp_path):

@@ -21,6 +21,22 @@ def existing(path: str | Path) -> Path:
     return path
 
 
+def parse_number(text: str) -> float:
+    """Return the number that a text holds, written in ASCII digits without separators.
+
+    Python's `float` also reads `1_000` and digits of other scripts; both are refused.
+
+    Args:
+        text: the text of a cell.
+
+    Raises:
+        ValueError: when the text is not such a number.
+    """
+    if "_" in text or not text.isascii():
+        raise ValueError(f"{text!r} is not a number in ASCII digits")
+    return float(text)
+
+
 def sha256(path: Path) -> str:
     """SHA-256 of a file, in hexadecimal digits."""
     return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -9,7 +9,7 @@ import numpy as np
 from ..._foundation.checks import InputError, require, require_known
 from ..build import TIME
 from ..record import Record
-from .assemble import assemble, clock, existing
+from .assemble import assemble, clock, existing, parse_number
 from .layouts import Columns
 from .mat import mat_variables
 
@@ -199,15 +199,15 @@ def _parts(columns: int | Mapping[int, float]) -> Mapping[int, float]:
     return {columns: 1.0} if isinstance(columns, int) else columns
 
 
-def _row(cells: list[str], number: int, path: Path) -> list[float]:
+def _row(cells: list[str], line: int, path: Path) -> list[float]:
     """The numbers of one line."""
     values = []
     for k, cell in enumerate(cells):
         try:
-            values.append(float(cell.strip().replace("D", "E").replace("d", "e")))
+            values.append(parse_number(cell.strip().replace("D", "E").replace("d", "e")))
         except ValueError as error:
             raise InputError(
-                f"{path.name}, line {number}, column {k + 1}: {cell.strip()!r} is not a number. "
+                f"{path.name}, line {line}, column {k + 1}: {cell.strip()!r} is not a number. "
                 "Correct it, write NaN where a sample is missing, and give `skip` for header lines "
                 "at the top, or `delimiter`."
             ) from error

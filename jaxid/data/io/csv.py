@@ -13,7 +13,7 @@ import numpy as np
 from ..._foundation.checks import InputError, require, require_known, require_unique
 from ..build import TIME
 from ..record import Record
-from .assemble import assemble, clock, existing
+from .assemble import assemble, clock, existing, parse_number
 
 
 def read_csv(
@@ -187,6 +187,10 @@ def _cells(path: Path, delimiter: str) -> list[tuple[int, list[str]]]:
     Raises:
         InputError: when the file is not CSV or is empty, or the numbers of cells differ.
     """
+    require(
+        len(delimiter) == 1 and delimiter not in '"\r\n',
+        f"{path.name}: the delimiter is {delimiter!r}. Give one character, such as ',' or ';'.",
+    )
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file, delimiter=delimiter)
@@ -220,13 +224,13 @@ def _title(cell: str, wanted: Sequence[str]) -> tuple[str, str]:
 def _column(lines: list[tuple[int, list[str]]], k: int, name: str, path: Path) -> np.ndarray:
     """Numbers of one column, NaN where the cell is empty."""
     values = np.empty(len(lines))
-    for i, (number, cells) in enumerate(lines):
+    for i, (line, cells) in enumerate(lines):
         text = cells[k].strip()
         try:
-            values[i] = float(text) if text else np.nan
+            values[i] = parse_number(text) if text else np.nan
         except ValueError as error:
             raise InputError(
-                f"{path.name}, line {number}, column {name!r}: {text!r} is not a number. Correct "
+                f"{path.name}, line {line}, column {name!r}: {text!r} is not a number. Correct "
                 "the cell, or empty it where the sample is missing; a row of units needs "
                 "`units_row=True`."
             ) from error

@@ -1,5 +1,6 @@
 """Study files: TOML with a model, its free parameters, CSV records and options of the loop."""
 
+import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -66,7 +67,10 @@ def _is_text(value: Any) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    """True for a number that a float can hold; TOML integers have no limit."""
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    return isinstance(value, float)
 
 
 def _list_of(fits: Callable[[Any], bool], count: int | None = None) -> Callable[[Any], bool]:
@@ -187,7 +191,7 @@ def within(path: Path, section: str = "", key: str = "") -> Iterator[None]:
 def _toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # syntax, encoding, too many digits, too deep
         raise InputError(f"{path.name} is not a TOML file: {error}. Correct it there.") from error
 
 

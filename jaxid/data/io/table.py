@@ -9,7 +9,7 @@ import numpy as np
 
 from ..._foundation.checks import InputError, require
 from ..units import to_si
-from .assemble import existing
+from .assemble import existing, parse_number
 from .csv import _cells
 
 ORIGIN = "origin"
@@ -133,7 +133,7 @@ def _numbers(rows: list[tuple[int, list[str]]], column: int, title: str, path: P
     for k, (line, cells) in enumerate(rows):
         text = cells[column].strip()
         try:
-            numbers[k] = float(text)
+            numbers[k] = parse_number(text)
         except ValueError:
             numbers[k] = np.nan
         if not np.isfinite(numbers[k]):

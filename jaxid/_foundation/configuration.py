@@ -6,7 +6,6 @@ from pathlib import Path
 import jax
 import scipy.linalg  # noqa: F401  (loads the library whose threads are limited)
 from jax.experimental.compilation_cache import compilation_cache
-from threadpoolctl import threadpool_limits
 
 from .checks import InputError, require
 
@@ -53,6 +52,9 @@ def configure(
             linear_algebra_threads >= 1,
             f"`linear_algebra_threads` is {linear_algebra_threads}; give at least 1.",
         )
+        # not at the top: this package sets an environment variable where it is imported
+        from threadpoolctl import threadpool_limits
+
         threadpool_limits(linear_algebra_threads, user_api="blas")
     if cache is not False:
         _use_cache(_default_folder() if cache is True else str(cache))

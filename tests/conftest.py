@@ -23,8 +23,8 @@ os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 # Two workers on two cores: more threads of linear algebra would wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# With it a test file takes 36 s in place of 47. XLA ends the process at a flag
-# that it does not know, so another process tries it; workers inherit the result.
+# With this flag a test file takes 36 s in place of 47. XLA ends the process at a flag that it does
+# not know, so another process tries it; workers inherit the result.
 FEWER_EMITTERS = "--xla_cpu_use_fusion_emitters=false"
 
 

@@ -85,7 +85,8 @@ def test_interrupted_run_resumes_from_log(of, tmp_path, monkeypatch):
     """With a stand-in for the studies: the log is read, each study runs once, all are printed."""
     requested, log = [], tmp_path / "log.jsonl"
 
-    def stand_in(system, scenario, seed, *, removed=False):
+    def stand_in(system, scenario, seed, *, removed=False, over_hypotheses=False):
+        assert not over_hypotheses
         requested.append((scenario.name, seed, removed))
         effects = ["a"] if scenario.kind == "single" else []
         return result(

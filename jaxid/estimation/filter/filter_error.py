@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._foundation.checks import require
-from ..._foundation.dependence import returns_argument
 from ..._foundation.types import Array, Float
 from ...data.record import Record
 from ...models.base import AbstractModel
@@ -21,7 +20,7 @@ from ...simulation.solution import Solution
 from ...simulation.steppers import RK4
 from ..likelihoods import AbstractLikelihood
 from .filter_sensitivities import filter_sensitivities
-from .kalman import Filtered, inverse_cholesky, kalman_filter
+from .kalman import Filtered, inverse_cholesky, kalman_filter, require_outputs_without_memory
 from .noise_identifiability import check_noise_identifiable
 from .noise_options import FirstOrder, Number, number
 from .noise_parameters import check_names, check_values, with_noise_parameters
@@ -169,13 +168,7 @@ class FilterError(AbstractLikelihood):
 
     def check(self, model, records):
         self.check_times(records.t)
-        one = jnp.zeros((records.t.shape[-1], len(model.outputs)))
-        t = records.t.reshape(-1, records.t.shape[-1])[0]
-        require(
-            returns_argument(lambda y: model.observe(t, y), one),
-            "The model has effects on its sampled outputs (`observe`: a sensor's lag or delay), "
-            "which have a memory that the filter does not carry. Use OutputError, or remove them.",
-        )
+        require_outputs_without_memory(model, records)
 
     def check_times(self, t):
         self.hold.check(t)

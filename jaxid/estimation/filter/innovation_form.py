@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._foundation.checks import require, require_known
-from ..._foundation.dependence import returns_argument
 from ..._foundation.grid import is_uniform
 from ..._foundation.types import Array, Float
 from ...data.record import Record
@@ -17,11 +16,10 @@ from ...models.free import Free
 from ...models.innovation import InnovationModel
 from ...models.noise import AbstractNoise, FullNoise
 from ...simulation.hold import AbstractHold, Linear
-from ...simulation.input_signal import substeps_of
-from ...simulation.simulate import effective_input
 from ...simulation.solution import Solution
 from ...simulation.steppers import RK4, runge_kutta_step
 from ..likelihoods import AbstractLikelihood
+from .kalman import filter_signals, require_outputs_without_memory
 
 
 class InnovationForm(AbstractLikelihood):
@@ -92,14 +90,8 @@ class InnovationForm(AbstractLikelihood):
 
     def solve(self, model, record, initial_state):
         assert isinstance(model, InnovationModel), "a model from `prepared`"
-        substeps = self.stepper.substeps
-        path, u = effective_input(model, self.hold, record.t, record.u)
-        t = jnp.append(record.t, record.t[-1])
-        steps = jax.tree.map(
-            lambda leaf: leaf.reshape(-1, substeps, *leaf.shape[1:]),
-            (*substeps_of(t, substeps), path.stages(t, substeps)),
-        )
-        K, samples = model.matrix(), (record.t, u, record.z, record.mask)
+        samples, steps = filter_signals(model, record, self.hold, self.stepper.substeps)
+        K = model.matrix()
 
         def interval(x: Float[Array, " state"], now):
             (t, u, z, mask), steps = now
@@ -117,13 +109,7 @@ class InnovationForm(AbstractLikelihood):
         self.noise.check(records.mask, records.outputs)
         self.noise.check_times(records.t)
         self.check_times(records.t)
-        one = jnp.zeros((records.t.shape[-1], len(model.outputs)))
-        t = records.t.reshape(-1, records.t.shape[-1])[0]
-        require(
-            returns_argument(lambda y: model.observe(t, y), one),
-            "The model has effects on its sampled outputs (`observe`: a sensor's lag or delay), "
-            "which have a memory that the filter does not carry. Use OutputError, or remove them.",
-        )
+        require_outputs_without_memory(model, records)
 
     def check_times(self, t):
         self.hold.check(t)

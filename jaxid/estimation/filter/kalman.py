@@ -27,8 +27,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._foundation.checks import require
+from ..._foundation.dependence import returns_argument
 from ..._foundation.types import Array, Bool, Float
 from ...data.record import Record
+from ...models.base import AbstractModel
 from ...models.stochastic import StochasticModel
 from ...sensitivity.jacobian import value_and_jacobian
 from ...simulation.hold import AbstractHold
@@ -121,7 +124,7 @@ def kalman_filter(
 
 
 def filter_signals(
-    model: StochasticModel, record: Record, hold: AbstractHold, substeps: int
+    model: AbstractModel, record: Record, hold: AbstractHold, substeps: int
 ) -> tuple[Sample, Steps]:
     """Return the measurements of all samples, and the steps after them.
 
@@ -133,6 +136,17 @@ def filter_signals(
     stages = Steps(begin, length, path.stages(t, substeps))
     steps = jax.tree.map(lambda leaf: leaf.reshape(-1, substeps, *leaf.shape[1:]), stages)
     return Sample(record.t, u, record.z, record.mask), steps
+
+
+def require_outputs_without_memory(model: AbstractModel, records: Record) -> None:
+    """Refuse effects on the sampled outputs, whose memory a filter does not carry."""
+    one = jnp.zeros((records.t.shape[-1], len(model.outputs)))
+    t = records.t.reshape(-1, records.t.shape[-1])[0]
+    require(
+        returns_argument(lambda y: model.observe(t, y), one),
+        "The model has effects on its sampled outputs (`observe`: a sensor's lag or delay), "
+        "which have a memory that the filter does not carry. Use OutputError, or remove them.",
+    )
 
 
 def initial_moments(

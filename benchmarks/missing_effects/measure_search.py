@@ -17,7 +17,7 @@ from jaxid.estimation.estimate import as_stack
 from jaxid.loop import Coloured, EffectSearch, LoopProblem, search_effects
 from jaxid.loop.assess import Verdict, localise_fit
 from jaxid.loop.moves import MoveKind, Proposals
-from jaxid.loop.problem import SearchOptions
+from jaxid.loop.options import LoopOptions
 from jaxid.study.candidates import candidates
 from jaxid.study.outcome import Outcome
 
@@ -80,7 +80,7 @@ def _summary(found: EffectSearch, planted: tuple[Planted, ...], test: Record) ->
     def is_right(name):
         return any(one.accepts(name, families[name]) for one in planted)
 
-    proposals = Proposals(tree.declared, SearchOptions())
+    proposals = Proposals(tree.declared, LoopOptions())
     ordered = sorted(proposals.candidates, key=lambda effect: -proposals.score(effect))
     leading = list(dict.fromkeys(effect.card.family for effect in ordered))[:3]
     first = next((s.move.into for s in tree.path if s.move.kind is not MoveKind.NOISE), ())

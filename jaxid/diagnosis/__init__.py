@@ -1,11 +1,10 @@
-"""Diagnosis of a fit: residual tests, statistics, prediction, localisation, scores of effects."""
+"""Diagnosis of a fit: residual tests, statistics, prediction, localisation."""
 
 from .bands import Band, Bands, prediction_bands
 from .localise import LocalisationResult, Place, localise_residual
 from .maps import ResidualMaps, residual_maps
 from .residual_report import ResidualReport, analyse_residual
 from .residuals import ResidualTests, residual_tests
-from .scores import Scores
 from .statistics import FitStatistics, statistics
 from .validation import Prediction, predict
 
@@ -19,7 +18,6 @@ __all__ = [
     "ResidualMaps",
     "ResidualReport",
     "ResidualTests",
-    "Scores",
     "analyse_residual",
     "localise_residual",
     "predict",

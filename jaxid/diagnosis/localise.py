@@ -30,7 +30,6 @@ from ..estimation.result import Estimate
 from ..models.free import Parameters
 from .autoregression import white_noise_variance
 from .free_form import FORCES, Places, answers, gusts_of, linear_model, spline_basis
-from .scores import sensitivities
 from .thresholds import FEW_KNOTS, LARGEST_WEIGHT, MANY_KNOTS, WEAK_DIRECTION
 
 KINDS = (LocationKind.EQUATION, LocationKind.INPUT, LocationKind.SENSOR, LocationKind.AIR)
@@ -204,7 +203,7 @@ def localise_residual(
         f"`kinds` is {tuple(kinds)}. Name members of `jaxid.effects.LocationKind` among "
         f"{', '.join(kind.name for kind in places)}.",
     )
-    linearised = sensitivities(problem, fit.parameters)
+    linearised = _sensitivities(problem, fit.parameters)
     requested = {kind: places[kind] for kind in kinds if places[kind]}
     words = " or ".join(kind.label for kind in kinds)
     require(len(requested) > 0, f"The model has no place of the kind {words}. Name another kind.")
@@ -238,6 +237,12 @@ def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[in
     )
 
 
+@fast_compile_jit
+def _sensitivities(problem: Problem, parameters: Parameters):
+    """Return residuals and sensitivities, first those to the per-record parameters (jitted)."""
+    return problem.sensitivities(parameters)
+
+
 class LocalisationArrays(NamedTuple):
     """Arrays of a localisation: values of each place, and the whitened sum of squares of the
     residual with its degrees of freedom.
@@ -265,7 +270,7 @@ def localise(
 
     Args:
         problem, parameters: the estimation problem and its solution.
-        linearised: residuals and sensitivities to the free parameters (`sensitivities`).
+        linearised: residuals and sensitivities to the free parameters (`Problem.sensitivities`).
         noise: R; if it was estimated, its diagonal is limited to the variance of the white part of
             the residual.
         splines: number of B-splines in each record, and number of rows that they cover.

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from .._foundation.grid import typical_step
+from .._foundation.location import LocationKind
 from ..data.record import Record
 from ..diagnosis.localise import LocalisationResult
 from ..diagnosis.residual_report import analyse_residual
@@ -21,7 +22,8 @@ from .heldout_error import difference_error, mean_log
 from .hypothesis import RandomForces, White
 from .linear import fall
 from .moves import MoveKind, localise_fit
-from .problem import SearchOptions
+from .options import LoopOptions
+from .outcome import Outcome
 from .search import SearchTree
 from .thresholds import SETTLED
 
@@ -47,24 +49,6 @@ SAME_SHARE = 0.01
 LONGEST_MEMORY = 0.1
 
 
-class Verdict(enum.Enum):
-    """Result of a search.
-
-    Attributes:
-        NOTHING_MISSING: the residual is white noise, and no candidate explains any of it.
-        CAUSE: with the effects, the residual is noise, and every check is passed.
-        PROXIES: the effects predict better, but are not shown to be the cause.
-        UNEXPLAINED: something is missing, and no hypothesis explains it.
-        NOISE: coloured noise or random forces explain the residual; no effect is missing.
-    """
-
-    NOTHING_MISSING = enum.auto()
-    CAUSE = enum.auto()
-    PROXIES = enum.auto()
-    UNEXPLAINED = enum.auto()
-    NOISE = enum.auto()
-
-
 class Check(enum.Enum):
     """The checks, in their order."""
 
@@ -74,6 +58,7 @@ class Check(enum.Enum):
     UNIT_GAIN = enum.auto()
     ALTERNATIVE = enum.auto()
     CARRIES_OVER = enum.auto()
+    BORNE_OUT = enum.auto()
 
 
 class Finding(NamedTuple):
@@ -95,17 +80,17 @@ class Assessment:
     """Verdict of a search.
 
     Attributes:
-        verdict: the verdict.
+        outcome: the outcome.
         findings: objections of the checks.
         where: location of the residual of the declared model; None if nothing is missing.
     """
 
-    verdict: Verdict
+    outcome: Outcome
     findings: tuple[Finding, ...]
     where: LocalisationResult | None
 
 
-def assess(tree: SearchTree, tests: Mapping[str, Record], options: SearchOptions) -> Assessment:
+def assess(tree: SearchTree, tests: Mapping[str, Record], options: LoopOptions) -> Assessment:
     """Return the verdict of a search.
 
     Args:
@@ -118,12 +103,12 @@ def assess(tree: SearchTree, tests: Mapping[str, Record], options: SearchOptions
         return _assess_noise(tree, more)
     where, best = _where(tree), tree.best
     effects = [best.problem.effects[name] for name in best.effects]
-    objections = [more, one_function(effects), in_place(best, where), unit_gain(best)]
+    objections = [more, one_function(effects), in_place(effects, where), unit_gain(best)]
     if not any(objections):
         objections.append(alternative(tree))
     objections.append(carries_over(tree, tests))
     findings = tuple(finding for finding in objections if finding is not None)
-    return Assessment(Verdict.PROXIES if findings else Verdict.CAUSE, findings, where)
+    return Assessment(Outcome.PROXIES if findings else Outcome.EXPLAINED, findings, where)
 
 
 def _assess_noise(tree: SearchTree, more: Finding | None) -> Assessment:
@@ -134,19 +119,19 @@ def _assess_noise(tree: SearchTree, more: Finding | None) -> Assessment:
         more: finding of `noise_like`.
     """
     if more is not None:
-        return Assessment(Verdict.UNEXPLAINED, (more,), _where(tree))
+        return Assessment(Outcome.UNEXPLAINED, (more,), _where(tree))
     if isinstance(tree.best.hypothesis.noise, White):
-        return Assessment(Verdict.NOTHING_MISSING, (), None)
-    return Assessment(Verdict.NOISE, (), _where(tree))
+        return Assessment(Outcome.NOTHING_MISSING, (), None)
+    return Assessment(tree.best.hypothesis.noise.outcome, (), _where(tree))
 
 
-def noise_like(tree: SearchTree, options: SearchOptions) -> Finding | None:
+def noise_like(tree: SearchTree, options: LoopOptions) -> Finding | None:
     """Return a finding if the residual of the best hypothesis is more than noise.
 
-    It is if its past predicts it, if a refused candidate lowers the cost significantly, if a
-    free-form disturbance at some place explains it, if it depends on a signal under a noise model
-    or the noise is as slow as a drift,
-    or if effects need random forces: an effect of nearly the right shape leaves a motion.
+    It is if its past predicts it, if it is larger than a given noise, if a refused candidate lowers
+    the cost significantly, if a free-form disturbance at some place explains it, if it depends on a
+    signal under a noise model or that noise is as slow as a drift, or if effects need random
+    forces: an effect of nearly the right shape leaves a motion.
 
     It alone decides when the effect is not in the library and no shape in it comes near: a scale of
     the sensor that no other effect imitates (`test_absent_effect_is_not_named`).
@@ -154,6 +139,8 @@ def noise_like(tree: SearchTree, options: SearchOptions) -> Finding | None:
     best = tree.best
     forces = isinstance(best.hypothesis.noise, RandomForces)
     if not is_noise_like(best, options) or (forces and best.effects):
+        return Finding(Check.NOISE_LIKE)
+    if above_known_noise(best, options.level):
         return Finding(Check.NOISE_LIKE)
     refused = _significant_refusals(tree)
     if refused:
@@ -186,28 +173,44 @@ def one_function(effects: Sequence[Effect]) -> Finding | None:
         effect.name
         for group in groups.values()
         for effect in group
-        if len({type(member) for member in group}) > 1
+        if len({type(member) for member in group}) > 1 and not all(member.terms for member in group)
     )
     return Finding(Check.ONE_FUNCTION, names) if names else None
 
 
-def in_place(best: LoopFit, where: LocalisationResult) -> Finding | None:
+def in_place(effects: Sequence[Effect], where: LocalisationResult) -> Finding | None:
     """Return a finding if most effects act where the residual of the declared model is not.
 
     Only equations, inputs and sensors count: a coefficient or a parameter may move more equations
-    than one.
+    than one, and so does an action between two parts.
 
     It alone decides when effects elsewhere imitate the cause in full: two late sensors for a late
     input (`test_effects_elsewhere_are_proxies`).
+
+    Args:
+        effects: the effects of the best hypothesis.
+        where: location of the residual of the declared model.
     """
-    locations = {name: best.problem.effects[name].card.location for name in best.effects}
+    locations = {effect.name: effect.card.location for effect in effects}
+    places = tuple(p for p in where.places if p.location.kind is not LocationKind.AIR)
     within = NEAR_PLACE if len(set(locations.values())) == 1 else NEAR_PLACE_OF_TWO
-    near = {place.location for place in where.near_best(within)}
-    known = {place.location for place in where.places}
+    near = {place.location for place in where._replace(places=places).near_best(within)}
     elsewhere = tuple(name for name, location in locations.items() if location not in near)
-    if set(locations.values()) <= known and 2 * len(elsewhere) > len(locations):
+    are_known = set(locations.values()) <= {place.location for place in places}
+    if are_known and not act_between(effects) and 2 * len(elsewhere) > len(locations):
         return Finding(Check.IN_PLACE, elsewhere)
     return None
+
+
+def act_between(effects: Sequence[Effect]) -> bool:
+    """Return True if the effects are one action between two parts: functions of the same difference
+    of signals, in the equations of both.
+    """
+    cards = [effect.card for effect in effects]
+    locations, signals = {card.location for card in cards}, {card.signals for card in cards}
+    of_difference = len(signals) == 1 and all("-" in name for names in signals for name in names)
+    in_equations = all(location.kind is LocationKind.EQUATION for location in locations)
+    return of_difference and in_equations and len(locations) == len(effects) > 1
 
 
 def unit_gain(best: LoopFit) -> Finding | None:
@@ -275,6 +278,23 @@ def stands_out(where: LocalisationResult, level: float) -> bool:
     places = [place for place in where.places if place.dof]
     chances = [float(chi2.sf(place.score, place.dof)) for place in places]
     return min(chances, default=1.0) < level / max(len(chances), 1)
+
+
+def above_known_noise(fitted: LoopFit, level: float) -> bool:
+    """Return True if the noise is given and the whitened sum of squares is larger than chi-square
+    allows.
+
+    Args:
+        fitted: a fit.
+        level: probability of a false alarm.
+    """
+    noise = fitted.estimation.problem.likelihood.noise
+    if not noise.is_known or not isinstance(fitted.hypothesis.noise, White):
+        return False
+    mask = np.asarray(fitted.problem.train.mask)
+    squares = float(np.sum(np.where(mask, np.asarray(fitted.white_residuals), 0.0) ** 2))
+    unknown = len(fitted.estimation.names) + fitted.solution.parameters.rows.size
+    return bool(chi2.sf(squares, max(int(np.sum(mask)) - unknown, 1)) < level)
 
 
 def memory(fitted: LoopFit) -> float:

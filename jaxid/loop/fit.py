@@ -15,6 +15,7 @@ from .._foundation.results import RESULTS
 from .._foundation.types import Array, Float
 from ..diagnosis.autoregression import autoregressive_r2
 from ..diagnosis.validation import Prediction, Predictor
+from ..effects.augmented import Augmented
 from ..estimation.estimate import Fit
 from ..estimation.host_iteration import fit_by_steps
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
@@ -95,6 +96,22 @@ class LoopFit:
         shared = np.asarray(self.solution.parameters.shared)
         names = self.estimation.names
         return {n: (float(shared[k]), float(deviation[k])) for k, n in enumerate(names)}
+
+    @cached_property
+    def model_and_free(self) -> tuple[AbstractModel, Free]:
+        """The declared model with the effects and the values of the fit, and its free parameters,
+        those of the noise included.
+        """
+        problem, names = self.problem, self.estimation.names
+        columns = self.problem.columns.chosen(self.effects)
+        own = tuple(problem.columns.names[k] for k in columns)
+        effects = tuple(problem.effects[name] for name in self.effects)
+        model = Augmented(problem.model, effects) if effects else problem.model
+        model = with_values(model, own, jnp.array([self.estimates[name][0] for name in own]))
+        free = _free(problem, own)
+        if len(names) > len(own):
+            free = dataclasses.replace(self.estimation.free, shared=names)
+        return model, free
 
     @cached_property
     def values(self) -> Float[np.ndarray, " column"]:

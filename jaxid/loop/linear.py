@@ -17,8 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .._foundation.types import Bool, Float, Int
-from ..diagnosis.scores import IDENTIFIABLE
 
+# Chosen, above the rounding error: share of a column's squared length, orthogonal to the free
+# columns, below which it counts as their linear combination.
+IDENTIFIABLE = 1e-8
 # Chosen: least share of a column's squared length outside the span of the columns added with it. A
 # pair that overlaps more has gains that grow without limit against each other.
 LEAST_APART = 0.02

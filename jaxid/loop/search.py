@@ -19,7 +19,8 @@ from .evidence import Comparison, compare, inflation, is_noise_like, worth
 from .fit import LoopFit, fit
 from .hypothesis import Hypothesis, White
 from .moves import Move, MoveKind, Proposals, localise_fit, noise_moves
-from .problem import LoopProblem, SearchOptions
+from .options import LoopOptions
+from .problem import LoopProblem
 from .thresholds import INSEPARABLE, MAX_COMPILED_FITS, SETTLED
 
 # Chosen: share of the expected fall; a refit that brings less starts again from the estimated gain.
@@ -96,7 +97,7 @@ class SearchTree:
         return sorted(pairs, key=lambda pair: pair[1])
 
 
-def search(problem: LoopProblem, options: SearchOptions, progress: Progress) -> SearchTree:
+def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> SearchTree:
     """Return the search tree of a problem.
 
     From each hypothesis of the beam the moves are refitted in stages: removals; additions, groups
@@ -148,7 +149,7 @@ def with_shapes(declared: LoopFit) -> tuple[LoopProblem, dict[str, np.ndarray]]:
     return problem.with_library(library), variables
 
 
-def _grow(tree: SearchTree, options: SearchOptions, progress: Progress) -> None:
+def _grow(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
     """Expand the beam until no move is accepted."""
     beam: list[tuple[LoopFit, list[Step]]] = [(tree.declared, [])]
     expanded: set = set()
@@ -166,7 +167,7 @@ def _grow(tree: SearchTree, options: SearchOptions, progress: Progress) -> None:
         tree.best, tree.path = beam[0]
 
 
-def _expand(tree, parent: LoopFit, path, options: SearchOptions, progress) -> list[Step]:
+def _expand(tree, parent: LoopFit, path, options: LoopOptions, progress) -> list[Step]:
     """Return the accepted steps of the first stage that has any, the best first."""
     proposals = Proposals(parent, options)
     count = len(proposals.candidates)
@@ -176,7 +177,7 @@ def _expand(tree, parent: LoopFit, path, options: SearchOptions, progress) -> li
         stages.append(lambda: (_changes(proposals), count))
         stages.append(lambda: (proposals.pairs(), count * (count - 1) // 2))
         if len(parent.effects) > 1:
-            stages.append(lambda: (proposals.swaps(np.inf)[: options.swaps], count))
+            stages.append(lambda: (proposals.swaps(np.inf)[: options.swap_limit], count))
         stages.append(lambda: (_noises(tree, parent, options, progress), 1))
     for stage in stages:
         moves, candidates = stage()
@@ -189,7 +190,7 @@ def _expand(tree, parent: LoopFit, path, options: SearchOptions, progress) -> li
 
 def _changes(proposals: Proposals) -> list[Move]:
     """Return additions, groups, and the swaps that should be better."""
-    swaps = proposals.swaps(0.0)[: proposals.options.swaps]
+    swaps = proposals.swaps(0.0)[: proposals.options.swap_limit]
     return [*proposals.additions(), *proposals.groups(), *swaps]
 
 
@@ -278,7 +279,7 @@ def _complexity(step: Step) -> int:
     return sum(step.fit.problem.effects[name].card.complexity for name in step.fit.effects)
 
 
-def _refit_alternatives(tree: SearchTree, options: SearchOptions, progress: Progress) -> None:
+def _refit_alternatives(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
     """Refit the exchanges of single effects that may be nearly as good as the best hypothesis.
 
     If one of them turns out to be clearly better, it becomes the best.

@@ -8,6 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxid.study.outcome import Outcome
+from jaxid.study.verdict import grown
 from small_spring import SIGMA, Spring, fly
 
 from jaxid import OutputError, close_loop, estimate, free
@@ -20,8 +22,6 @@ from jaxid.loop.heldout_error import difference_error, mean_log, uncertainty
 from jaxid.models import FixedNoise
 from jaxid.report import html
 from jaxid.report.tables import decided
-from jaxid.study.outcome import Outcome
-from jaxid.study.verdict import grown
 
 CUBE = Term("v", "x^3", gain=jnp.array(-0.5))
 LIBRARY = (Term("v", "x^2"), Term("v", "x^3"))

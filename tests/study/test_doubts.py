@@ -5,6 +5,11 @@ or none and is neither.
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxid.study.doubts import OFF, PARTIAL, Doubts, partial
+from jaxid.study.kin import misfits_of_kin, near_kin
+from jaxid.study.outcome import Outcome
+from jaxid.study.verdict import Conclusion, not_borne_out
+from jaxid.study.workbench import Workbench
 from small_spring import Spring, fly
 from test_close_loop import LIBRARY, PLANTED, SIGMA, closed, study
 
@@ -22,11 +27,6 @@ from jaxid.effects import (
 from jaxid.estimation.estimate import as_stack
 from jaxid.models import FixedNoise
 from jaxid.study.close_loop import SOLVER
-from jaxid.study.doubts import OFF, PARTIAL, Doubts, partial
-from jaxid.study.kin import misfits_of_kin, near_kin
-from jaxid.study.outcome import Outcome
-from jaxid.study.verdict import Conclusion, not_borne_out
-from jaxid.study.workbench import Workbench
 
 SQUARE = Term("v", "x^2", jnp.array(-0.6))
 

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxid.study.outcome import Outcome
 from small_spring import Spring, fly
 from test_static_model import Lift
 
@@ -13,7 +14,6 @@ import jaxid
 from jaxid._foundation.checks import InputError
 from jaxid.effects import InputLag, SensorSaturation, Term, general_effects
 from jaxid.study.candidates import candidates
-from jaxid.study.outcome import Outcome
 
 LAG = InputLag("force", gain=jnp.array(1.0), time=jnp.array(0.4))
 CUBE, SQUARE = (

@@ -5,6 +5,10 @@ import dataclasses
 import equinox as eqx
 import jax.numpy as jnp
 import pytest
+from jaxid.study.judge import Judge
+from jaxid.study.outcome import Outcome
+from jaxid.study.search import Search
+from jaxid.study.workbench import Workbench
 from small_spring import Spring, fly
 
 from jaxid import LoopOptions, OutputError, close_loop, free
@@ -13,11 +17,7 @@ from jaxid.effects import EffectCard, Location, LocationKind, SensorSaturation, 
 from jaxid.effects.base import Effect
 from jaxid.estimation.estimate import as_stack
 from jaxid.study.close_loop import SOLVER
-from jaxid.study.judge import Judge
-from jaxid.study.outcome import Outcome
 from jaxid.study.rounds import Decision
-from jaxid.study.search import Search
-from jaxid.study.workbench import Workbench
 
 
 class Blend(Effect):

@@ -3,12 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
 from jaxid.diagnosis.scores import Scores
+from jaxid.study.shortlist import HOPELESS, has_no_shape, shortlist
+
 from jaxid.effects.equation import StateLimit, Term
 from jaxid.effects.sensor import SensorSaturation
 from jaxid.study.rounds import Candidate, Decision
-from jaxid.study.shortlist import HOPELESS, has_no_shape, shortlist
 
 EFFECTS = {
     effect.name: effect

@@ -7,15 +7,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxid.diagnosis.process_noise import process_noise
+from jaxid.study.outcome import Outcome
 
 import jaxid
 from jaxid.data import stack
-from jaxid.diagnosis.process_noise import process_noise
 from jaxid.effects import InputDelay, LocationKind, Term
 from jaxid.estimation import estimate
 from jaxid.estimation.problem import Problem
 from jaxid.models.free import Parameters
-from jaxid.study.outcome import Outcome
 
 SPEED, STEP, SAMPLES, GRAVITY = 150.0, 0.05, 300, 9.81  # m/s, s, m/s^2
 GUST, MEMORY = 3.0, 1.0  # standard deviation [m/s] and correlation time [s] of the lateral gusts

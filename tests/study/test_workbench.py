@@ -5,6 +5,7 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxid.study.workbench import Workbench
 from small_spring import Spring, fly
 
 from jaxid import AbstractModel, OutputError, free
@@ -18,7 +19,6 @@ from jaxid.loop.compilation import operations, use_reduced_model
 from jaxid.loop.fit import worth_continuing
 from jaxid.study import loop_problem
 from jaxid.study.close_loop import SOLVER
-from jaxid.study.workbench import Workbench
 
 LIBRARY = (Term("v", "x^3"), InputLag("force"), SensorBias("x"), StateLimit("x", "v"))
 CUBIC = Term("v", "x^3", jnp.array(-0.3))

@@ -26,6 +26,7 @@ from unittest import mock
 
 import jax
 import numpy as np
+from jaxid.study.workbench import Workbench
 
 from jaxid import OutputError, close_loop
 from jaxid.aircraft.flight.coupled_flight import coupled_flight
@@ -33,7 +34,6 @@ from jaxid.aircraft.flight.simulated_flight import realised_noise
 from jaxid.effects.base import Effect
 from jaxid.estimation.estimate import as_stack
 from jaxid.study.candidates import candidates
-from jaxid.study.workbench import Workbench
 
 TRUTH = "beta^2 in Cm"
 PASS = "jit(sensitivities)"  # JAX's name of the program of all fits and scores

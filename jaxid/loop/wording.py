@@ -1,7 +1,11 @@
 """Sentences and the table of a search; no other file of the search has any."""
 
+from collections import Counter
+from collections.abc import Sequence
+
 import numpy as np
 
+from ..effects.augmented import split_effects
 from .assess import Assessment, Check, Finding
 from .evidence import Decision
 from .fit import LoopFit
@@ -35,7 +39,7 @@ def noise_words(noise: NoiseHypothesis) -> str:
 
 def verdict_words(best: LoopFit, assessment: Assessment) -> str:
     """Return the outcome in a sentence or two."""
-    effects = "; ".join(best.problem.effects[name].card.description for name in best.effects)
+    effects = effect_words(best)
     noise = noise_words(best.hypothesis.noise)
     sentence = {
         Outcome.NOTHING_MISSING: "Nothing is missing: the residual is consistent with white noise, "
@@ -49,6 +53,29 @@ def verdict_words(best: LoopFit, assessment: Assessment) -> str:
         Outcome.PROCESS_NOISE: NO_EFFECT.format(noise),
     }[assessment.outcome]
     return " ".join([sentence, *map(finding_words, assessment.findings)])
+
+
+def effect_words(best: LoopFit) -> str:
+    """Return the effects of a fit, described at their estimates, repeated ones once."""
+    estimated = split_effects(best.model_and_free[0])[1] if best.effects else ()
+    known = set(best.effects)
+    counts = Counter(effect.card.description for effect in estimated if effect.name in known)
+    return "; ".join(w if n == 1 else f"{w} ({n} of them)" for w, n in counts.items())
+
+
+def worse_words(test: str, channels: Sequence[str], beyond: Sequence[str]) -> str:
+    """Return a caveat for test records that are predicted worse with the effects.
+
+    Args:
+        test: name of the set.
+        channels: outputs whose error grows.
+        beyond: inputs that exceed their range in the fitted records.
+    """
+    outside = f", in which {', '.join(beyond)} exceeds its range in the fitted records"
+    return (
+        f"But the error on {test} grows with it ({', '.join(channels)}): it does not carry over to "
+        f"these records{outside if beyond else ''}."
+    )
 
 
 def place_words(assessment: Assessment) -> str:

@@ -25,6 +25,7 @@ from ..loop.search_effects import EffectSearch
 from ..loop.thresholds import INSEPARABLE
 from ..loop.wording import next_best_words, verdict_words
 from ..sensitivity.spectrum import spectrum
+from .caveats import caveats
 from .rounds import alternatives_of, rounds_of
 from .study import Side, Study
 from .study_records import StudyRecords
@@ -63,8 +64,11 @@ def assemble_study(
         for predictor, fitted in zip(predicting, (declared, best), strict=True)
     )
     estimated = {effect.name: effect for effect in split_effects(after.model)[1]}
+    words = [verdict_words(best, assessment)]
+    if best.effects:
+        words += caveats(before, after, records.tests, records.used)
     return Study(
-        verdict=verdict_words(best, assessment),
+        verdict=" ".join(words),
         outcome=assessment.outcome,
         findings=assessment.findings,
         effects=best.effects,

@@ -42,6 +42,7 @@ class Candidate:
 
     Attributes:
         name, description: names and descriptions of the effects that it adds, or the noise.
+        family: families of these effects; empty for a noise model.
         parts: names of these effects; empty for a noise model.
         instead_of: names of the effects that it removes.
         locations: places where the effects act.
@@ -57,6 +58,7 @@ class Candidate:
 
     name: str
     description: str
+    family: str
     parts: tuple[str, ...]
     instead_of: tuple[str, ...]
     locations: tuple[Location, ...]
@@ -87,7 +89,7 @@ class Round:
 
     Attributes:
         effects: names of the effects at the beginning of the round.
-        candidates: the changes, refitted ones first by their fall of the cost, then by score.
+        candidates: the changes, best score first.
         added: name of the change that was made; None if none was.
         dropped: effects that became insignificant after it, or were replaced.
         errors: root mean square error at the beginning of the round, by set of records (`train`,
@@ -103,6 +105,11 @@ class Round:
     errors: dict[str, dict[str, float]]
     predictable: dict[str, float]
     threshold: float
+
+    @property
+    def added_effects(self) -> tuple[str, ...]:
+        """Names of the effects that were added: none, one, or several."""
+        return self.winner.parts if self.winner else ()
 
     @property
     def winner(self) -> Candidate | None:
@@ -140,12 +147,12 @@ def _round(tree: SearchTree, parent: LoopFit, made: Step | None, options: LoopOp
         for step in tree.steps
         if step.parent is parent and step.move.kind is not MoveKind.DROP
     ]
-    refitted.sort(key=lambda candidate: -(candidate.cost_fall or 0.0))
     known = {candidate.name for candidate in refitted}
     others = [
         Candidate(
             effect.name,
             effect.card.description,
+            effect.card.family,
             (effect.name,),
             (),
             (effect.card.location,),
@@ -155,14 +162,14 @@ def _round(tree: SearchTree, parent: LoopFit, made: Step | None, options: LoopOp
         for effect in proposals.candidates
         if effect.name not in known
     ]
-    others.sort(key=lambda candidate: -candidate.score)
+    everything = sorted([*refitted, *others], key=lambda candidate: -candidate.score)
     added = next((candidate for candidate in refitted if candidate.added), None)
     problem = parent.problem
     rms = root_mean_square(parent.solution.residuals, problem.train.mask)
     errors = {"train": rms, "check": parent.check_prediction.rms}
     return Round(
         parent.effects,
-        (*refitted, *others),
+        tuple(everything),
         added.name if added else None,
         added.instead_of if added else (),
         {
@@ -184,6 +191,7 @@ def _refitted(step: Step, added: bool) -> Candidate:
     return Candidate(
         noise if is_noise else " + ".join(parts),
         noise if is_noise else " and ".join(card.description for card in cards),
+        " + ".join(card.family for card in cards),
         parts,
         tuple(name for name in step.parent.effects if name not in step.fit.effects),
         tuple(dict.fromkeys(card.location for card in cards)),

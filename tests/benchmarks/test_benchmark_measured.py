@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxid.study.outcome import Outcome
+from jaxid.loop.outcome import Outcome
 
 ROOT = Path(__file__).resolve().parents[2]
 

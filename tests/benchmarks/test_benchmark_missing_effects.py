@@ -9,11 +9,11 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxid.study.search import Search
 
 from jaxid import RK4, simulate
 from jaxid.effects import Augmented, SensorBias, Term
 from jaxid.study.rounds import Candidate
-from jaxid.study.search import Search
 
 ROOT = Path(__file__).resolve().parents[2]
 

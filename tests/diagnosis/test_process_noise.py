@@ -6,15 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxid.diagnosis.driven import driven, under
+from jaxid.diagnosis.innovations import Noise, filtered, most_probable
+from jaxid.diagnosis.process_noise import process_noise
+from jaxid.diagnosis.scores import scores_of, sensitivities
 
 import jaxid
 from jaxid.data import stack
 from jaxid.diagnosis.autoregression import autoregressive_r2, chance_level
-from jaxid.diagnosis.driven import driven, under
 from jaxid.diagnosis.free_form import Linear, answer, linear_model
-from jaxid.diagnosis.innovations import Noise, filtered, most_probable
-from jaxid.diagnosis.process_noise import process_noise
-from jaxid.diagnosis.scores import scores_of, sensitivities
 from jaxid.effects import LocationKind
 from jaxid.estimation import estimate
 from jaxid.estimation.problem import Problem

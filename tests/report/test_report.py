@@ -10,8 +10,8 @@ import pytest
 from spring_study import HOSTILE, make_study
 
 from jaxid._foundation.checks import InputError
+from jaxid.loop.outcome import Outcome
 from jaxid.report import figures, gallery, html, views, words, write_json, write_study
-from jaxid.study.outcome import Outcome
 from jaxid.study.study import RandomForces
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}

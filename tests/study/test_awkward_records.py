@@ -8,7 +8,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxid.study.outcome import Outcome
 from jaxid.study.verdict import grown
 from small_spring import SIGMA, Spring, fly
 
@@ -19,6 +18,7 @@ from jaxid.diagnosis.autoregression import autoregressive_r2
 from jaxid.diagnosis.validation import Prediction
 from jaxid.effects import Effect, EffectCard, Location, LocationKind, Term
 from jaxid.loop.heldout_error import difference_error, mean_log, uncertainty
+from jaxid.loop.outcome import Outcome
 from jaxid.models import FixedNoise
 from jaxid.report import html
 from jaxid.report.tables import decided

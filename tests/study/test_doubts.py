@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from jaxid.study.doubts import OFF, PARTIAL, Doubts, partial
 from jaxid.study.kin import misfits_of_kin, near_kin
-from jaxid.study.outcome import Outcome
 from jaxid.study.verdict import Conclusion, not_borne_out
 from jaxid.study.workbench import Workbench
 from small_spring import Spring, fly
@@ -25,6 +24,7 @@ from jaxid.effects import (
     Term,
 )
 from jaxid.estimation.estimate import as_stack
+from jaxid.loop.outcome import Outcome
 from jaxid.models import FixedNoise
 from jaxid.study.close_loop import SOLVER
 

@@ -6,13 +6,13 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxid.study.outcome import Outcome
 from small_spring import Spring, fly
 from test_static_model import Lift
 
 import jaxid
 from jaxid._foundation.checks import InputError
 from jaxid.effects import InputLag, SensorSaturation, Term, general_effects
+from jaxid.loop.outcome import Outcome
 from jaxid.study.candidates import candidates
 
 LAG = InputLag("force", gain=jnp.array(1.0), time=jnp.array(0.4))

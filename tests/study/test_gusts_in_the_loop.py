@@ -5,10 +5,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxid.study.outcome import Outcome
 
 from jaxid import AbstractModel, OutputError, close_loop, free, record
 from jaxid.effects import InputDelay, SensorBias, Term
+from jaxid.loop.outcome import Outcome
 
 SPEED, STEP, SAMPLES, WINDOW = 150.0, 0.05, 300, 50  # m/s, s
 GUST, MEMORY = 1.0, 1.0  # standard deviation [m/s] and correlation time [s] of the vertical gusts

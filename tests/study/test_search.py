@@ -6,7 +6,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import pytest
 from jaxid.study.judge import Judge
-from jaxid.study.outcome import Outcome
 from jaxid.study.search import Search
 from jaxid.study.workbench import Workbench
 from small_spring import Spring, fly
@@ -16,6 +15,7 @@ from jaxid._foundation.types import Array
 from jaxid.effects import EffectCard, Location, LocationKind, SensorSaturation, Term
 from jaxid.effects.base import Effect
 from jaxid.estimation.estimate import as_stack
+from jaxid.loop.outcome import Outcome
 from jaxid.study.close_loop import SOLVER
 from jaxid.study.rounds import Decision
 

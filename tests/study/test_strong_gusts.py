@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxid.diagnosis.process_noise import process_noise
-from jaxid.study.outcome import Outcome
 
 import jaxid
 from jaxid.data import stack
 from jaxid.effects import InputDelay, LocationKind, Term
 from jaxid.estimation import estimate
 from jaxid.estimation.problem import Problem
+from jaxid.loop.outcome import Outcome
 from jaxid.models.free import Parameters
 
 SPEED, STEP, SAMPLES, GRAVITY = 150.0, 0.05, 300, 9.81  # m/s, s, m/s^2

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
+from jaxid.study.workbench import Workbench
 from small_airframe import small_airframe
 
 from jaxid._foundation.checks import InputError
@@ -43,7 +44,6 @@ from jaxid.models import AbstractModel, free, parameter_names, with_values
 from jaxid.models.names import read_parameters
 from jaxid.simulation import RK4, simulate
 from jaxid.study.close_loop import SOLVER, as_stack
-from jaxid.study.workbench import Workbench
 
 CHANNELS = ("alpha", "beta", "V", "p", "q", "r", "phi", "pitch", "ax", "ay", "az", "altitude")
 AIRCRAFT = Aircraft(

@@ -17,10 +17,11 @@ from ..diagnosis.residual_report import analyse_residual
 from ..effects.base import Effect
 from ..estimation.autoregressive_noise import AutoregressiveNoise
 from .evidence import DETERMINED, Decision, inflation, is_noise_like
-from .fit import LoopFit
+from .fit import LoopFit, triangular_factor
+from .force_innovations import FUNCTIONS
 from .heldout_error import difference_error, mean_log
 from .hypothesis import RandomForces, White
-from .linear import fall
+from .linear import fall, falls, reduce
 from .moves import MoveKind, localise_fit
 from .options import LoopOptions
 from .outcome import Outcome
@@ -149,7 +150,8 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Finding | None:
         record = np.asarray(best.problem.train.t)
         if memory(best) > LONGEST_MEMORY * float(np.max(record[:, -1] - record[:, 0])):
             return Finding(Check.NOISE_LIKE)
-        signals = _dependence(tree, options.level)
+        forces = isinstance(best.hypothesis.noise, RandomForces)
+        signals = (_followed if forces else _dependence)(tree, options.level)
         return Finding(Check.NOISE_LIKE, signals) if signals else None
     if best.effects and stands_out(localise_fit(best, _where(tree).splines), options.level):
         return Finding(Check.NOISE_LIKE)
@@ -339,7 +341,7 @@ def _dependence(tree: SearchTree, level: float) -> tuple[str, ...]:
     """Return the signals on which the whitened residual of the best hypothesis depends."""
     best = tree.best
     mask, outputs = best.problem.train.mask, best.problem.model.outputs
-    signals = {n: jnp.asarray(signal) for n, signal in tree.signals.items() if n != "t"}
+    signals = {name: jnp.asarray(signal) for name, signal in tree.signals.items()}
     report = analyse_residual(jnp.asarray(best.white_residuals), mask, signals, outputs)
     maps, cross = np.asarray(report.maps.p_value), np.asarray(report.tests.cross_p)
     limit = level / (maps.size + cross.size)
@@ -347,6 +349,30 @@ def _dependence(tree: SearchTree, level: float) -> tuple[str, ...]:
     dependent = [variables[k] for k in np.flatnonzero(np.any(maps < limit, axis=0))]
     dependent += [lagged[k] for k in np.flatnonzero(np.any(cross < limit, axis=0))]
     return tuple(dict.fromkeys(dependent))
+
+
+def _followed(tree: SearchTree, level: float) -> tuple[str, ...]:
+    """Return the candidates, and the signals, that random forces turn out to follow.
+
+    A force that is a function of a signal is no random one. Each candidate, and simple functions
+    of each signal as a force at each place, are scored in the innovations of the filter.
+    """
+    best = tree.best
+    problem, names = best.problem, [name for name in tree.signals if name != "t"]
+    signals = jnp.stack([jnp.asarray(tree.signals[name]) for name in names], axis=-1)
+    v, S, probes = best.under_forces(signals)
+    own, columns = len(problem.free.per_record), problem.columns.names
+    factor = triangular_factor(v, jnp.concatenate([S, probes], axis=-1), own)
+    places = probes.shape[-1] // (len(names) * len(FUNCTIONS))
+    followers = [name for name in names for _ in FUNCTIONS] * places
+    extra = tuple(f"force {k}" for k in range(len(followers)))
+    triangle = best.triangle_of(np.asarray(factor), (*columns, *extra))
+    gains = {f"{name}.gain": name for name in problem.effects}
+    labels = {**gains, **dict(zip(extra, followers, strict=True))}
+    scores = falls(reduce(triangle), np.array([[k] for k in triangle.at(list(labels))]))
+    limit = float(chi2.isf(level / len(labels), 1))
+    found = [label for label, score in zip(labels.values(), scores, strict=True) if score > limit]
+    return tuple(dict.fromkeys(found))
 
 
 def _neighbours(best: LoopFit) -> dict[str, float]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
+from .._foundation.location import LocationKind
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Float
 from ..diagnosis.autoregression import autoregressive_r2
@@ -25,7 +26,8 @@ from ..models.base import AbstractModel, canonical
 from ..models.free import Free, Parameters, Positions, initial_parameters, with_values
 from ..models.noise import AbstractNoise, FixedNoise
 from ..sensitivity.information import gather, record_triangles
-from .hypothesis import Hypothesis
+from .force_innovations import ForceNoise, force_innovations
+from .hypothesis import Hypothesis, RandomForces, force_in
 from .linear import Triangle
 from .problem import LoopProblem, regular
 from .thresholds import MAX_CONTINUATIONS, MIN_CONTINUATION_SHARE, MIN_COST_FALL
@@ -123,18 +125,17 @@ class LoopFit:
 
     @cached_property
     def linearised(self) -> tuple[Array, Array, tuple[str, ...]]:
-        """Rows of misfit, their sensitivities, and the names of the shared columns.
+        """Residuals of the simulation, sensitivities to all columns, and the columns' names.
 
-        The columns are those of all candidates for output error, and the free ones otherwise.
+        Under a noise with a likelihood of its own, those of the motion without that noise.
         """
         problem, solution = self.problem, self.solution
-        if not isinstance(self.estimation.problem.likelihood, OutputError):
-            case = FlatProblem.of(self.estimation.problem)
-            rows, S = PROGRAMS.sensitivities(*case.sensitivities_arguments(solution.parameters))
-            return rows, S, self.estimation.names
         augmented = problem.model_at(self.values)
         shared = to_device(self.values[: problem.columns.declared])
-        base = _padded(problem, augmented, self.estimation.problem.likelihood, (), shared)
+        likelihood = self.estimation.problem.likelihood
+        if not isinstance(likelihood, OutputError):
+            likelihood = problem.likelihood
+        base = _padded(problem, augmented, likelihood, (), shared)
         case = FlatProblem.of(base)
         parameters = Parameters(_padded_values(shared, base), solution.parameters.rows)
         arguments = case.outputs_arguments(parameters)
@@ -145,25 +146,66 @@ class LoopFit:
             for block in padded.reshape(-1, width)
         ]
         S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : at.size]
+        S[..., ~np.all(np.isfinite(S), axis=(0, 1, 2))] = 0.0
         return blocks[0][0], to_device(S), problem.columns.names
+
+    def under_forces(self, signals: Float[Array, "case time signal"]):
+        """Return innovations of residuals, of all columns, and of forces that follow signals.
+
+        Args:
+            signals: signals that a force might follow.
+        """
+        noise, rows = self.hypothesis.noise, self.solution.parameters.rows
+        assert isinstance(noise, RandomForces), "a fit with random forces"
+        names = [*map(force_in, noise.equations), *noise.air]
+        estimates = {name: value for name, (value, _) in self.estimates.items()}
+        forces = ForceNoise(
+            jnp.array([estimates[f"process.{name}"] for name in names]),
+            jnp.array([estimates[f"correlation_time.{name}"] for name in names]),
+            jnp.array([estimates[f"sensor.{name}"] for name in self.problem.model.outputs]),
+        )
+        kinds = {LocationKind.EQUATION: noise.equations, LocationKind.AIR: noise.air}
+        places = tuple((kind, names) for kind, names in kinds.items() if names)
+        v, S, _ = self.linearised
+        parameters = Parameters(to_device(np.zeros(0)), rows)
+        return force_innovations(self.fixed, parameters, places, forces, v, S, signals)
+
+    @property
+    def fixed(self) -> Problem:
+        """The problem at the values of the fit, with its effects alone, and free initial states."""
+        problem = self.problem
+        model = problem.model_at(self.values)
+        if problem.uses_reduced_model or not isinstance(
+            self.estimation.problem.likelihood, OutputError
+        ):
+            model = model.only(self.effects)
+        free = Free((), problem.free.per_record)
+        return Problem.of(model, free, problem.train, problem.likelihood)
 
     @cached_property
     def triangle(self) -> Triangle:
         """Triangular factor of the sensitivities to all columns, and of the residual."""
         rows, S, names = self.linearised
-        S = np.array(S)
-        S[..., ~np.all(np.isfinite(S), axis=(0, 1, 2))] = 0.0
         likelihood, mask = self.estimation.problem.likelihood, self.problem.train.mask
-        row_mask = likelihood.row_mask(mask)
         own = len(self.problem.free.per_record)
-        factor = _white_factor(likelihood.noise, rows, to_device(S), row_mask, own)
-        chosen = set(self.estimation.names)
+        if isinstance(likelihood, OutputError):
+            factor = _white_factor(likelihood.noise, rows, S, likelihood.row_mask(mask), own)
+        else:
+            nothing = jnp.zeros((*mask.shape[:2], 0))
+            factor = triangular_factor(*self.under_forces(nothing)[:2], own)
+        return self.triangle_of(np.asarray(factor), names)
+
+    def triangle_of(self, factor, names: tuple[str, ...]) -> Triangle:
+        """Return a factor with names, free columns and values.
+
+        Args:
+            factor: triangular factor of columns and residual.
+            names: names of the columns; those unknown to the fit are absent.
+        """
+        chosen, index = set(self.estimation.names), self.problem.columns.index
         free = np.array([name in chosen for name in names])
-        index = self.problem.columns.index
-        values = [
-            self.estimates[n][0] if n in self.estimates else self.values[index[n]] for n in names
-        ]
-        return Triangle(names, np.asarray(factor), free, np.array(values))
+        values = [self.values[index[name]] if name in index else 0.0 for name in names]
+        return Triangle(names, factor, free, np.array(values))
 
     @cached_property
     def white_residuals(self) -> Float[Array, "case time output"]:
@@ -171,7 +213,9 @@ class LoopFit:
         likelihood, mask = self.estimation.problem.likelihood, self.problem.train.mask
         if isinstance(likelihood, OutputError):
             return _white(likelihood.noise, self.solution.residuals, mask)
-        return self.linearised[0][..., : mask.shape[-1]]
+        case = FlatProblem.of(self.estimation.problem)
+        rows, _ = PROGRAMS.sensitivities(*case.sensitivities_arguments(self.solution.parameters))
+        return rows[..., : mask.shape[-1]]
 
     @cached_property
     def predictable(self) -> dict[str, float]:
@@ -353,10 +397,15 @@ def _white_factor(noise: AbstractNoise, rows, S, row_mask, own: int):
     """Return the triangle `[T r]` of the shared columns."""
     whiten = noise.whitening(rows, row_mask)
     v, mask = rows[..., : S.shape[2]], row_mask[..., : S.shape[2]]
-    white_v, white_S = whiten.misfit(v, mask), whiten(S, mask)
-    triangles = record_triangles(white_S[..., :own], white_S[..., own:], white_v)
+    return triangular_factor(whiten.misfit(v, mask), whiten(S, mask), own)
+
+
+@fast_compile_jit
+def triangular_factor(v, S, own: int):
+    """Return the triangle `[T r]` of whitened columns, the per-record ones eliminated."""
+    triangles = record_triangles(S[..., :own], S[..., own:], v)
     shared = S.shape[-1] - own
-    held = jnp.zeros((rows.shape[0], own), bool), jnp.zeros(shared, bool)
+    held = jnp.zeros((v.shape[0], own), bool), jnp.zeros(shared, bool)
     return gather(triangles, jnp.zeros((1, shared + 1)), *held).factor
 
 

@@ -15,8 +15,7 @@ from ..diagnosis.free_form import gusts_of
 from ..diagnosis.localise import LocalisationResult, localise, resolution
 from ..effects.base import Effect
 from ..estimation.autoregressive_noise import select_order
-from ..estimation.problem import Problem
-from ..models.free import Free, Parameters
+from ..models.free import Parameters
 from .evidence import log_samples
 from .fit import LoopFit
 from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces
@@ -304,10 +303,8 @@ def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> Locali
     """
     problem = fit.problem
     rows, S, names = fit.linearised
-    model = problem.model_at(fit.values)
-    if problem.uses_reduced_model:
-        model = model.only(fit.effects)
-    rest = Problem.of(model, Free((), problem.free.per_record), problem.train, problem.likelihood)
+    rest = fit.fixed
+    model = rest.model
     places = {
         LocationKind.EQUATION: problem.equations,
         LocationKind.INPUT: model.inputs,

@@ -17,7 +17,7 @@ from ..models.free import Parameters, with_values
 from .compilation import signals_of
 from .evidence import Comparison, compare, inflation, is_noise_like, worth
 from .fit import LoopFit, fit
-from .hypothesis import Hypothesis, White
+from .hypothesis import Hypothesis, RandomForces, White
 from .moves import Move, MoveKind, Proposals, localise_fit, noise_moves
 from .options import LoopOptions
 from .problem import LoopProblem
@@ -168,7 +168,12 @@ def _grow(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
 
 
 def _expand(tree, parent: LoopFit, path, options: LoopOptions, progress) -> list[Step]:
-    """Return the accepted steps of the first stage that has any, the best first."""
+    """Return the accepted steps of the first stage that has any, the best first.
+
+    A hypothesis with random forces is not expanded: effects beside them are never the cause.
+    """
+    if isinstance(parent.hypothesis.noise, RandomForces):
+        return []
     proposals = Proposals(parent, options)
     count = len(proposals.candidates)
     stages: list[Callable[[], tuple[list[Move], int]]] = [lambda: (proposals.drops()[:1], count)]

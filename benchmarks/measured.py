@@ -158,9 +158,7 @@ def _round(one: dict[str, Any]) -> dict[str, Any]:
     refitted = [
         {key: c[key] for key in kept} for c in one["candidates"] if c["cost_fall"] is not None
     ]
-    return {key: one[key] for key in ("added", "alternatives", "dropped", "errors")} | {
-        "refitted": refitted
-    }
+    return {key: one[key] for key in ("added", "dropped", "errors")} | {"refitted": refitted}
 
 
 def table(rows: list[dict[str, Any]]) -> str:

@@ -250,7 +250,7 @@ def alternative(tree: SearchTree) -> Finding | None:
     }
     if not near:
         near = {
-            n: w for n, w in _neighbours(best).items() if w < margin / SETTLED * SETTLED_NEIGHBOUR
+            n: w for n, w in neighbours(best).items() if w < margin / SETTLED * SETTLED_NEIGHBOUR
         }
     return Finding(Check.ALTERNATIVE, tuple(near), tuple(near.values())) if near else None
 
@@ -375,7 +375,7 @@ def _followed(tree: SearchTree, level: float) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _neighbours(best: LoopFit) -> dict[str, float]:
+def neighbours(best: LoopFit) -> dict[str, float]:
     """Return how much worse each neighbouring shape fits, in chi-square of the linear model.
 
     The fit is linearised with a library of its own effects and their neighbours.

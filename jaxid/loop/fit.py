@@ -129,13 +129,18 @@ class LoopFit:
 
         Under a noise with a likelihood of its own, those of the motion without that noise.
         """
+        rows, S = self.all_columns()
+        S[..., ~np.all(np.isfinite(S), axis=(0, 1, 2))] = 0.0
+        return rows, to_device(S), self.problem.columns.names
+
+    def all_columns(self) -> tuple[Array, np.ndarray]:
+        """Return residuals and sensitivities to all columns, computed in blocks of a fit's width."""
         problem, solution = self.problem, self.solution
-        augmented = problem.model_at(self.values)
         shared = to_device(self.values[: problem.columns.declared])
         likelihood = self.estimation.problem.likelihood
         if not isinstance(likelihood, OutputError):
             likelihood = problem.likelihood
-        base = _padded(problem, augmented, likelihood, (), shared)
+        base = _padded(problem, problem.model_at(self.values), likelihood, (), shared)
         case = FlatProblem.of(base)
         parameters = Parameters(_padded_values(shared, base), solution.parameters.rows)
         arguments = case.outputs_arguments(parameters)
@@ -146,8 +151,7 @@ class LoopFit:
             for block in padded.reshape(-1, width)
         ]
         S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : at.size]
-        S[..., ~np.all(np.isfinite(S), axis=(0, 1, 2))] = 0.0
-        return blocks[0][0], to_device(S), problem.columns.names
+        return blocks[0][0], S
 
     def under_forces(self, signals: Float[Array, "case time signal"]):
         """Return innovations of residuals, of all columns, and of forces that follow signals.

@@ -19,6 +19,7 @@ from .evidence import Comparison, compare, inflation, is_noise_like, worth
 from .fit import LoopFit, fit
 from .hypothesis import Hypothesis, RandomForces, White
 from .moves import Move, MoveKind, Proposals, localise_fit, noise_moves
+from .not_finite import check_finite
 from .options import LoopOptions
 from .problem import LoopProblem
 from .thresholds import INSEPARABLE, MAX_COMPILED_FITS, SETTLED
@@ -117,6 +118,7 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
         raise divergence(problem.model, problem.free, problem.train, problem.likelihood)
     problem, signals = with_shapes(declared)
     declared = dataclasses.replace(declared, problem=problem)
+    check_finite(declared)
     tree = SearchTree(problem, declared, declared, signals)
     try:
         _grow(tree, options, progress)
@@ -239,9 +241,11 @@ def refit(parent: LoopFit, move: Move) -> LoopFit:
     from the gain that the linear model predicts, and from the declared values.
     """
     first = fit(parent.problem, move.hypothesis, parent, move.start)
-    if move.kind in (MoveKind.DROP, MoveKind.NOISE):
+    if move.kind is MoveKind.DROP:
         return first
     fits = [first]
+    if move.kind is MoveKind.NOISE:  # the parent may have taken the forces for other parameters
+        return min(first, fit(parent.problem, move.hypothesis, None), key=_cost_or_infinity)
     if not first.converged or 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
         fits.append(fit(parent.problem, move.hypothesis, parent, {**move.start, **move.estimated}))
     if not first.converged:

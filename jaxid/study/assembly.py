@@ -53,7 +53,7 @@ def assemble_study(
     if records.complete is not None:
         progress("estimate on the complete training records")
         declared, best, dropped = _fitted_on(records.complete, tree, options)
-        assessment = _without(assessment, best, dropped)
+        assessment = without(assessment, best.effects, dropped)
         last = dataclasses.replace(rounds[-1], dropped=(*rounds[-1].dropped, *dropped))
         rounds = (*rounds[:-1], last)
         if records.own_tests or dropped:
@@ -127,11 +127,19 @@ def _fitted_on(records: Record, tree: SearchTree, options: LoopOptions):
     return declared, best, tuple(dropped)
 
 
-def _without(assessment: Assessment, best: LoopFit, dropped: tuple[str, ...]) -> Assessment:
-    """Return the assessment after effects turned out insignificant on the complete records."""
+def without(
+    assessment: Assessment, effects: tuple[str, ...], dropped: tuple[str, ...]
+) -> Assessment:
+    """Return the assessment after effects turned out insignificant on the complete records.
+
+    Args:
+        assessment: that of the search.
+        effects: names of the effects that remain.
+        dropped: names of the insignificant effects.
+    """
     if not dropped:
         return assessment
-    outcome = Outcome.PROXIES if best.effects else Outcome.UNEXPLAINED
+    outcome = Outcome.PROXIES if effects else Outcome.UNEXPLAINED
     finding = Finding(Check.BORNE_OUT, dropped)
     return dataclasses.replace(
         assessment, outcome=outcome, findings=(*assessment.findings, finding)

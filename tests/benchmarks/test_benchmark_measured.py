@@ -57,13 +57,11 @@ def study():
         "cost_fall": 1.0,
         "name": "a",
         "score": 9.0,
-        "significance": 3.0,
         "check_fall": 0.1,
         "verdict": "added",
     }
     one = {
         "added": "a",
-        "alternatives": [],
         "dropped": [],
         "errors": {},
         "candidates": [candidate, {"cost_fall": None}],

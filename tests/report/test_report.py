@@ -12,7 +12,6 @@ from spring_study import HOSTILE, make_study
 from jaxid._foundation.checks import InputError
 from jaxid.loop.outcome import Outcome
 from jaxid.report import figures, gallery, html, views, words, write_json, write_study
-from jaxid.study.study import RandomForces
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}
 
@@ -132,31 +131,11 @@ def test_page_describes_every_outcome(study, drawn, outcome, quick):
 
 def test_page_names_test_set_that_decided(study, drawn, quick):
     rounds = tuple(
-        dataclasses.replace(entry, errors=entry.errors | {"test quick": entry.errors["check"]})
+        dataclasses.replace(entry, errors=entry.errors | {"check": study.before.rms["quick"]})
         for entry in study.rounds
     )
     text = Page(html(dataclasses.replace(study, rounds=rounds), drawn=drawn)).text
     assert "but quick, which decided" in " ".join(text.split())
-
-
-def test_page_lists_parameters_estimated_with_random_forces(study, page, drawn, quick):
-    name = study.before.estimate.names[0]
-    forces = RandomForces(("v",), (), {"v": 0.3}, 0.5, {name: 1.2345}, 100.0)
-    assert "with process noise" not in Page(page).text
-    with_forces = dataclasses.replace(study, process_noise=forces)
-    text = Page(html(with_forces, drawn=drawn)).text
-    assert "with process noise" in text
-    assert "1.234" in text
-    assert f"estimated with the random forces, by a filter\n{name} " in str(with_forces)
-
-
-def test_page_lists_effects_of_abandoned_path(study, page, drawn, quick):
-    assert "A second search path" not in page
-    other = study.rounds[:1]
-    text = Page(html(dataclasses.replace(study, other_rounds=other), drawn=drawn)).text
-    assert f"The second path added: {words.raised(other[0].winner.description)}" in " ".join(
-        text.split()
-    )
 
 
 def test_prediction_figure_has_panel_per_channel(study):

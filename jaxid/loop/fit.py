@@ -134,7 +134,7 @@ class LoopFit:
         return rows, to_device(S), self.problem.columns.names
 
     def all_columns(self) -> tuple[Array, np.ndarray]:
-        """Return residuals and sensitivities to all columns, computed in blocks of a fit's width."""
+        """Return residuals and sensitivities to all columns, in blocks as wide as a fit."""
         problem, solution = self.problem, self.solution
         shared = to_device(self.values[: problem.columns.declared])
         likelihood = self.estimation.problem.likelihood

@@ -154,7 +154,7 @@ def _figure(one: Figure, study: Study) -> dict[str, Any]:
 
 def _round(one: dict[str, Any]) -> dict[str, Any]:
     """Return the changes of a round, with its refitted candidates."""
-    kept = ("name", "score", "significance", "check_fall", "verdict")
+    kept = ("name", "score", "check_fall", "verdict")
     refitted = [
         {key: c[key] for key in kept} for c in one["candidates"] if c["cost_fall"] is not None
     ]

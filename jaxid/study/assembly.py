@@ -48,11 +48,13 @@ def assemble_study(
     tree, assessment = found.tree, found.assessment
     rounds = rounds_of(tree, options)
     where, reports = _where(tree, assessment), _residual_reports(tree)
-    declared, best, dropped = tree.declared, tree.best, ()
+    # A noise model that the checks did not pass explains nothing.
+    accepted = assessment.outcome is not Outcome.UNEXPLAINED
+    declared, best, dropped = tree.declared, tree.best if accepted else tree.declared, ()
     predicting = declared, best
     if records.complete is not None:
         progress("estimate on the complete training records")
-        declared, best, dropped = _fitted_on(records.complete, tree, options)
+        declared, best, dropped = _fitted_on(records.complete, declared, best, options)
         assessment = without(assessment, best.effects, dropped)
         last = dataclasses.replace(rounds[-1], dropped=(*rounds[-1].dropped, *dropped))
         rounds = (*rounds[:-1], last)
@@ -114,13 +116,11 @@ def _residual_reports(tree: SearchTree) -> dict[str, ResidualReport]:
     }
 
 
-def _fitted_on(records: Record, tree: SearchTree, options: LoopOptions):
+def _fitted_on(records: Record, declared: LoopFit, best: LoopFit, options: LoopOptions):
     """Return both fits on the complete training records, and the effects insignificant there."""
-    problem = tree.problem.on(records)
-    declared = fit(problem, tree.declared.hypothesis, tree.declared)
-    best, dropped = declared, []
-    if tree.best is not tree.declared:
-        best = fit(problem, tree.best.hypothesis, tree.best)
+    problem, is_declared = best.problem.on(records), best is declared
+    declared = fit(problem, declared.hypothesis, declared)
+    best, dropped = declared if is_declared else fit(problem, best.hypothesis, best), []
     while moves := Proposals(best, options).drops():
         dropped += [name for name in best.effects if name not in moves[0].hypothesis.effects]
         best = fit(problem, moves[0].hypothesis, best)

@@ -268,6 +268,6 @@ def test_shortfall_names_effect_added_instead(of):
     words = of("table").shortfall(
         result(first_right=False, effects=["b"], ratio=1.5, **{"in": [False]})
     )
-    assert words.startswith("b (explained; truth 100; a 50/90, check +0.100, added)")
+    assert words.startswith("b (explained; truth 100; worse by: a 90)")
     assert words.endswith("ratio 1.500")
     assert of("table").shortfall(result()) == ""

@@ -1,5 +1,7 @@
 """The search over hypotheses: ways past a wrong first effect, and effects that records show."""
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 import pytest
@@ -13,6 +15,7 @@ from jaxid.loop import Hypothesis, LoopProblem, Outcome, search_effects
 from jaxid.loop.evidence import Decision, compare
 from jaxid.loop.fit import fit
 from jaxid.loop.moves import Proposals
+from jaxid.loop.search import with_shapes
 
 
 class Blend(Effect):
@@ -75,6 +78,8 @@ def test_evident_effect_is_added_while_residual_is_coloured():
     ]
     given = problem(stopped, (SensorSaturation("x"), Term("v", "x^3")))
     declared, options = fit(given, Hypothesis()), LoopOptions(min_check_gain=0.9)
+    given, _ = with_shapes(declared)
+    declared = dataclasses.replace(declared, problem=given)
     decisions = {
         name: compare(declared, fit(given, Hypothesis((name,)), declared), options, 2).decision
         for name in given.effects
@@ -119,7 +124,7 @@ def test_effect_is_added_if_check_records_stop_diverging():
 def _diverged(fitted):
     """The same fit, whose simulation of the check records is not finite."""
     prediction = fitted.check_prediction
-    lost = jnp.full_like(prediction.residuals, jnp.inf)
+    lost = jnp.full_like(prediction.y, jnp.inf)
     copied = type(fitted)(fitted.problem, fitted.hypothesis, fitted.estimation, fitted.solution)
-    copied.__dict__["check_prediction"] = eqx.tree_at(lambda p: p.residuals, prediction, lost)
+    copied.__dict__["check_prediction"] = eqx.tree_at(lambda p: p.y, prediction, lost)
     return copied

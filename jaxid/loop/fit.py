@@ -200,15 +200,18 @@ class LoopFit:
         return self.triangle_of(np.asarray(factor), names)
 
     def triangle_of(self, factor, names: tuple[str, ...]) -> Triangle:
-        """Return a factor with names, free columns and values.
+        """Return a factor with names, free columns and values of the gains.
+
+        An effect is removed by its gain; its shape then has no column, and counts as zero.
 
         Args:
             factor: triangular factor of columns and residual.
             names: names of the columns; those unknown to the fit are absent.
         """
-        chosen, index = set(self.estimation.names), self.problem.columns.index
+        chosen, columns = set(self.estimation.names), self.problem.columns
         free = np.array([name in chosen for name in names])
-        values = [self.values[index[name]] if name in index else 0.0 for name in names]
+        gains = {columns.names[column] for column in columns.gains.values()}
+        values = [self.values[columns.index[n]] if n in gains else 0.0 for n in names]
         return Triangle(names, factor, free, np.array(values))
 
     @cached_property

@@ -33,7 +33,7 @@ class Triangle(NamedTuple):
         names: names of the columns.
         factor: `[T r]`, with the per-record parameters eliminated.
         free: the columns that are free in the fit.
-        values: parameter values of the columns.
+        values: gains at the fit, by which columns are removed; zero for other parameters.
     """
 
     names: tuple[str, ...]

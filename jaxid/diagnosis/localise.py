@@ -29,7 +29,7 @@ from ..estimation.problem import Problem
 from ..estimation.result import Estimate
 from ..models.free import Parameters
 from .autoregression import white_noise_variance
-from .free_form import FORCES, Places, answers, gusts_of, linear_model, spline_basis
+from .free_form import Places, answers, gusts_of, linear_model, spline_basis
 from .thresholds import FEW_KNOTS, LARGEST_WEIGHT, MANY_KNOTS, WEAK_DIRECTION
 
 KINDS = (LocationKind.EQUATION, LocationKind.INPUT, LocationKind.SENSOR, LocationKind.AIR)
@@ -88,21 +88,6 @@ class LocalisationResult(NamedTuple):
         """Return the first place and all places whose share is less than `within` below its."""
         first, *others = self.places
         return (first, *(place for place in others if place.share > first.share - within))
-
-    def disturbance_locations(self) -> tuple[Place, ...]:
-        """Return the places at which a random force could act.
-
-        These are all equations if an equation is among the near-best places, and all places in the
-        air if one of them is.
-        """
-        kinds = {place.location.kind for place in self.near_best()}
-        return tuple(
-            place
-            for kind in FORCES
-            if kind in kinds
-            for place in self.places
-            if place.location.kind is kind
-        )
 
     def explained_by(self, place: Place) -> tuple[tuple[str, float], ...]:
         """Return the R^2 of a cubic regression of the disturbance on each variable, largest first.

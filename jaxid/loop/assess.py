@@ -5,24 +5,17 @@ import enum
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
-import numpy as np
-from scipy.stats import chi2
-
-from .._foundation.grid import typical_step
 from .._foundation.location import LocationKind
 from ..data.record import Record
 from ..diagnosis.localise import LocalisationResult
-from ..diagnosis.residual_report import analyse_residual
 from ..effects.base import Effect
-from ..estimation.autoregressive_noise import AutoregressiveNoise
 from .evidence import DETERMINED, Decision, inflation, is_noise_like
-from .fit import LoopFit, triangular_factor
-from .force_innovations import FUNCTIONS
+from .fit import LoopFit
 from .heldout_error import difference_error, mean_log
 from .hypothesis import RandomForces, White
-from .linear import fall, falls, reduce
+from .linear import fall
 from .moves import MoveKind, localise_fit
+from .noise_checks import above_known_noise, followed_signals, is_drift, stands_out
 from .options import LoopOptions
 from .outcome import Outcome
 from .search import SearchTree
@@ -43,11 +36,6 @@ UNIT_GAIN_DEVIATION = 3.0
 # Chosen: share of an effect's fall of chi-square within which an alternative is the same function
 # to the records, so that both name one cause.
 SAME_SHARE = 0.01
-
-
-# Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
-# five times in a record, and is as well a constant or a drift.
-LONGEST_MEMORY = 0.1
 
 
 class Check(enum.Enum):
@@ -137,25 +125,24 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Finding | None:
     It alone decides when the effect is not in the library and no shape in it comes near: a scale of
     the sensor that no other effect imitates (`test_absent_effect_is_not_named`).
     """
-    best = tree.best
-    forces = isinstance(best.hypothesis.noise, RandomForces)
-    if not is_noise_like(best, options) or (forces and best.effects):
+    best, level = tree.best, options.level
+    if not is_noise_like(best, options) or above_known_noise(best, level):
         return Finding(Check.NOISE_LIKE)
-    if above_known_noise(best, options.level):
-        return Finding(Check.NOISE_LIKE)
-    refused = _significant_refusals(tree)
-    if refused:
+    if refused := _significant_refusals(tree):
         return Finding(Check.NOISE_LIKE, refused)
     if not isinstance(best.hypothesis.noise, White):
-        record = np.asarray(best.problem.train.t)
-        if memory(best) > LONGEST_MEMORY * float(np.max(record[:, -1] - record[:, 0])):
-            return Finding(Check.NOISE_LIKE)
-        forces = isinstance(best.hypothesis.noise, RandomForces)
-        signals = (_followed if forces else _dependence)(tree, options.level)
-        return Finding(Check.NOISE_LIKE, signals) if signals else None
-    if best.effects and stands_out(localise_fit(best, _where(tree).splines), options.level):
+        return _noise_model(tree, level)
+    if best.effects and stands_out(localise_fit(best, _where(tree).splines), level):
         return Finding(Check.NOISE_LIKE)
     return None
+
+
+def _noise_model(tree: SearchTree, level: float) -> Finding | None:
+    """Return a finding if the noise model of the best hypothesis is no noise."""
+    best = tree.best
+    signals = followed_signals(best, tree.signals, level)
+    moved = isinstance(best.hypothesis.noise, RandomForces) and bool(best.effects)
+    return Finding(Check.NOISE_LIKE, signals) if signals or moved or is_drift(best) else None
 
 
 def one_function(effects: Sequence[Effect]) -> Finding | None:
@@ -193,15 +180,14 @@ def in_place(effects: Sequence[Effect], where: LocalisationResult) -> Finding | 
         effects: the effects of the best hypothesis.
         where: location of the residual of the declared model.
     """
-    locations = {effect.name: effect.card.location for effect in effects}
+    locations = [effect.card.location for effect in effects]
     places = tuple(p for p in where.places if p.location.kind is not LocationKind.AIR)
-    within = NEAR_PLACE if len(set(locations.values())) == 1 else NEAR_PLACE_OF_TWO
+    if act_between(effects) or not set(locations) <= {place.location for place in places}:
+        return None
+    within = NEAR_PLACE if len(set(locations)) == 1 else NEAR_PLACE_OF_TWO
     near = {place.location for place in where._replace(places=places).near_best(within)}
-    elsewhere = tuple(name for name, location in locations.items() if location not in near)
-    are_known = set(locations.values()) <= {place.location for place in places}
-    if are_known and not act_between(effects) and 2 * len(elsewhere) > len(locations):
-        return Finding(Check.IN_PLACE, elsewhere)
-    return None
+    elsewhere = tuple(e.name for e, at in zip(effects, locations, strict=True) if at not in near)
+    return Finding(Check.IN_PLACE, elsewhere) if 2 * len(elsewhere) > len(effects) else None
 
 
 def act_between(effects: Sequence[Effect]) -> bool:
@@ -270,51 +256,6 @@ def carries_over(tree: SearchTree, tests: Mapping[str, Record]) -> Finding | Non
     return Finding(Check.CARRIES_OVER, tuple(worse), tuple(worse.values())) if worse else None
 
 
-def stands_out(where: LocalisationResult, level: float) -> bool:
-    """Return True if a free-form disturbance at a place explains more than chance would.
-
-    Args:
-        where: location of the residual.
-        level: probability of a false alarm, over all places.
-    """
-    places = [place for place in where.places if place.dof]
-    chances = [float(chi2.sf(place.score, place.dof)) for place in places]
-    return min(chances, default=1.0) < level / max(len(chances), 1)
-
-
-def above_known_noise(fitted: LoopFit, level: float) -> bool:
-    """Return True if the noise is given and the whitened sum of squares is larger than chi-square
-    allows.
-
-    Args:
-        fitted: a fit.
-        level: probability of a false alarm.
-    """
-    noise = fitted.estimation.problem.likelihood.noise
-    if not noise.is_known or not isinstance(fitted.hypothesis.noise, White):
-        return False
-    mask = np.asarray(fitted.problem.train.mask)
-    squares = float(np.sum(np.where(mask, np.asarray(fitted.white_residuals), 0.0) ** 2))
-    unknown = len(fitted.estimation.names) + fitted.solution.parameters.rows.size
-    return bool(chi2.sf(squares, max(int(np.sum(mask)) - unknown, 1)) < level)
-
-
-def memory(fitted: LoopFit) -> float:
-    """Return the longest correlation time of the noise of a fit [s]; zero for white noise.
-
-    Autoregressive noise with coefficients of characteristic roots `z` decays as `max |z|^i`.
-    """
-    noise = fitted.estimation.problem.likelihood.noise
-    times = [v for n, (v, _) in fitted.estimates.items() if n.startswith("correlation_time.")]
-    if isinstance(noise, AutoregressiveNoise):
-        mask = fitted.problem.train.mask
-        step = float(typical_step(fitted.problem.train.t))
-        for coefficients in np.asarray(noise.coefficients(fitted.solution.residuals, mask)):
-            largest = float(np.max(np.abs(np.roots(np.r_[1.0, -coefficients])), initial=0.0))
-            times.append(step / max(-np.log(max(largest, 1e-300)), 1e-300))
-    return max(times, default=0.0)
-
-
 def _where(tree: SearchTree) -> LocalisationResult:
     """Return the location of the residual of the declared model, computed once."""
     if tree.where is None:
@@ -335,44 +276,6 @@ def _significant_refusals(tree: SearchTree) -> tuple[str, ...]:
     ]
     significant = [step for step in steps if step.comparison.fall > step.comparison.required]
     return tuple(name for step in significant for name in step.move.into)
-
-
-def _dependence(tree: SearchTree, level: float) -> tuple[str, ...]:
-    """Return the signals on which the whitened residual of the best hypothesis depends."""
-    best = tree.best
-    mask, outputs = best.problem.train.mask, best.problem.model.outputs
-    signals = {name: jnp.asarray(signal) for name, signal in tree.signals.items()}
-    report = analyse_residual(jnp.asarray(best.white_residuals), mask, signals, outputs)
-    maps, cross = np.asarray(report.maps.p_value), np.asarray(report.tests.cross_p)
-    limit = level / (maps.size + cross.size)
-    variables, lagged = report.maps.variables, report.tests.signals
-    dependent = [variables[k] for k in np.flatnonzero(np.any(maps < limit, axis=0))]
-    dependent += [lagged[k] for k in np.flatnonzero(np.any(cross < limit, axis=0))]
-    return tuple(dict.fromkeys(dependent))
-
-
-def _followed(tree: SearchTree, level: float) -> tuple[str, ...]:
-    """Return the candidates, and the signals, that random forces turn out to follow.
-
-    A force that is a function of a signal is no random one. Each candidate, and simple functions
-    of each signal as a force at each place, are scored in the innovations of the filter.
-    """
-    best = tree.best
-    problem, names = best.problem, [name for name in tree.signals if name != "t"]
-    signals = jnp.stack([jnp.asarray(tree.signals[name]) for name in names], axis=-1)
-    v, S, probes = best.under_forces(signals)
-    own, columns = len(problem.free.per_record), problem.columns.names
-    factor = triangular_factor(v, jnp.concatenate([S, probes], axis=-1), own)
-    places = probes.shape[-1] // (len(names) * len(FUNCTIONS))
-    followers = [name for name in names for _ in FUNCTIONS] * places
-    extra = tuple(f"force {k}" for k in range(len(followers)))
-    triangle = best.triangle_of(np.asarray(factor), (*columns, *extra))
-    gains = {f"{name}.gain": name for name in problem.effects}
-    labels = {**gains, **dict(zip(extra, followers, strict=True))}
-    scores = falls(reduce(triangle), np.array([[k] for k in triangle.at(list(labels))]))
-    limit = float(chi2.isf(level / len(labels), 1))
-    found = [label for label, score in zip(labels.values(), scores, strict=True) if score > limit]
-    return tuple(dict.fromkeys(found))
 
 
 def neighbours(best: LoopFit) -> dict[str, float]:

@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Mapping
 from functools import cached_property
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,35 +18,19 @@ from ..diagnosis.validation import Prediction, Predictor
 from ..effects.augmented import Augmented
 from ..estimation.estimate import Fit
 from ..estimation.host_iteration import fit_by_steps
-from ..estimation.likelihoods import AbstractLikelihood, OutputError
+from ..estimation.likelihoods import OutputError
 from ..estimation.model_programs import PROGRAMS, FlatProblem
-from ..estimation.problem import Limits, Problem
-from ..models.base import AbstractModel, canonical
-from ..models.free import Free, Parameters, Positions, initial_parameters, with_values
+from ..estimation.problem import Problem
+from ..models.base import AbstractModel
+from ..models.free import Free, Parameters, with_values
 from ..models.noise import AbstractNoise, FixedNoise
 from ..sensitivity.information import gather, record_triangles
+from .estimation_problem import Estimation, estimation_of, free_of, padded_problem, padded_values
 from .force_innovations import ForceNoise, force_innovations
 from .hypothesis import Hypothesis, RandomForces, force_in
 from .linear import Triangle
 from .problem import LoopProblem, regular
 from .thresholds import MAX_CONTINUATIONS, MIN_CONTINUATION_SHARE, MIN_COST_FALL
-
-
-class Estimation(NamedTuple):
-    """An estimation problem of a hypothesis.
-
-    Attributes:
-        problem: the problem, with padding columns if it has the absent effects.
-        parameters: starting values.
-        names: names of the free shared parameters, without the padding.
-        model, free: the model with its values, and its free parameters.
-    """
-
-    problem: Problem
-    parameters: Parameters
-    names: tuple[str, ...]
-    model: AbstractModel
-    free: Free
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -110,7 +93,7 @@ class LoopFit:
         effects = tuple(problem.effects[name] for name in self.effects)
         model = Augmented(problem.model, effects) if effects else problem.model
         model = with_values(model, own, jnp.array([self.estimates[name][0] for name in own]))
-        free = _free(problem, own)
+        free = free_of(problem, own)
         if len(names) > len(own):
             free = dataclasses.replace(self.estimation.free, shared=names)
         return model, free
@@ -140,9 +123,9 @@ class LoopFit:
         likelihood = self.estimation.problem.likelihood
         if not isinstance(likelihood, OutputError):
             likelihood = problem.likelihood
-        base = _padded(problem, problem.model_at(self.values), likelihood, (), shared)
+        base = padded_problem(problem, problem.model_at(self.values), likelihood, (), shared)
         case = FlatProblem.of(base)
-        parameters = Parameters(_padded_values(shared, base), solution.parameters.rows)
+        parameters = Parameters(padded_values(shared, base), solution.parameters.rows)
         arguments = case.outputs_arguments(parameters)
         width, at = case.at.size, np.r_[np.asarray(problem.row_positions), problem.positions]
         padded = np.r_[at, np.full(-at.size % width, len(problem.names))]
@@ -293,47 +276,6 @@ def fit(
     return LoopFit(problem, hypothesis, estimation, solution)
 
 
-def estimation_of(
-    problem: LoopProblem,
-    hypothesis: Hypothesis,
-    values: Float[np.ndarray, " column"],
-    known: Mapping[str, float],
-    rows: Float[Array, "case own"] | None,
-) -> Estimation:
-    """Return the estimation problem of a hypothesis.
-
-    Args:
-        problem: the problem of the search.
-        hypothesis: effects and noise.
-        values: starting values of all columns.
-        known: starting values by name, also of parameters of the noise.
-        rows: starting values of the per-record parameters; by default those of the model.
-    """
-    noise, columns = hypothesis.noise, problem.columns
-    likelihood = canonical(noise.likelihood(problem.likelihood))
-    chosen = columns.chosen(hypothesis.effects)
-    names = tuple(columns.names[k] for k in chosen)
-    free = _free(problem, names)
-    augmented = problem.model_at(values)
-    padded = isinstance(likelihood, OutputError) and not problem.uses_reduced_model
-    if padded:
-        model = augmented
-        shared = to_device(values[chosen])
-        base = _padded(problem, model, likelihood, hypothesis.effects, shared)
-        shared = _padded_values(shared, base)
-    else:
-        model = canonical(noise.model(augmented.only(hypothesis.effects)))
-        model, free = canonical(likelihood.prepared(model, free, problem.train))
-        extra = tuple(name for name in free.shared if name in known and name not in names)
-        if extra:
-            model = with_values(model, extra, jnp.array([known[name] for name in extra]))
-        base = Problem.of(model, free, problem.train, likelihood)
-        shared = initial_parameters(model, base.positions, problem.train).shared
-    if rows is None:
-        rows = initial_parameters(base.model, base.positions, problem.train).rows
-    return Estimation(base, Parameters(shared, rows), free.shared, model, free)
-
-
 def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None, start):
     """Return starting values of all columns, and starting values by name."""
     values = (problem.initial_values if parent is None else parent.values).copy()
@@ -360,43 +302,6 @@ def worth_continuing(costs: list[float], creeping: float) -> bool:
         return True  # no fall is known yet
     fall, total = costs[-2] - costs[-1], costs[0] - costs[-1]
     return fall > max(MIN_COST_FALL, creeping * total)
-
-
-def _free(problem: LoopProblem, names: tuple[str, ...]) -> Free:
-    """Return the free parameters with these shared ones, and their bounds."""
-    free, columns = problem.free, problem.columns
-    lower, upper = dict(free.lower), dict(free.upper)
-    for name in names:
-        column = columns.index[name]
-        if column >= columns.declared:
-            lower[name] = to_device(np.array(columns.lower[column]))
-            upper[name] = to_device(np.array(columns.upper[column]))
-    return Free(names, free.per_record, lower, upper, free.scale, free.prior)
-
-
-def _padded(
-    problem: LoopProblem,
-    model: AbstractModel,
-    likelihood: AbstractLikelihood,
-    effects: tuple[str, ...],
-    shared: Float[Array, " column"],
-) -> Problem:
-    """Return a problem of the model with all candidates, whose columns are padded to a width.
-
-    All hypotheses of one width share their compiled programs.
-    """
-    chosen = problem.columns.chosen(effects)
-    padding = problem.width(len(chosen)) - len(chosen)
-    at = to_device(np.r_[problem.positions[chosen], np.full(padding, len(problem.names))])
-    positions = Positions(at, problem.row_positions, problem.leaves)
-    limits: Limits = problem.columns.limits(chosen, padding, problem.train.n_cases)
-    return Problem(model, positions, problem.train, likelihood, limits)
-
-
-def _padded_values(shared, base: Problem):
-    """Return starting values with zeros for the padding."""
-    missing = base.positions.shared.size - shared.size
-    return to_device(np.r_[np.asarray(shared), np.zeros(missing)])
 
 
 @fast_compile_jit

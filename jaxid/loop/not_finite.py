@@ -13,7 +13,7 @@ from .fit import LoopFit
 
 
 def check_finite(declared: LoopFit) -> None:
-    """Refuse a library of which no column is finite, and name the candidates that spoil it.
+    """Refuse a library without any finite column, and name the candidates that spoil it.
 
     Args:
         declared: fit of the declared model.

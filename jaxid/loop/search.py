@@ -172,7 +172,7 @@ def _grow(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
 def _expand(tree, parent: LoopFit, path, options: LoopOptions, progress) -> list[Step]:
     """Return the accepted steps of the first stage that has any, the best first.
 
-    A hypothesis with random forces is not expanded: effects beside them are never the cause.
+    A hypothesis with random forces is not expanded: effects together with them are never the cause.
     """
     if isinstance(parent.hypothesis.noise, RandomForces):
         return []

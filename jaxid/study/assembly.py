@@ -32,7 +32,7 @@ from .study_records import StudyRecords
 
 
 def assemble_study(
-    found: EffectSearch,
+    result: EffectSearch,
     records: StudyRecords,
     options: LoopOptions,
     progress: Callable[[str], None],
@@ -40,12 +40,12 @@ def assemble_study(
     """Return the study of a search.
 
     Args:
-        found: the search.
+        result: the search.
         records: training, check and test records.
         options: levels of the search.
         progress: function that receives a short text at every step.
     """
-    tree, assessment = found.tree, found.assessment
+    tree, assessment = result.tree, result.assessment
     rounds = rounds_of(tree, options)
     where, reports = _where(tree, assessment), _residual_reports(tree)
     # A noise model that the checks did not pass explains nothing.

@@ -87,8 +87,8 @@ def close_loop(
         solver=solver or SEARCH_SOLVER,
     )
     tests = records.tests if records.own_tests else {}
-    found = search_effects(problem, test=tests, options=options, progress=progress)
-    return assemble_study(found, records, options, progress)
+    result = search_effects(problem, test=tests, options=options, progress=progress)
+    return assemble_study(result, records, options, progress)
 
 
 def _checked_library(

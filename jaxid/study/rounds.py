@@ -147,21 +147,7 @@ def _round(tree: SearchTree, parent: LoopFit, made: Step | None, options: LoopOp
         for step in tree.steps
         if step.parent is parent and step.move.kind is not MoveKind.DROP
     ]
-    known = {candidate.name for candidate in refitted}
-    others = [
-        Candidate(
-            effect.name,
-            effect.card.description,
-            effect.card.family,
-            (effect.name,),
-            (),
-            (effect.card.location,),
-            proposals.score(effect),
-            proposals.gain(effect),
-        )
-        for effect in proposals.candidates
-        if effect.name not in known
-    ]
+    others = _scored(proposals, {candidate.name for candidate in refitted})
     everything = sorted([*refitted, *others], key=lambda candidate: -candidate.score)
     added = next((candidate for candidate in refitted if candidate.added), None)
     problem = parent.problem
@@ -179,6 +165,29 @@ def _round(tree: SearchTree, parent: LoopFit, made: Step | None, options: LoopOp
         parent.predictable,
         proposals.threshold,
     )
+
+
+def _scored(proposals: Proposals, known: set[str]) -> list[Candidate]:
+    """Return the candidates that were only scored.
+
+    Args:
+        proposals: candidates with their scores.
+        known: names of the refitted ones.
+    """
+    return [
+        Candidate(
+            effect.name,
+            effect.card.description,
+            effect.card.family,
+            (effect.name,),
+            (),
+            (effect.card.location,),
+            proposals.score(effect),
+            proposals.gain(effect),
+        )
+        for effect in proposals.candidates
+        if effect.name not in known
+    ]
 
 
 def _refitted(step: Step, added: bool) -> Candidate:
@@ -213,7 +222,7 @@ def alternatives_of(tree: SearchTree, margin: float) -> tuple[Alternative, ...]:
         margin: chi-square, priced by parameters.
     """
     best = tree.best
-    found = []
+    near = []
     for other, worse in tree.alternatives():
         new = tuple(name for name in other.effects if name not in best.effects)
         if worse < margin and new:
@@ -221,5 +230,5 @@ def alternatives_of(tree: SearchTree, margin: float) -> tuple[Alternative, ...]:
             effects = other.problem.effects
             description = " and ".join(effects[name].card.description for name in new)
             missing = tuple(name for name in best.effects if name not in other.effects)
-            found.append(Alternative(" + ".join(new), description, missing, worse, model, free))
-    return tuple(found)
+            near.append(Alternative(" + ".join(new), description, missing, worse, model, free))
+    return tuple(near)

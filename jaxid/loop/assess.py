@@ -5,7 +5,7 @@ import enum
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from .._foundation.location import LocationKind
+from .._foundation.location import Location, LocationKind
 from ..data.record import Record
 from ..diagnosis.localise import LocalisationResult
 from ..effects.base import Effect
@@ -181,13 +181,17 @@ def in_place(effects: Sequence[Effect], where: LocalisationResult) -> Finding | 
         where: location of the residual of the declared model.
     """
     locations = [effect.card.location for effect in effects]
-    places = tuple(p for p in where.places if p.location.kind is not LocationKind.AIR)
-    if act_between(effects) or not set(locations) <= {place.location for place in places}:
+    if act_between(effects) or not set(locations) <= {place.location for place in where.places}:
         return None
-    within = NEAR_PLACE if len(set(locations)) == 1 else NEAR_PLACE_OF_TWO
-    near = {place.location for place in where._replace(places=places).near_best(within)}
+    near = _near_best(where, NEAR_PLACE if len(set(locations)) == 1 else NEAR_PLACE_OF_TWO)
     elsewhere = tuple(e.name for e, at in zip(effects, locations, strict=True) if at not in near)
     return Finding(Check.IN_PLACE, elsewhere) if 2 * len(elsewhere) > len(effects) else None
+
+
+def _near_best(where: LocalisationResult, within: float) -> set[Location]:
+    """Return the places near the best one, gusts left out: no effect is a gust."""
+    places = tuple(p for p in where.places if p.location.kind is not LocationKind.AIR)
+    return {place.location for place in where._replace(places=places).near_best(within)}
 
 
 def act_between(effects: Sequence[Effect]) -> bool:

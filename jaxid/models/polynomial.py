@@ -165,14 +165,14 @@ def _contributions(incidence: np.ndarray, indices: np.ndarray, n_values: int):
 
     The index after the last one stands for nothing.
     """
-    found: dict[tuple[int, int], list[int]] = {}
+    entries_of: dict[tuple[int, int], list[int]] = {}
     for row, term in np.argwhere(incidence):
         for order, factor in enumerate(indices[:, term]):
             if factor:
-                found.setdefault((row, factor), []).append(order * indices.shape[1] + term)
-    pairs = np.full((incidence.shape[0], n_values), len(found))
-    members = np.full((len(found), max(map(len, found.values()), default=0)), indices.size)
-    for number, (pair, entries) in enumerate(found.items()):
+                entries_of.setdefault((row, factor), []).append(order * indices.shape[1] + term)
+    pairs = np.full((incidence.shape[0], n_values), len(entries_of))
+    members = np.full((len(entries_of), max(map(len, found.values()), default=0)), indices.size)
+    for number, (pair, entries) in enumerate(entries_of.items()):
         pairs[pair] = number
         members[number, : len(entries)] = entries
     return pairs, members

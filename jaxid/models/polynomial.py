@@ -171,7 +171,9 @@ def _contributions(incidence: np.ndarray, indices: np.ndarray, n_values: int):
             if factor:
                 entries_of.setdefault((row, factor), []).append(order * indices.shape[1] + term)
     pairs = np.full((incidence.shape[0], n_values), len(entries_of))
-    members = np.full((len(entries_of), max(map(len, found.values()), default=0)), indices.size)
+    members = np.full(
+        (len(entries_of), max(map(len, entries_of.values()), default=0)), indices.size
+    )
     for number, (pair, entries) in enumerate(entries_of.items()):
         pairs[pair] = number
         members[number, : len(entries)] = entries

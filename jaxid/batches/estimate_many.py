@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax
 import numpy as np
 from jax.sharding import Mesh
 
 from .._foundation.checks import InputError, require, require_float64
+from .._foundation.host import on_cpu
 from ..data.record import Record
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
@@ -22,13 +22,11 @@ from .iteration import Settings
 from .progress import Progress, listener
 from .results import SUCCESSFUL, UNFINISHED, Arrays, Layout, refuse
 from .store import BatchStore
+from .width import with_width
 
 if TYPE_CHECKING:
     import xarray as xr
 
-# Cases of a group, which one `vmap` advances: on a CPU a few vectors wide (chosen), else all.
-WIDTH = {"cpu": 16}
-WIDTH_ELSEWHERE = 256
 STEPS = 3  # steps between two looks at the cases that have ended; chosen
 Device = Any  # a jax.Device, which is no class for a type checker
 WRITE_SECONDS = 1.0  # shortest time between two writes to the store [s]; chosen
@@ -90,17 +88,22 @@ def estimate_many(
     """
     require_float64()
     solver = solver or GaussNewton()
-    read = read_cases(model, free, cases, likelihood, models, starts)
+    with on_cpu():
+        read = read_cases(model, free, cases, likelihood, models, starts)
     _require_one_set_of_parameters(read)
     layout = Layout.of(read, solver.policy.threshold)
     attributes = identity_of(model, free, likelihood, solver, read)
     mesh = _mesh(devices)
-    settings = Settings(canonical(likelihood), solver, _width(mesh), STEPS)
+    settings = Settings(canonical(likelihood), solver, 1, STEPS)
     saved = None if store is None else BatchStore(store, layout, attributes)
     arrays = layout.empty() if saved is None else saved.load()
     pending = [case for case in read if arrays["status"][case.index] == UNFINISHED]
     with listener(progress) as notify:
-        finished = (group for bucket in buckets(pending) for group in run(bucket, settings, mesh))
+        finished = (
+            group
+            for bucket in buckets(pending)
+            for group in run(bucket, with_width(settings, bucket, mesh), mesh)
+        )
         _gather(finished, layout, arrays, pending, saved, notify)
     return layout.dataset(arrays, attributes)
 
@@ -156,12 +159,6 @@ def _mesh(devices: Sequence[Device] | Mesh | None) -> Mesh | None:
         return devices
     require(len(devices) > 0, "`devices` is empty. Leave it out to use JAX's default device.")
     return Mesh(np.array(devices), ("device",))
-
-
-def _width(mesh: Mesh | None) -> int:
-    """Return the number of cases of a group."""
-    platform = jax.default_backend() if mesh is None else mesh.devices.flat[0].platform
-    return WIDTH.get(platform, WIDTH_ELSEWHERE)
 
 
 def _require_one_set_of_parameters(cases: Sequence[Case]) -> None:

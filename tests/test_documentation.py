@@ -24,6 +24,7 @@ PAGES = (
     *("from_pysindy.md", "method.md", "uncertainty.md", "input_design.md"),
 )
 RUN_ELSEWHERE = {  # page: test of its blocks
+    "many_cases.md": "batches/test_estimate_many_processes.py",
     "real_records.md": "study/test_identify_layouts.py",
     "study_file.md": "test_main.py",
 }

@@ -1,6 +1,7 @@
 """Complete workflows: model completion, identification, instrument consistency."""
 
 from .close_loop import close_loop
+from .close_loop_many import close_loop_many
 from .consistency import consistency
 from .consistency_result import Consistency
 from .identification import Identification
@@ -10,6 +11,7 @@ from .options import LoopOptions
 from .outcome import Outcome
 from .rivals import discrimination
 from .rounds import Alternative, Decision
+from .studies import Studies, StudyResult
 from .study import Study
 
 __all__ = [
@@ -21,8 +23,11 @@ __all__ = [
     "IdentifyOptions",
     "LoopOptions",
     "Outcome",
+    "Studies",
     "Study",
+    "StudyResult",
     "close_loop",
+    "close_loop_many",
     "consistency",
     "discrimination",
     "identify",

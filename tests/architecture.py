@@ -75,7 +75,7 @@ PUBLIC_ONLY = {"diffrax", "equinox", "jax", "jaxlib", "lineax", "optimistix"}
 
 MEMORY = "_foundation/memory.py"  # reads the memory of this process; no user's file
 # Results of a batch and of studies, in a folder that the user names, and the locks of that folder.
-STORES = ("batches/store.py", "batches/locks.py", "study/study_folder.py")
+STORES = ("batches/store.py", "batches/locks.py", "study/many/study_folder.py")
 FILE_HOMES = ("data/io*", "data/datasets*", "report/*", ENTRY, MEMORY, CONFIGURATION, *STORES)
 FILE_METHODS = {
     *(

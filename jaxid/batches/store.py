@@ -80,8 +80,7 @@ class BatchStore:
 
     @contextlib.contextmanager
     def claimed(self) -> Iterator[None]:
-        """Reserve the cases of this process for it, and remove what a killed run left of their
-        files.
+        """Reserve the cases of this process for it, and remove partial files of a killed run.
 
         Raises:
             InputError: when another process holds them, or the store cannot be written.

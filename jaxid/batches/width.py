@@ -14,9 +14,9 @@ WIDTH_OF_CPU = 16
 # On a GPU, where a step of time takes as long for many cases as for one: two widths, so that few
 # programs are compiled. The narrow one serves a few cases, whose copies fill the slots (chosen).
 NARROW, WIDEST = 256, 8192
-# Bytes of a program over those of its slots. Measured on a CPU for a spring with two parameters (7)
-# and the aircraft of `benchmarks/reference_problem` with 30 (3), beside the slots themselves before
-# and after; the rest is reserve.
+# Bytes of a program over those of one group of slots: temporary arrays, measured on a CPU (7 for a
+# spring with two parameters, 3 for the aircraft of `benchmarks/reference_problem` with 30), and up
+# to four groups of slots before and after; the rest is reserve.
 WORKING_SHARE = 24
 # Of a GPU whose memory JAX does not know [bytes]; chosen.
 UNKNOWN_MEMORY = 4_000_000_000

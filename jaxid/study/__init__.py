@@ -1,17 +1,17 @@
 """Complete workflows: model completion, identification, instrument consistency."""
 
 from .close_loop import close_loop
-from .close_loop_many import close_loop_many
 from .consistency import consistency
 from .consistency_result import Consistency
 from .identification import Identification
 from .identify import identify
 from .identify_options import LONG_RECORDS, IdentifyOptions
+from .many.close_loop_many import close_loop_many
+from .many.studies import Studies, StudyResult
 from .options import LoopOptions
 from .outcome import Outcome
 from .rivals import discrimination
 from .rounds import Alternative, Decision
-from .studies import Studies, StudyResult
 from .study import Study
 
 __all__ = [

@@ -13,9 +13,9 @@ from jaxid._foundation.checks import InputError
 from jaxid.effects import Term
 from jaxid.models import FixedNoise
 from jaxid.study import close_loop_many
-from jaxid.study.close_loop_many import run_study
-from jaxid.study.studies import Studies, StudyResult
-from jaxid.study.study_folder import StudyFolder
+from jaxid.study.many.close_loop_many import run_study
+from jaxid.study.many.studies import Studies, StudyResult
+from jaxid.study.many.study_folder import StudyFolder
 
 CUBE = Term("v", "x^3", gain=jnp.array(-0.3))
 OPTIONS = LoopOptions(max_rounds=1, swap_limit=0, beam_width=1)
@@ -125,7 +125,7 @@ def test_error_of_a_study_is_returned_with_its_traceback(studies, monkeypatch):
     def fail(**arguments):
         raise ZeroDivisionError("planted")
 
-    module = importlib.import_module("jaxid.study.close_loop_many")
+    module = importlib.import_module("jaxid.study.many.close_loop_many")
     monkeypatch.setattr(module, "close_loop", fail)
     result = run_study("a", pickle.dumps(studies["flight 1"]))
     assert "ZeroDivisionError: planted" in result.failure

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .outcome import Outcome
+from ..outcome import Outcome
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,7 +44,7 @@ class StudyResult:
         The errors are those of the channel and test set with the largest ratio of error to noise
         before.
         """
-        found = {
+        row = {
             "study": self.name,
             "outcome": FAILED if self.outcome is None else self.outcome.value,
             "effects": ", ".join(self.effects),
@@ -55,7 +55,7 @@ class StudyResult:
             "failure": self.failure,
         }
         if self.content is None:
-            return found
+            return row
         noise = self.content["noise"]
         errors = [
             (_number(test["before"][channel]) / noise[channel], channel, test)
@@ -63,7 +63,7 @@ class StudyResult:
             for channel in test["before"]
         ]
         _, channel, test = max(errors, key=lambda error: error[0])
-        return found | {
+        return row | {
             "channel": channel,
             "before": _number(test["before"][channel]),
             "after": _number(test["after"][channel]),

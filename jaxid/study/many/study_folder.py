@@ -6,7 +6,7 @@ import urllib.parse
 from collections.abc import Mapping
 from pathlib import Path
 
-from .._foundation.checks import InputError
+from ..._foundation.checks import InputError
 from .studies import StudyResult
 
 

@@ -6,16 +6,17 @@ import os
 import pickle
 import time
 import traceback
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
-from .._foundation.checks import InputError, require, require_float64
-from .._foundation.configuration import configure, settings_in_use
-from ..batches.identity import digest_of, version
-from .close_loop import close_loop
+from ..._foundation.checks import InputError, require, require_float64
+from ..._foundation.configuration import configure, settings_in_use
+from ...batches.identity import digest_of, version
+from ..close_loop import close_loop
 from .studies import Studies, StudyResult
 from .study_folder import StudyFolder
 
@@ -59,18 +60,17 @@ def close_loop_many(
     """
     require_float64()
     _check(studies)
-    processes = os.cpu_count() or 1 if processes is None else processes
-    require(processes >= 1, f"`processes` is {processes}. Give at least 1.")
+    count = os.cpu_count() or 1 if processes is None else processes
+    require(count >= 1, f"`processes` is {processes}. Give at least 1.")
     identities = {name: _identity(arguments) for name, arguments in studies.items()}
     kept = None if folder is None else StudyFolder(folder, identities)
     results = {} if kept is None else kept.results()
-    pending = [name for name in studies if name not in results]
-    for result in _run({name: studies[name] for name in pending}, processes):
+    pending = {name: studies[name] for name in studies if name not in results}
+    receivers = [one for one in (kept and kept.write, progress) if one is not None]
+    for result in _run(pending, count):
         results[result.name] = result
-        if kept is not None:
-            kept.write(result)
-        if progress is not None:
-            progress(result)
+        for receive in receivers:
+            receive(result)
     return Studies(tuple(results[name] for name in studies))
 
 
@@ -93,25 +93,34 @@ def _identity(arguments: Arguments) -> dict[str, str]:
 
 
 def _run(studies: Mapping[str, Arguments], processes: int) -> Iterator[StudyResult]:
-    """Yield the results of studies as they come; no more studies start than there are processes."""
-    waiting = list(studies)
+    """Yield the results of studies as they come.
+
+    If a process is killed, its pool fails with all studies that it runs, and a new pool takes the
+    waiting ones. No more studies are submitted than there are processes, so that these wait.
+    """
+    waiting = deque(studies)
     while waiting:
         context, settings = multiprocessing.get_context("spawn"), settings_in_use()
         count = min(processes, len(waiting))
         with ProcessPoolExecutor(count, context, configure_process, (settings,)) as pool:
             running: dict[Future, str] = {}
-            is_whole = True
-            while running or (waiting and is_whole):
-                while waiting and is_whole and len(running) < count:
-                    name = waiting.pop(0)
+            broken = False
+            while running or (waiting and not broken):
+                while waiting and not broken and len(running) < count:
+                    name = waiting.popleft()
                     running[_submitted(pool, name, studies[name])] = name
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    name = running.pop(future)
-                    try:
-                        yield future.result()
-                    except BrokenProcessPool:  # a new pool takes the waiting studies
-                        is_whole = False
-                        yield StudyResult(name, 0.0, None, KILLED)
+                    result = _result(future, running.pop(future))
+                    broken = broken or result.failure == KILLED
+                    yield result
+
+
+def _result(future: Future, name: str) -> StudyResult:
+    """Return the result of a study that has ended."""
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        return StudyResult(name, 0.0, None, KILLED)
 
 
 def _submitted(pool: ProcessPoolExecutor, name: str, arguments: Arguments) -> Future:

@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 import xarray as xr
 from many_lines import chosen, line_records, model
-from printed_code import blocks
 
 from jaxid._foundation.checks import InputError
 from jaxid.batches import estimate_many
 from jaxid.estimation import OutputError
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "many_cases.md"
 HELPERS = Path(__file__).resolve().parent.parent / "helpers"
 CASES, FAILING = 30, (4, 20)
 SCRIPT = """
@@ -85,15 +83,3 @@ def test_two_processes_of_jax_distributed_give_the_results_of_one(tmp_path):
 def test_part_without_store_is_refused():
     with pytest.raises(InputError, match="needs a `store`"):
         estimate_many(model(), chosen(), line_records(2), OutputError(), part=(0, 2))
-
-
-def test_script_of_the_documentation_runs_in_two_parts(tmp_path, monkeypatch, capsys):
-    """Both parts in this process, one after the other, so that its programs compile once."""
-    (code,) = blocks(PAGE.read_text(encoding="utf-8"), "python")
-    code = code.replace("jaxid.configure()", "")  # the settings of the tests stay
-    monkeypatch.setenv("SLURM_SUBMIT_DIR", str(tmp_path))
-    monkeypatch.setenv("SLURM_NTASKS", "2")
-    for number, remaining in ((0, "10 successful, 10 unfinished"), (1, "20 successful")):
-        monkeypatch.setenv("SLURM_PROCID", str(number))
-        exec(compile(code, str(PAGE), "exec"), {"__name__": "many"})
-        assert f"20 cases: {remaining}\n" in capsys.readouterr().out

@@ -22,7 +22,7 @@ from jaxid.estimation import GaussNewton, OutputError
 
 HELPERS = Path(__file__).resolve().parent.parent / "helpers"
 MODULE = importlib.import_module("jaxid.batches.estimate_many")
-CASES = 220
+CASES = 120
 SILENT = (9, 77)
 
 KILLED = """

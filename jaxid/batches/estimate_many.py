@@ -96,12 +96,7 @@ def estimate_many(
             process, a part has no store, or JAX is in 32 bit.
     """
     require_float64()
-    solver, own_part = solver or GaussNewton(), Part.of(part)
-    require(
-        store is not None or own_part.count == 1,
-        "A `part` of the cases needs a `store`, in which the parts come together. Name a folder "
-        "that all processes reach.",
-    )
+    solver, own_part = solver or GaussNewton(), _part(part, store)
     with on_cpu():
         read = read_cases(model, free, cases, likelihood, models, starts)
     _require_one_set_of_parameters(read)
@@ -117,15 +112,31 @@ def estimate_many(
     if pending:
         claim = contextlib.nullcontext() if saved is None else saved.claimed()
         with claim, listener(progress) as notify:
-            finished = (
-                group
-                for bucket in buckets(pending)
-                for group in run(bucket, with_width(settings, bucket, mesh), mesh)
-            )
+            finished = _finished(pending, settings, mesh)
             _gather(finished, layout, arrays, pending, own, saved, notify)
-    if saved is not None and own_part.count > 1:
-        arrays = saved.load()  # with the cases of other processes
-    return layout.dataset(arrays, attributes)
+    return layout.dataset(_joined(arrays, saved), attributes)
+
+
+def _part(part: tuple[int, int] | None, store: str | Path | None) -> Part:
+    """Return the part of this process; several parts need a store."""
+    own = Part.of(part)
+    require(
+        store is not None or own.count == 1,
+        "A `part` of the cases needs a `store`, in which the parts come together. Name a folder "
+        "that all processes reach.",
+    )
+    return own
+
+
+def _finished(cases: list[Case], settings: Settings, mesh: Mesh | None) -> Iterator[Finished]:
+    """Yield the results of cases as they finish."""
+    for bucket in buckets(cases):
+        yield from run(bucket, with_width(settings, bucket, mesh), mesh)
+
+
+def _joined(arrays: Arrays, saved: BatchStore | None) -> Arrays:
+    """Return the results with those that other processes have written in the meantime."""
+    return arrays if saved is None or saved.part.count == 1 else saved.load()
 
 
 def _gather(

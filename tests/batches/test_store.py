@@ -22,7 +22,7 @@ from jaxid.estimation import GaussNewton, OutputError
 
 HELPERS = Path(__file__).resolve().parent.parent / "helpers"
 MODULE = importlib.import_module("jaxid.batches.estimate_many")
-CASES = 120
+CASES = 220
 SILENT = (9, 77)
 
 KILLED = """

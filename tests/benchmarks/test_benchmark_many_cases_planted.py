@@ -7,6 +7,7 @@ import importlib
 from argparse import Namespace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,9 +49,9 @@ def test_differences_and_wrong_statuses_are_seen(benchmark):
     cases = benchmark.planted_cases(12)
     results = benchmark.run(cases)
     assert benchmark.wrong_statuses(cases, results) == []
-    changed = results.copy(deep=True)
-    changed["values"][3] *= 1.0 + 1e-6
+    changed, healthy = results.copy(deep=True), np.flatnonzero(cases.kinds == benchmark.HEALTHY)
+    changed["values"][healthy[0]] *= 1.0 + 1e-6
     assert benchmark.largest_difference(results, changed) == pytest.approx(1e-6, rel=1e-3)
-    changed["status"][5] = "refused"
+    changed["status"][healthy[1]] = "refused"
     assert benchmark.largest_difference(results, changed) == float("inf")
     assert len(benchmark.wrong_statuses(cases, changed)) == 1

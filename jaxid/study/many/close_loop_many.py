@@ -59,23 +59,22 @@ def close_loop_many(
             studies or cannot be written, or JAX is in 32 bit.
     """
     require_float64()
-    _check(studies)
-    count = os.cpu_count() or 1 if processes is None else processes
-    require(count >= 1, f"`processes` is {processes}. Give at least 1.")
-    identities = {name: _identity(arguments) for name, arguments in studies.items()}
-    kept = None if folder is None else StudyFolder(folder, identities)
+    _check(studies, processes)
+    kept = _opened(folder, studies)
     results = {} if kept is None else kept.results()
     pending = {name: studies[name] for name in studies if name not in results}
-    receivers = [one for one in (kept and kept.write, progress) if one is not None]
-    for result in _run(pending, count):
+    for result in _run(pending, processes or os.cpu_count() or 1):
         results[result.name] = result
-        for receive in receivers:
-            receive(result)
+        if kept is not None:
+            kept.write(result)
+        if progress is not None:
+            progress(result)
     return Studies(tuple(results[name] for name in studies))
 
 
-def _check(studies: Mapping[str, Arguments]) -> None:
-    """Refuse studies without the arguments that `close_loop` needs."""
+def _check(studies: Mapping[str, Arguments], processes: int | None) -> None:
+    """Refuse studies without the arguments that `close_loop` needs, and no process."""
+    require(processes is None or processes >= 1, f"`processes` is {processes}. Give at least 1.")
     require(len(studies) > 0, "There is no study. Give the arguments of at least one.")
     for name, arguments in studies.items():
         missing = [one for one in NEEDED if one not in arguments]
@@ -85,6 +84,13 @@ def _check(studies: Mapping[str, Arguments]) -> None:
             f"The study {name!r} has `progress`, which does not pass to another process. Give "
             "`progress` to `close_loop_many`.",
         )
+
+
+def _opened(folder: str | Path | None, studies: Mapping[str, Arguments]) -> StudyFolder | None:
+    """Return the folder of the results, if there is one."""
+    if folder is None:
+        return None
+    return StudyFolder(folder, {name: _identity(arguments) for name, arguments in studies.items()})
 
 
 def _identity(arguments: Arguments) -> dict[str, str]:

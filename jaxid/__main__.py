@@ -26,6 +26,7 @@ from .aircraft.flight.longitudinal_flight import longitudinal_flight
 from .aircraft.flight.simulated_flight import SimulatedFlight, realised_noise
 from .batches import Progress as BatchProgress
 from .batches import estimate_many, summary
+from .batches.parts import Part
 from .data.io.study import read_study
 from .estimation import OutputError
 from .measured import emps, silverbox, tanks
@@ -222,6 +223,12 @@ def batch(
         Path | None,
         typer.Option(help="Zarr store of the results, by default STUDY.zarr here; continued."),
     ] = None,
+    part: Annotated[
+        str,
+        typer.Option(
+            help="Number of this process, from zero, and of all processes that share the store."
+        ),
+    ] = "0/1",
 ) -> None:
     """Estimate every training record of a study file by itself, in one call that can be continued.
 
@@ -237,6 +244,7 @@ def batch(
             case.train,
             case.likelihood,
             store=store or Path(f"{path.stem}.zarr"),
+            part=Part.read(part),
             devices=devices if len(devices) > 1 else None,
             progress=lambda state: progress(_in_words(state)),
         )

@@ -21,7 +21,7 @@ START = "index.md"  # stands by itself; the other pages continue its code
 PAGES = (
     START,
     *("choose.md", "recipes.md", "from_scipy.md", "from_matlab.md", "from_sidpac.md"),
-    *("from_pysindy.md", "method.md", "uncertainty.md", "input_design.md"),
+    *("from_pysindy.md", "method.md", "uncertainty.md", "input_design.md", "many_cases.md"),
 )
 RUN_ELSEWHERE = {  # page: test of its blocks
     "real_records.md": "study/test_identify_layouts.py",

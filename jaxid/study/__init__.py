@@ -6,6 +6,8 @@ from .consistency_result import Consistency
 from .identification import Identification
 from .identify import identify
 from .identify_options import LONG_RECORDS, IdentifyOptions
+from .many.close_loop_many import close_loop_many
+from .many.studies import Studies, StudyResult
 from .options import LoopOptions
 from .outcome import Outcome
 from .rivals import discrimination
@@ -21,8 +23,11 @@ __all__ = [
     "IdentifyOptions",
     "LoopOptions",
     "Outcome",
+    "Studies",
     "Study",
+    "StudyResult",
     "close_loop",
+    "close_loop_many",
     "consistency",
     "discrimination",
     "identify",

@@ -4,7 +4,7 @@ from .exchange import Allocation, allocate
 from .experiment_points import Candidates, ExperimentPoints, at_most, candidates, optimal_points
 from .frequency import OptimalSpectrum, optimal_spectrum
 from .information import PlannedInformation, compare_inputs, information_of, planned_record
-from .input_design import Comparison, Design, design_input, expected_chi_square
+from .input_design import Comparison, Design, Explanation, design_input, expected_chi_square
 from .limits import Limits
 from .measures import (
     AbstractMeasure,
@@ -16,7 +16,7 @@ from .measures import (
     Trace,
     curve_width,
 )
-from .objectives import Discrimination, InformationObjective
+from .objectives import Discrimination, InformationObjective, MutualDiscrimination
 from .shapes import AbstractShape, Multisine, Spline, SquareWave, multisine, spline, square_wave
 from .signals import (
     InputSignal,
@@ -39,10 +39,12 @@ __all__ = [
     "Determinant",
     "Discrimination",
     "ExperimentPoints",
+    "Explanation",
     "InformationObjective",
     "InputSignal",
     "Limits",
     "Multisine",
+    "MutualDiscrimination",
     "OptimalSpectrum",
     "PlannedInformation",
     "SmallestEigenvalue",

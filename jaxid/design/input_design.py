@@ -26,7 +26,12 @@ from .information import (
 )
 from .limits import Limits, ratios
 from .measures import AbstractMeasure
-from .objectives import Discrimination, Hypothesis, InformationObjective
+from .objectives import (
+    Discrimination,
+    Hypothesis,
+    InformationObjective,
+    MutualDiscrimination,
+)
 from .optimisation import (
     OPTIMISED,
     Task,
@@ -40,6 +45,24 @@ from .optimisation import (
 )
 from .shapes import AbstractShape
 from .signals import InputSignal
+
+# Chi-square by which a hypothesis must lose to be refuted: a likelihood ratio of 20 (chosen).
+DECISIVE = 6.0
+
+
+class Explanation(NamedTuple):
+    """A model of records already flown.
+
+    Attributes:
+        model: the model, with the values of its estimate.
+        free: its free parameters.
+        earlier: factor of the information of these records on its shared parameters
+            (`fit.information.triangle`); None if it was not fitted to any.
+    """
+
+    model: AbstractModel
+    free: Free
+    earlier: Float[Numbers, "row parameter"] | None = None
 
 
 class Comparison(NamedTuple):
@@ -67,6 +90,8 @@ class Design(eqx.Module):
         limits_used: share of each limit that the design uses, in a simulation at a sample rate four
             times higher; at most 1.
         starts: costs that the optimisation reached from its starts.
+        chi_square: expected chi-square by which the wrong one of two hypotheses loses, the smaller
+            one if the directions differ; None without a rival.
     """
 
     signal: InputSignal
@@ -76,10 +101,17 @@ class Design(eqx.Module):
     comparisons: tuple[Comparison, ...] = eqx.field(static=True)
     limits_used: dict[str, float] = eqx.field(static=True)
     starts: tuple[float, ...] = eqx.field(static=True)
+    chi_square: float | None = eqx.field(static=True, default=None)
 
     def __str__(self) -> str:
         width = max(len(name) for name in ("conventional", *(c.name for c in self.comparisons)))
-        lines = [str(self.information), "", f"cost of the design {self.cost:.4g}"]
+        lines = [str(self.information), ""]
+        if self.chi_square is not None:
+            lines.append(
+                f"expected chi-square between the two hypotheses {self.chi_square:.4g} "
+                f"({DECISIVE:g} and more decides)"
+            )
+        lines.append(f"cost of the design {self.cost:.4g}")
         lines.append(
             f"{'conventional':<{width}} {'equal energy':>13} {'equal peak':>11} {'limits':>9}"
         )
@@ -105,7 +137,7 @@ def design_input(
     trim_input: Float[Numbers, " input"] | None = None,
     initial_state: Float[Numbers, " state"] | None = None,
     earlier: Float[Numbers, "row parameter"] | None = None,
-    rival: tuple[AbstractModel, Free] | None = None,
+    rival: Explanation | tuple[AbstractModel, Free] | None = None,
     conventional: Sequence[InputSignal] = (),
     seed: int = 0,
 ) -> Design:
@@ -129,9 +161,11 @@ def design_input(
         axes: inputs that move; all by default.
         trim_input: inputs at trim; zero by default.
         initial_state: state at trim; zero by default.
-        earlier: factor of the information of records already flown.
-        rival: another model with its free parameters; the input then separates it from `model`, in
-            the sense that it loses as much chi-square as possible if `model` is true.
+        earlier: factor of the information of records already flown, in place of the priors, which
+            that of a fit contains (`fit.information.triangle`).
+        rival: another model with its free parameters; the input then separates it from `model`: the
+            wrong one of both loses as much chi-square as possible, whichever is true. The envelope
+            holds for both.
         conventional: inputs to compare, from which the search also starts.
         seed: of the random starts.
 
@@ -153,23 +187,13 @@ def design_input(
     arrays = ratios(limits, model, axes, state, trim)
     _require_control(model, axes, state, trim)
     hypothesis = _hypothesis(model, free, state)
-    known = np.concatenate(
-        [
-            prior_rows(free),
-            np.zeros((0, len(free.shared))) if earlier is None else np.array(earlier),
-        ]
-    )
+    known = _known(free, earlier)
     information = InformationObjective(
-        hypothesis=hypothesis,
-        measure=measure,
-        earlier=jnp.asarray(known),
-        likelihood=likelihood,
+        hypothesis=hypothesis, measure=measure, earlier=known, likelihood=likelihood
     )
-    objective = information
+    task = Task(information, (hypothesis,), shape, arrays, t, trim)
     if rival is not None:
-        other = _hypothesis(canonical(rival[0]), rival[1], state)
-        objective = Discrimination(true=hypothesis, wrong=other, likelihood=likelihood)
-    task = Task(objective, hypothesis, shape, arrays, t, trim)
+        task = _separating(task, Explanation(*rival), state)
     starts, costs, factors = scaled_starts(task, information, seed, conventional)
     _require_shown(model, free, factors)
     order = np.argsort(costs)[:OPTIMISED]
@@ -193,12 +217,55 @@ def design_input(
         _comparisons(task, information, deviation, conventional),
         dict(zip(arrays.labels(), used.tolist(), strict=True)),
         tuple(cost for _, cost in results),
+        None if rival is None else _smaller_chi_square(task.objective, t, record.u),
     )
+
+
+def _separating(task: Task, rival: Explanation, state) -> Task:
+    """Return the task of separating the model of a task from a rival, within the limits of both."""
+    information, (first,) = task.objective, task.hypotheses
+    assert isinstance(information, InformationObjective)
+    model = canonical(rival.model)
+    require(
+        (model.inputs, model.outputs) == (first.model.inputs, first.model.outputs),
+        f"The rival has the inputs ({', '.join(model.inputs)}) and the outputs "
+        f"({', '.join(model.outputs)}), and the model other ones. Compare models of one record.",
+    )
+    second = _hypothesis(model, rival.free, state)
+    likelihood = information.likelihood
+    directions = (
+        Discrimination(first, second, _known(rival.free, rival.earlier), likelihood),
+        Discrimination(second, first, information.earlier, likelihood),
+    )
+    return Task(
+        MutualDiscrimination(directions, likelihood),
+        (first, second),
+        task.shape,
+        task.limits,
+        task.t,
+        task.trim_input,
+    )
+
+
+def _known(free: Free, earlier) -> Float[Array, "row parameter"]:
+    """Return rows of the information of records already flown, with its priors, else of priors."""
+    flown = prior_rows(free) if earlier is None else np.array(earlier, float)
+    require(
+        flown.shape[1:] == (len(free.shared),),
+        f"The information of earlier records has shape {flown.shape}, and there are "
+        f"{len(free.shared)} free parameters. Take `fit.information.triangle` of a fit with the "
+        "same parameters.",
+    )
+    return jnp.asarray(flown)
+
+
+def _smaller_chi_square(objective, t, u) -> float:
+    return min(float(_chi_square(direction, t, u)) for direction in objective.directions)
 
 
 def expected_chi_square(
     true: tuple[AbstractModel, Free],
-    wrong: tuple[AbstractModel, Free],
+    wrong: Explanation | tuple[AbstractModel, Free],
     record: Record,
     likelihood: AbstractLikelihood,
     *,
@@ -208,21 +275,24 @@ def expected_chi_square(
 
     Args:
         true: the hypothesis assumed to be true, and its free parameters.
-        wrong: the rival, with the same inputs and outputs.
+        wrong: the rival, with the same inputs and outputs; an `Explanation` for its earlier information.
         record: a single record with the input.
         likelihood: the likelihood with known noise.
         initial_state: state at the first sample, to which further states of a model are added as
             zero; by default each model reads it from the record.
     """
+    rival = Explanation(*wrong)
     first, second = (
         _hypothesis(
             canonical(model),
             free,
             as_float(model.initial_state(record) if initial_state is None else initial_state),
         )
-        for model, free in (true, wrong)
+        for model, free in (true, (rival.model, rival.free))
     )
-    objective = Discrimination(true=first, wrong=second, likelihood=canonical(likelihood))
+    objective = Discrimination(
+        first, second, _known(rival.free, rival.earlier), canonical(likelihood)
+    )
     return float(_chi_square(objective, record.t, record.u))
 
 

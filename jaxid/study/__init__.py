@@ -6,6 +6,7 @@ from .consistency_result import Consistency
 from .identification import Identification
 from .identify import identify
 from .identify_options import LONG_RECORDS, IdentifyOptions
+from .next_record import next_record, separating_input
 from .options import LoopOptions
 from .outcome import Outcome
 from .rivals import discrimination
@@ -26,4 +27,6 @@ __all__ = [
     "consistency",
     "discrimination",
     "identify",
+    "next_record",
+    "separating_input",
 ]

@@ -116,14 +116,18 @@ def spring_pair(
     estimated: tuple[tuple[str, ...], tuple[str, ...]] = (("gain",), ("gain",)),
     *,
     first: Callable[[Array], Array],
+    force: float,
+    reach: float,
     sigma: float = 0.02,
     declared: tuple[str, ...] = ("k", "c"),
 ) -> Pair:
-    """Return a pair on the spring; a force of 1.2 N and 1.2 m on either side are permitted.
+    """Return a pair on the spring.
 
     Args:
         words, effects, estimated, declared: as in `Pair`.
-        first: force of the first flight as a function of time [N].
+        first: force of the first record as a function of time [N].
+        force, reach: largest force [N] and distance [m] of the next record, about three
+            and two times those of the first.
         sigma: standard deviation of the noise [m].
     """
     t = sample_times(14.0, 0.1)
@@ -135,7 +139,7 @@ def spring_pair(
         estimated,
         combine(t, {"force": first(t)}, ("force",), name="first"),
         OutputError(FixedNoise(jnp.array([sigma**2]))),
-        Limits({"force": 1.2}, rate={"force": 12.0}, envelope={"x": (-1.2, 1.2)}),
+        Limits({"force": force}, rate={"force": 10.0 * force}, envelope={"x": (-reach, reach)}),
         math.sqrt(1.5) / (2.0 * math.pi),
     )
 
@@ -146,13 +150,16 @@ def aircraft_pair(
     estimated: tuple[tuple[str, ...], tuple[str, ...]] = (("gain",), ("gain",)),
     *,
     first: Callable[[Array], Array],
+    elevator: float,
+    alpha: float,
     declared: tuple[str, ...] = ("L", "Ma", "Mq", "Md"),
 ) -> Pair:
-    """Return a pair on the short period; 6 deg of elevator and 12 deg of alpha are permitted.
+    """Return a pair on the short period.
 
     Args:
         words, effects, estimated, declared: as in `Pair`.
         first: elevator of the first flight as a function of time [deg].
+        elevator, alpha: largest deflection and angle of attack of the next flight, from trim [deg].
     """
     t = sample_times(10.0, 0.05)
     model = ShortPeriod(*map(jnp.array, (1.0, 0.1, 8.0, 0.3, -5.0, -1.2, -8.0)))
@@ -165,9 +172,9 @@ def aircraft_pair(
         combine(t, {"elevator": DEG * first(t)}, ("elevator",), name="first"),
         OutputError(FixedNoise(jnp.array([0.1, 0.15]) ** 2 * DEG**2)),
         Limits(
-            {"elevator": 6.0 * DEG},
-            rate={"elevator": 60.0 * DEG},
-            envelope={"alpha": (-12.0 * DEG, 12.0 * DEG), "q": (-30.0 * DEG, 30.0 * DEG)},
+            {"elevator": elevator * DEG},
+            rate={"elevator": 10.0 * elevator * DEG},
+            envelope={"alpha": (-alpha * DEG, alpha * DEG)},
         ),
         0.39,
     )
@@ -205,40 +212,54 @@ def pairs() -> list[Pair]:
                 _with(DeadBand(IN_V, "v"), gain=-0.4, width=0.1, centre=0.0),
             ),
             first=doublet(0.3, 2.2),
+            force=0.9,
+            reach=0.9,
             declared=("k", "c"),
         ),
         spring_pair(
             "lag of the force; delay of the force",
             (_with(InputLag("force"), gain=1.0, time=0.2), _with(InputDelay("force"), gain=0.2)),
             (("time",), ("gain",)),
-            first=doublet(0.2, 2.2),
+            first=doublet(0.17, 2.2),
+            force=0.55,
+            reach=0.7,
         ),
         spring_pair(
             "x^2 in the spring; steady force",
             (_with(Term("v", "x^2"), gain=-0.8), _with(Term("v", "1"), gain=-0.03)),
             first=step(0.3),
+            force=0.9,
+            reach=0.6,
         ),
         spring_pair(
             "quadratic drag; damping that grows with x^2",
             (_with(QuadraticDrag("v", "v"), gain=-0.4), _with(Term("v", "x^2 v"), gain=-8.0)),
             first=sine(0.1, 0.195),
+            force=0.3,
+            reach=0.4,
             declared=("k",),
         ),
         spring_pair(
             "lag of the sensor; delay of the sensor",
             (_with(SensorLag("position"), gain=0.15), _with(SensorDelay("position"), gain=0.15)),
             first=doublet(0.2, 2.2),
+            force=0.55,
+            reach=0.7,
         ),
         aircraft_pair(
             "Cm of q; Cm of alpha-dot",
             (_with(Term("q", "q"), gain=-1.5), _with(Term("q", "alphadot"), gain=-1.5)),
             first=doublet(1.0, 1.0),
+            elevator=6.0,
+            alpha=12.0,
             declared=("L", "Ma", "Md"),
         ),
         aircraft_pair(
             "centre of gravity; moment bias",
             (_with(Term("q", "load"), gain=0.1), _with(Term("q", "1"), gain=0.03)),
             first=doublet(0.3, 1.0),
+            elevator=1.0,
+            alpha=2.0,
             declared=("L", "Mq", "Md"),
         ),
         aircraft_pair(
@@ -249,11 +270,15 @@ def pairs() -> list[Pair]:
             ),
             (("limit",), ("time",)),
             first=doublet(0.4, 1.0),
+            elevator=1.2,
+            alpha=1.6,
         ),
         aircraft_pair(
             "alpha^3 in Cm; alpha^5 in Cm",
             (_with(Term("q", "alpha^3"), gain=-150.0), _with(Term("q", "alpha^5"), gain=-15000.0)),
             first=doublet(2.5, 1.0),
+            elevator=6.0,
+            alpha=7.0,
         ),
         aircraft_pair(
             "hysteresis of the elevator; lag of the elevator",
@@ -263,5 +288,7 @@ def pairs() -> list[Pair]:
             ),
             (("gain",), ("time",)),
             first=sine(0.45, 0.4),
+            elevator=1.4,
+            alpha=1.6,
         ),
     ]

@@ -90,8 +90,8 @@ class Design(eqx.Module):
         limits_used: share of each limit that the design uses, in a simulation at a sample rate four
             times higher; at most 1.
         starts: costs that the optimisation reached from its starts.
-        chi_square: expected chi-square by which the wrong one of two hypotheses loses, the smaller
-            one if the directions differ; None without a rival.
+        chi_square: expected chi-square by which the wrong one of two hypotheses loses, the harmonic
+            mean over which is true; None without a rival.
     """
 
     signal: InputSignal
@@ -160,7 +160,7 @@ def design_input(
         likelihood: the likelihood of the later estimate, with known noise.
         axes: inputs that move; all by default.
         trim_input: inputs at trim; zero by default.
-        initial_state: state at trim; zero by default.
+        initial_state: state at trim; states beyond the given ones are zero.
         earlier: factor of the information of records already flown, in place of the priors, which
             that of a fit contains (`fit.information.triangle`).
         rival: another model with its free parameters; the input then separates it from `model`: the
@@ -179,9 +179,8 @@ def design_input(
     likelihood = canonical(likelihood)
     require_known_noise(likelihood)
     t = as_float(t)
-    zero_state, zero_input = jnp.zeros(len(model.states)), jnp.zeros(len(model.inputs))
-    state = zero_state if initial_state is None else as_float(initial_state)
-    trim = zero_input if trim_input is None else as_float(trim_input)
+    state = _start(model, initial_state)
+    trim = jnp.zeros(len(model.inputs)) if trim_input is None else as_float(trim_input)
     _require_same_samples(conventional, model, t)
     model = canonical(model)
     arrays = ratios(limits, model, axes, state, trim)
@@ -193,7 +192,7 @@ def design_input(
     )
     task = Task(information, (hypothesis,), shape, arrays, t, trim)
     if rival is not None:
-        task = _separating(task, Explanation(*rival), state)
+        task = _separating(task, Explanation(*rival))
     starts, costs, factors = scaled_starts(task, information, seed, conventional)
     _require_shown(model, free, factors)
     order = np.argsort(costs)[:OPTIMISED]
@@ -217,11 +216,11 @@ def design_input(
         _comparisons(task, information, deviation, conventional),
         dict(zip(arrays.labels(), used.tolist(), strict=True)),
         tuple(cost for _, cost in results),
-        None if rival is None else _smaller_chi_square(task.objective, t, record.u),
+        None if rival is None else 2.0 * float(np.exp(-cost[0])),
     )
 
 
-def _separating(task: Task, rival: Explanation, state) -> Task:
+def _separating(task: Task, rival: Explanation) -> Task:
     """Return the task of separating the model of a task from a rival, within the limits of both."""
     information, (first,) = task.objective, task.hypotheses
     assert isinstance(information, InformationObjective)
@@ -231,6 +230,8 @@ def _separating(task: Task, rival: Explanation, state) -> Task:
         f"The rival has the inputs ({', '.join(model.inputs)}) and the outputs "
         f"({', '.join(model.outputs)}), and the model other ones. Compare models of one record.",
     )
+    trim = dict(zip(first.model.states, first.initial_state, strict=True))
+    state = jnp.stack([trim.get(name, jnp.zeros(())) for name in model.states])
     second = _hypothesis(model, rival.free, state)
     likelihood = information.likelihood
     directions = (
@@ -259,10 +260,6 @@ def _known(free: Free, earlier) -> Float[Array, "row parameter"]:
     return jnp.asarray(flown)
 
 
-def _smaller_chi_square(objective, t, u) -> float:
-    return min(float(_chi_square(direction, t, u)) for direction in objective.directions)
-
-
 def expected_chi_square(
     true: tuple[AbstractModel, Free],
     wrong: Explanation | tuple[AbstractModel, Free],
@@ -275,7 +272,8 @@ def expected_chi_square(
 
     Args:
         true: the hypothesis assumed to be true, and its free parameters.
-        wrong: the rival, with the same inputs and outputs; an `Explanation` for its earlier information.
+        wrong: the rival, with the same inputs and outputs, and the information of its earlier
+            records if it is an `Explanation`.
         record: a single record with the input.
         likelihood: the likelihood with known noise.
         initial_state: state at the first sample, to which further states of a model are added as
@@ -286,7 +284,7 @@ def expected_chi_square(
         _hypothesis(
             canonical(model),
             free,
-            as_float(model.initial_state(record) if initial_state is None else initial_state),
+            _start(model, model.initial_state(record) if initial_state is None else initial_state),
         )
         for model, free in (true, (rival.model, rival.free))
     )
@@ -298,8 +296,18 @@ def expected_chi_square(
 
 def _hypothesis(model: AbstractModel, free: Free, state) -> Hypothesis:
     vector, _ = flatten(model)
-    extra = jnp.zeros(len(model.states) - state.size)
-    return Hypothesis(model, free.positions(model), jnp.concatenate([vector, state, extra]))
+    return Hypothesis(model, free.positions(model), jnp.concatenate([vector, state]))
+
+
+def _start(model: AbstractModel, state) -> Float[Array, " state"]:
+    """Return the state at the first sample; states beyond the given ones are zero."""
+    given = jnp.zeros(0) if state is None else as_float(state)
+    require(
+        given.size <= len(model.states),
+        f"`initial_state` has {given.size} values, and the model has {len(model.states)} states "
+        f"({', '.join(model.states)}).",
+    )
+    return jnp.pad(given, (0, len(model.states) - given.size))
 
 
 def _require_same_samples(conventional: Sequence[InputSignal], model: AbstractModel, t) -> None:

@@ -1,4 +1,4 @@
-"""The manoeuvre to fly after a study: it separates two explanations, or determines a combination."""
+"""The manoeuvre to fly after a study, which decides an open question."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -150,10 +150,8 @@ def _open_combination(estimate: Estimate) -> Float[np.ndarray, " parameter"]:
         InputError: when the records determine all parameters.
     """
     if estimate.weak_directions:
-        triangle = np.asarray(estimate.information.triangle)
-        scale = np.asarray(estimate.spectrum.scale)
-        weakest = np.linalg.svd(triangle / scale[None])[2][-1]
-        return weakest * scale
+        spectrum = estimate.spectrum
+        return np.asarray(spectrum.directions[-1]) * np.asarray(spectrum.scale)
     values, errors = np.asarray(estimate.values), np.asarray(estimate.standard_errors)
     relative = np.where(np.isfinite(errors), errors, 0.0) / np.maximum(
         np.abs(values), np.finfo(float).tiny

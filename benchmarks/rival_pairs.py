@@ -138,7 +138,7 @@ def spring_pair(
         effects,
         estimated,
         combine(t, {"force": first(t)}, ("force",), name="first"),
-        OutputError(FixedNoise(jnp.array([sigma**2]))),
+        OutputError(FixedNoise(jnp.array([sigma**2]))).compact(),
         Limits({"force": force}, rate={"force": 10.0 * force}, envelope={"x": (-reach, reach)}),
         math.sqrt(1.5) / (2.0 * math.pi),
     )
@@ -170,7 +170,7 @@ def aircraft_pair(
         effects,
         estimated,
         combine(t, {"elevator": DEG * first(t)}, ("elevator",), name="first"),
-        OutputError(FixedNoise(jnp.array([0.1, 0.15]) ** 2 * DEG**2)),
+        OutputError(FixedNoise(jnp.array([0.1, 0.15]) ** 2 * DEG**2)).compact(),
         Limits(
             {"elevator": elevator * DEG},
             rate={"elevator": 10.0 * elevator * DEG},
@@ -226,7 +226,7 @@ def pairs() -> list[Pair]:
         ),
         spring_pair(
             "x^2 in the spring; steady force",
-            (_with(Term("v", "x^2"), gain=-0.8), _with(Term("v", "1"), gain=-0.03)),
+            (_with(Term("v", "x^2"), gain=-0.7), _with(Term("v", "1"), gain=-0.022)),
             first=step(0.3),
             force=0.9,
             reach=0.6,
@@ -265,29 +265,29 @@ def pairs() -> list[Pair]:
         aircraft_pair(
             "rate limit of the elevator; lag of the elevator",
             (
-                _with(InputRateLimit("elevator"), gain=1.0, limit=4.0 * DEG),
+                _with(InputRateLimit("elevator"), gain=1.0, limit=3.0 * DEG),
                 _with(InputLag("elevator"), gain=1.0, time=0.1),
             ),
             (("limit",), ("time",)),
-            first=doublet(0.4, 1.0),
+            first=doublet(0.3, 1.0),
             elevator=1.2,
             alpha=1.6,
         ),
         aircraft_pair(
             "alpha^3 in Cm; alpha^5 in Cm",
             (_with(Term("q", "alpha^3"), gain=-150.0), _with(Term("q", "alpha^5"), gain=-15000.0)),
-            first=doublet(2.5, 1.0),
+            first=doublet(2.1, 1.0),
             elevator=6.0,
             alpha=7.0,
         ),
         aircraft_pair(
             "hysteresis of the elevator; lag of the elevator",
             (
-                _with(InputHysteresis("elevator"), gain=0.09 * DEG, width=0.09 * DEG),
+                _with(InputHysteresis("elevator"), gain=0.07 * DEG, width=0.07 * DEG),
                 _with(InputLag("elevator"), gain=1.0, time=0.1),
             ),
             (("gain",), ("time",)),
-            first=sine(0.45, 0.4),
+            first=sine(0.35, 0.4),
             elevator=1.4,
             alpha=1.6,
         ),

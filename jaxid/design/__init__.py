@@ -1,10 +1,12 @@
 """Design of experiments: measures of information, inputs, spectra and experiment points."""
 
+from .design import Comparison, Design
 from .exchange import Allocation, allocate
 from .experiment_points import Candidates, ExperimentPoints, at_most, candidates, optimal_points
+from .explanations import Explanation, expected_chi_square
 from .frequency import OptimalSpectrum, optimal_spectrum
 from .information import PlannedInformation, compare_inputs, information_of, planned_record
-from .input_design import Comparison, Design, Explanation, design_input, expected_chi_square
+from .input_design import design_input
 from .limits import Limits
 from .measures import (
     AbstractMeasure,
@@ -16,7 +18,12 @@ from .measures import (
     Trace,
     curve_width,
 )
-from .objectives import Discrimination, InformationObjective, MutualDiscrimination
+from .objectives import (
+    Discrimination,
+    InformationObjective,
+    MutualDiscrimination,
+    RobustObjective,
+)
 from .shapes import AbstractShape, Multisine, Spline, SquareWave, multisine, spline, square_wave
 from .signals import (
     InputSignal,
@@ -47,6 +54,7 @@ __all__ = [
     "MutualDiscrimination",
     "OptimalSpectrum",
     "PlannedInformation",
+    "RobustObjective",
     "SmallestEigenvalue",
     "Spline",
     "SquareWave",

@@ -1,37 +1,34 @@
 """Design of an input by direct optimisation through the simulation of a nonlinear model (C.3.1)."""
 
+import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require, require_float64, require_known
-from .._foundation.compiler import fast_compile_jit
-from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float, Numbers
-from ..data.record import Record
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, as_float, canonical
 from ..models.free import Free
-from ..models.names import flatten
 from ..simulation.linearise import linearise
+from .design import Comparison, Design
+from .explanations import (
+    Explanation,
+    as_explanation,
+    hypothesis_of,
+    known_information,
+    separating_task,
+    start_of,
+)
 from .information import (
-    PlannedInformation,
     planned_information,
     planned_record,
-    prior_rows,
     require_known_noise,
 )
 from .limits import Limits, ratios
 from .measures import AbstractMeasure
-from .objectives import (
-    Discrimination,
-    Hypothesis,
-    InformationObjective,
-    MutualDiscrimination,
-)
+from .objectives import InformationObjective, RobustObjective
 from .optimisation import (
     OPTIMISED,
     Task,
@@ -43,92 +40,15 @@ from .optimisation import (
     summaries,
     within_limits,
 )
-from .shapes import AbstractShape
+from .shapes import AbstractShape, default_shape
 from .signals import InputSignal
-
-# Chi-square by which a hypothesis must lose to be refuted: a likelihood ratio of 20 (chosen).
-DECISIVE = 6.0
-
-
-class Explanation(NamedTuple):
-    """A model of records already flown.
-
-    Attributes:
-        model: the model, with the values of its estimate.
-        free: its free parameters.
-        earlier: factor of the information of these records on its shared parameters
-            (`fit.information.triangle`); None if it was not fitted to any.
-    """
-
-    model: AbstractModel
-    free: Free
-    earlier: Float[Numbers, "row parameter"] | None = None
-
-
-class Comparison(NamedTuple):
-    """Cost of a conventional input at the energy and at the peak of the design, and in its limits.
-
-    A logarithmic cost: half the difference of two is the logarithm of a ratio of standard errors
-    where the measure is a variance.
-    """
-
-    name: str
-    equal_energy: float
-    equal_peak: float
-    within_limits: float
-
-
-class Design(eqx.Module):
-    """A designed input.
-
-    Attributes:
-        signal: deviations from trim.
-        record: the noise-free record to fly.
-        information: predicted standard errors.
-        cost: cost of the objective; the logarithm of a measure that is a variance.
-        comparisons: costs of conventional inputs.
-        limits_used: share of each limit that the design uses, in a simulation at a sample rate four
-            times higher; at most 1.
-        starts: costs that the optimisation reached from its starts.
-        chi_square: expected chi-square by which the wrong one of two hypotheses loses, the harmonic
-            mean over which is true; None without a rival.
-    """
-
-    signal: InputSignal
-    record: Record
-    information: PlannedInformation
-    cost: float = eqx.field(static=True)
-    comparisons: tuple[Comparison, ...] = eqx.field(static=True)
-    limits_used: dict[str, float] = eqx.field(static=True)
-    starts: tuple[float, ...] = eqx.field(static=True)
-    chi_square: float | None = eqx.field(static=True, default=None)
-
-    def __str__(self) -> str:
-        width = max(len(name) for name in ("conventional", *(c.name for c in self.comparisons)))
-        lines = [str(self.information), ""]
-        if self.chi_square is not None:
-            lines.append(
-                f"expected chi-square between the two hypotheses {self.chi_square:.4g} "
-                f"({DECISIVE:g} and more decides)"
-            )
-        lines.append(f"cost of the design {self.cost:.4g}")
-        lines.append(
-            f"{'conventional':<{width}} {'equal energy':>13} {'equal peak':>11} {'limits':>9}"
-        )
-        for name, energy, peak, within in self.comparisons:
-            lines.append(f"{name:<{width}} {energy:>13.4g} {peak:>11.4g} {within:>9.4g}")
-        used = [f"{name} {100 * share:.0f} %" for name, share in self.limits_used.items()]
-        return "\n".join([*lines, f"limits used: {', '.join(used)}"])
-
-    def _repr_html_(self) -> str:
-        return preformatted(str(self))
 
 
 def design_input(
     model: AbstractModel,
     free: Free,
     t: Float[Numbers, " time"],
-    shape: AbstractShape,
+    shape: AbstractShape | None,
     measure: AbstractMeasure,
     limits: Limits,
     likelihood: AbstractLikelihood,
@@ -138,6 +58,8 @@ def design_input(
     initial_state: Float[Numbers, " state"] | None = None,
     earlier: Float[Numbers, "row parameter"] | None = None,
     rival: Explanation | tuple[AbstractModel, Free] | None = None,
+    draws: Float[Numbers, "draw parameter"] | None = None,
+    worst: bool = False,
     conventional: Sequence[InputSignal] = (),
     seed: int = 0,
 ) -> Design:
@@ -154,7 +76,7 @@ def design_input(
         model: the model with declared values, whose motion must stay in the envelope.
         free: the parameters of the later estimate, with priors.
         t: sample times, uniform [s].
-        shape: parametrised input, such as `spline(t, 12)`.
+        shape: parametrised input, such as `spline(t, 12)`; None for a spline of up to 20 knots.
         measure: the measure to be minimised; with a rival it is only reported.
         limits: the limits.
         likelihood: the likelihood of the later estimate, with known noise.
@@ -166,6 +88,9 @@ def design_input(
         rival: another model with its free parameters; the input then separates it from `model`: the
             wrong one of both loses as much chi-square as possible, whichever is true. The envelope
             holds for both.
+        draws: values of the shared free parameters, drawn from their uncertainty: the cost is then
+            its average over the draws, and the envelope holds for each of them.
+        worst: minimise the largest cost of the draws instead.
         conventional: inputs to compare, from which the search also starts.
         seed: of the random starts.
 
@@ -179,20 +104,27 @@ def design_input(
     likelihood = canonical(likelihood)
     require_known_noise(likelihood)
     t = as_float(t)
-    state = _start(model, initial_state)
+    state = start_of(model, initial_state)
     trim = jnp.zeros(len(model.inputs)) if trim_input is None else as_float(trim_input)
     _require_same_samples(conventional, model, t)
     model = canonical(model)
     arrays = ratios(limits, model, axes, state, trim)
     _require_control(model, axes, state, trim)
-    hypothesis = _hypothesis(model, free, state)
-    known = _known(free, earlier)
+    hypothesis = hypothesis_of(model, free, state)
+    known = known_information(free, earlier)
     information = InformationObjective(
         hypothesis=hypothesis, measure=measure, earlier=known, likelihood=likelihood
     )
-    task = Task(information, (hypothesis,), shape, arrays, t, trim)
+    none = jnp.zeros((0, hypothesis.flat.size))
+    task = Task(information, (hypothesis,), shape or default_shape(t), arrays, t, trim, none)
+    require(
+        rival is None or draws is None,
+        "`rival` and `draws` together have no meaning here. Give one of them.",
+    )
+    if draws is not None:
+        task = _robust_task(task, information, draws, worst)
     if rival is not None:
-        task = _separating(task, Explanation(*rival))
+        task = separating_task(task, as_explanation(rival))
     starts, costs, factors = scaled_starts(task, information, seed, conventional)
     _require_shown(model, free, factors)
     order = np.argsort(costs)[:OPTIMISED]
@@ -220,94 +152,20 @@ def design_input(
     )
 
 
-def _separating(task: Task, rival: Explanation) -> Task:
-    """Return the task of separating the model of a task from a rival, within the limits of both."""
-    information, (first,) = task.objective, task.hypotheses
-    assert isinstance(information, InformationObjective)
-    model = canonical(rival.model)
+def _robust_task(task: Task, information: InformationObjective, draws, worst: bool) -> Task:
+    """Return the task with the cost and the envelope over draws of the parameters."""
+    values, hypothesis = as_float(draws), information.hypothesis
+    positions = hypothesis.positions.shared
     require(
-        (model.inputs, model.outputs) == (first.model.inputs, first.model.outputs),
-        f"The rival has the inputs ({', '.join(model.inputs)}) and the outputs "
-        f"({', '.join(model.outputs)}), and the model other ones. Compare models of one record.",
+        values.ndim == 2 and values.shape[1] == positions.size and values.shape[0] > 0,
+        f"The draws have shape {values.shape}, and there are {positions.size} free parameters. "
+        "Give one row per draw.",
     )
-    trim = dict(zip(first.model.states, first.initial_state, strict=True))
-    state = jnp.stack([trim.get(name, jnp.zeros(())) for name in model.states])
-    second = _hypothesis(model, rival.free, state)
-    likelihood = information.likelihood
-    directions = (
-        Discrimination(first, second, _known(rival.free, rival.earlier), likelihood),
-        Discrimination(second, first, information.earlier, likelihood),
+    flat = jnp.tile(hypothesis.flat, (values.shape[0], 1)).at[:, positions].set(values)
+    objective = RobustObjective(
+        information=information, draws=flat, likelihood=information.likelihood, worst=worst
     )
-    return Task(
-        MutualDiscrimination(directions, likelihood),
-        (first, second),
-        task.shape,
-        task.limits,
-        task.t,
-        task.trim_input,
-    )
-
-
-def _known(free: Free, earlier) -> Float[Array, "row parameter"]:
-    """Return rows of the information of records already flown, with its priors, else of priors."""
-    flown = prior_rows(free) if earlier is None else np.array(earlier, float)
-    require(
-        flown.shape[1:] == (len(free.shared),),
-        f"The information of earlier records has shape {flown.shape}, and there are "
-        f"{len(free.shared)} free parameters. Take `fit.information.triangle` of a fit with the "
-        "same parameters.",
-    )
-    return jnp.asarray(flown)
-
-
-def expected_chi_square(
-    true: tuple[AbstractModel, Free],
-    wrong: Explanation | tuple[AbstractModel, Free],
-    record: Record,
-    likelihood: AbstractLikelihood,
-    *,
-    initial_state: Float[Numbers, " state"] | None = None,
-) -> float:
-    """Return the chi-square by which a wrong hypothesis loses on an input, after its refit.
-
-    Args:
-        true: the hypothesis assumed to be true, and its free parameters.
-        wrong: the rival, with the same inputs and outputs, and the information of its earlier
-            records if it is an `Explanation`.
-        record: a single record with the input.
-        likelihood: the likelihood with known noise.
-        initial_state: state at the first sample, to which further states of a model are added as
-            zero; by default each model reads it from the record.
-    """
-    rival = Explanation(*wrong)
-    first, second = (
-        _hypothesis(
-            canonical(model),
-            free,
-            _start(model, model.initial_state(record) if initial_state is None else initial_state),
-        )
-        for model, free in (true, (rival.model, rival.free))
-    )
-    objective = Discrimination(
-        first, second, _known(rival.free, rival.earlier), canonical(likelihood)
-    )
-    return float(_chi_square(objective, record.t, record.u))
-
-
-def _hypothesis(model: AbstractModel, free: Free, state) -> Hypothesis:
-    vector, _ = flatten(model)
-    return Hypothesis(model, free.positions(model), jnp.concatenate([vector, state]))
-
-
-def _start(model: AbstractModel, state) -> Float[Array, " state"]:
-    """Return the state at the first sample; states beyond the given ones are zero."""
-    given = jnp.zeros(0) if state is None else as_float(state)
-    require(
-        given.size <= len(model.states),
-        f"`initial_state` has {given.size} values, and the model has {len(model.states)} states "
-        f"({', '.join(model.states)}).",
-    )
-    return jnp.pad(given, (0, len(model.states) - given.size))
+    return dataclasses.replace(task, objective=objective, draws=flat)
 
 
 def _require_same_samples(conventional: Sequence[InputSignal], model: AbstractModel, t) -> None:
@@ -377,8 +235,3 @@ def _comparisons(
         Comparison(signal.name, *map(float, row))
         for signal, row in zip(conventional, costs.reshape(3, -1).T, strict=True)
     )
-
-
-@fast_compile_jit
-def _chi_square(objective: Discrimination, t, u):
-    return objective.chi_square(t, u)

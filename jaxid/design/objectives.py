@@ -1,6 +1,7 @@
 """Objectives of an input's design as functions of its samples: information, and discrimination."""
 
 import abc
+import dataclasses
 
 import equinox as eqx
 import jax
@@ -11,6 +12,7 @@ from ..data.record import Record
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel
 from ..models.free import Positions
+from ..models.names import flatten
 from .information import whitened_sensitivities
 from .measures import AbstractMeasure
 
@@ -27,6 +29,12 @@ class Hypothesis(eqx.Module):
     model: AbstractModel
     positions: Positions
     flat: Float[Array, " flat"]
+
+    def at(self, flat: Float[Array, " flat"]) -> "Hypothesis":
+        """Return the hypothesis with other values of all parameters and another initial state."""
+        _, unflatten = flatten(self.model)
+        size = flat.size - len(self.model.states)
+        return Hypothesis(unflatten(flat[:size]), self.positions, flat)
 
     @property
     def initial_state(self) -> Float[Array, " state"]:
@@ -92,6 +100,34 @@ class InformationObjective(AbstractObjective):
         """Return the rows of information on the shared parameters, earlier ones included."""
         own, shared = self.hypothesis.sensitivities(t, u, self.likelihood)
         return jnp.concatenate([shared - own @ _least_squares(own, shared), self.earlier])
+
+
+class RobustObjective(AbstractObjective):
+    """The cost over a distribution of the parameters: its average, or its largest value.
+
+        cost = mean_j J(u, theta_j)    or    max_j J(u, theta_j)
+
+    The mean of a logarithmic cost is the logarithm of a geometric mean.
+
+    Args:
+        information: the cost at given parameters.
+        draws: values of all parameters and the initial state, one row per draw.
+        likelihood: the likelihood of the later estimate.
+        worst: take the largest value.
+    """
+
+    information: InformationObjective
+    draws: Float[Array, "draw flat"]
+    likelihood: AbstractLikelihood
+    worst: bool = eqx.field(static=True, default=False)
+
+    def cost(self, t, u):
+        def at(flat):
+            hypothesis = self.information.hypothesis.at(flat)
+            return dataclasses.replace(self.information, hypothesis=hypothesis).cost(t, u)
+
+        costs = jax.vmap(at)(self.draws)
+        return jnp.max(costs) if self.worst else jnp.mean(costs)
 
 
 class Discrimination(AbstractObjective):

@@ -40,6 +40,8 @@ class Task(eqx.Module):
         limits: the limits.
         t: sample times [s].
         trim_input: inputs at trim.
+        draws: further values of all parameters and the initial state of the first hypothesis, for
+            which the motion must stay in the envelope too.
     """
 
     objective: AbstractObjective
@@ -48,6 +50,7 @@ class Task(eqx.Module):
     limits: Ratios
     t: Float[Array, " time"]
     trim_input: Float[Array, " input"]
+    draws: Float[Array, "draw flat"]
 
     def deviation(self, p: Float[Array, "axis parameter"]) -> Float[Array, "time input"]:
         """Return the samples of the inputs, less their values at trim."""
@@ -69,12 +72,16 @@ class Task(eqx.Module):
         """
         hold, stepper = _integration(self.objective.likelihood)
         u = deviation + self.trim_input[None]
-        rows = []
-        for hypothesis in self.hypotheses:
+
+        def of(hypothesis: Hypothesis):
             solution = run(hypothesis.model, t, u, hypothesis.initial_state, hold, stepper)
             values = quantities(hypothesis.model, self.limits.names, solution, u)
-            rows.append(self.limits.of(t, deviation, values, largest))
-        return jnp.stack(rows)
+            return self.limits.of(t, deviation, values, largest)
+
+        rows = [of(hypothesis)[None] for hypothesis in self.hypotheses]
+        if self.draws.shape[0]:
+            rows.append(jax.vmap(lambda flat: of(self.hypotheses[0].at(flat)))(self.draws))
+        return jnp.concatenate(rows)
 
     def scale(self, deviation: Float[Array, "time input"]) -> Float[Array, ""]:
         """Return the factor with which an input reaches its limits."""

@@ -8,21 +8,20 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require
-from .._foundation.types import Array, Float, Numbers
+from .._foundation.types import Float, Numbers
+from ..design.design import Design
+from ..design.explanations import Explanation
 from ..design.information import ROUGHLY
-from ..design.input_design import Design, Explanation, design_input
+from ..design.input_design import design_input
 from ..design.limits import Limits
 from ..design.measures import Combination, Determinant
-from ..design.shapes import AbstractShape, spline
+from ..design.shapes import AbstractShape
 from ..design.signals import InputSignal
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
 from ..models.base import as_float
 from ..models.noise import FixedNoise
 from .study import Study
-
-# Coefficients of a spline per axis, where the record has enough samples (chosen).
-KNOTS = 20
 
 
 def next_record(
@@ -66,7 +65,7 @@ def next_record(
     """
     noise = FixedNoise(jnp.array([study.noise[name] ** 2 for name in study.outputs]))
     likelihood = dataclasses.replace(study.likelihood, noise=noise)
-    options = {
+    options: dict[str, Any] = {
         "shape": shape,
         "axes": axes,
         "trim_input": trim_input,
@@ -80,15 +79,14 @@ def next_record(
         nearest = min(study.alternatives, key=lambda other: abs(other.chi_square))
         other = Explanation(nearest.model, nearest.free, nearest.information)
         return separating_input(known, other, t, limits, likelihood, **options)
-    times = as_float(t)
     return design_input(
         *known[:2],
-        times,
+        as_float(t),
         measure=Combination(_open_combination(found)),
         limits=limits,
         likelihood=likelihood,
         earlier=known.earlier,
-        **options | {"shape": shape or _default_shape(times)},
+        **options,
     )
 
 
@@ -125,11 +123,10 @@ def separating_input(
     Raises:
         InputError: as `design_input`.
     """
-    times = as_float(t)
     return design_input(
         *first[:2],
-        times,
-        shape=shape or _default_shape(times),
+        as_float(t),
+        shape=shape,
         measure=Determinant(),
         limits=limits,
         likelihood=likelihood,
@@ -137,10 +134,6 @@ def separating_input(
         rival=second,
         **options,
     )
-
-
-def _default_shape(t: Float[Array, " time"]) -> AbstractShape:
-    return spline(t, min(KNOTS, max(t.size // 4, 2)))
 
 
 def _open_combination(estimate: Estimate) -> Float[np.ndarray, " parameter"]:

@@ -24,6 +24,7 @@ from .objectives import (
     MutualDiscrimination,
     RobustObjective,
 )
+from .sensors import SensorSet, sensor_sets
 from .shapes import AbstractShape, Multisine, Spline, SquareWave, multisine, spline, square_wave
 from .signals import (
     InputSignal,
@@ -55,6 +56,7 @@ __all__ = [
     "OptimalSpectrum",
     "PlannedInformation",
     "RobustObjective",
+    "SensorSet",
     "SmallestEigenvalue",
     "Spline",
     "SquareWave",
@@ -77,6 +79,7 @@ __all__ = [
     "optimal_spectrum",
     "planned_record",
     "sample_times",
+    "sensor_sets",
     "spline",
     "square_wave",
 ]

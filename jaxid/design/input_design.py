@@ -163,7 +163,10 @@ def _robust_task(task: Task, information: InformationObjective, draws, worst: bo
     )
     flat = jnp.tile(hypothesis.flat, (values.shape[0], 1)).at[:, positions].set(values)
     objective = RobustObjective(
-        information=information, draws=flat, likelihood=information.likelihood, worst=worst
+        information=information,
+        draws=flat,
+        likelihood=information.likelihood,
+        worst=jnp.asarray(worst),
     )
     return dataclasses.replace(task, objective=objective, draws=flat)
 

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._foundation.types import Array, Float
+from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel
@@ -113,13 +113,13 @@ class RobustObjective(AbstractObjective):
         information: the cost at given parameters.
         draws: values of all parameters and the initial state, one row per draw.
         likelihood: the likelihood of the later estimate.
-        worst: take the largest value.
+        worst: true for the largest value; an array, so that both share a compiled program.
     """
 
     information: InformationObjective
     draws: Float[Array, "draw flat"]
     likelihood: AbstractLikelihood
-    worst: bool = eqx.field(static=True, default=False)
+    worst: Bool[Array, ""]
 
     def cost(self, t, u):
         def at(flat):
@@ -127,7 +127,7 @@ class RobustObjective(AbstractObjective):
             return dataclasses.replace(self.information, hypothesis=hypothesis).cost(t, u)
 
         costs = jax.vmap(at)(self.draws)
-        return jnp.max(costs) if self.worst else jnp.mean(costs)
+        return jnp.where(self.worst, jnp.max(costs), jnp.mean(costs))
 
 
 class Discrimination(AbstractObjective):

@@ -89,7 +89,7 @@ def sensor_sets(
     sensors = tuple(model.outputs)
     sets = [SensorSet(sensors, sum(prices.values()), measured(sensors), "")]
     require(
-        np.isfinite(sets[0].measure),
+        bool(np.isfinite(sets[0].measure)),
         "All sensors together do not determine the parameters. Fix a parameter, give a prior, or "
         "plan another record.",
     )
@@ -113,7 +113,7 @@ def _triangles(model, free, records, likelihood, initial_state) -> dict[str, np.
     likelihood.check(model, records)
     R = np.asarray(likelihood.noise.cholesky(jnp.zeros(records.z.shape), records.mask))
     require(
-        bool(np.all(R == np.diag(np.diagonal(R)))),
+        bool(np.all(np.diag(np.diagonal(R)) == R)),
         "The noise is correlated between sensors, so that they have no information of their own. "
         "Give a diagonal R.",
     )

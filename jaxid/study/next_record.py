@@ -18,7 +18,6 @@ from ..design.measures import Combination, Determinant
 from ..design.shapes import AbstractShape
 from ..design.signals import InputSignal
 from ..estimation.likelihoods import AbstractLikelihood
-from ..estimation.result import Estimate
 from ..models.base import as_float
 from ..models.noise import FixedNoise
 from .study import Study
@@ -136,8 +135,8 @@ def separating_input(
     )
 
 
-def _open_combination(estimate: Estimate) -> Float[np.ndarray, " parameter"]:
-    """Return the coefficients of the combination of parameters that a next record should show.
+def _open_combination(estimate) -> Float[np.ndarray, " parameter"]:
+    """Return the combination of the parameters of an `Estimate` that a next record should show.
 
     Raises:
         InputError: when the records determine all parameters.

@@ -100,7 +100,7 @@ def separating_task(task: Task, rival: Explanation) -> Task:
 
 
 def known_information(free: Free, earlier) -> Float[Array, "row parameter"]:
-    """Return rows of the information of records already flown, with its priors, else of priors."""
+    """Return the triangle of the information of records already flown, else of the priors."""
     flown = prior_rows(free) if earlier is None else np.array(earlier, float)
     require(
         flown.shape[1:] == (len(free.shared),),
@@ -108,7 +108,8 @@ def known_information(free: Free, earlier) -> Float[Array, "row parameter"]:
         f"{len(free.shared)} free parameters. Take `fit.information.triangle` of a fit with the "
         "same parameters.",
     )
-    return jnp.asarray(flown)
+    count = len(free.shared)  # rows of a triangle: one shape, one compiled program
+    return jnp.asarray(np.linalg.qr(np.pad(flown, ((0, count), (0, 0))), mode="r"))
 
 
 def hypothesis_of(model: AbstractModel, free: Free, state) -> Hypothesis:

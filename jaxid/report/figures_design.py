@@ -8,7 +8,7 @@ from ..design.design import Design
 from .style import AFTER, BEFORE, MEASURED, NOISE, canvas, channel_label, key, plain
 from .words import display_unit, unit_words
 
-NEARLY_USED = 0.99  # share from which on a limit is drawn as reached (chosen)
+NEARLY_USED = 0.98  # share from which on a limit is drawn as reached (chosen)
 
 
 def design_figure(design: Design) -> Figure:
@@ -26,8 +26,8 @@ def design_figure(design: Design) -> Figure:
     units = (*record.input_units, *record.output_units)
     used = {name: share for name, share in design.limits_used.items() if share > 0.0}
     rows = len(names) + 1
-    height = 1.0 + 1.1 * len(names) + 0.25 * (len(used) + 1)
-    ratios = [1.1] * len(names) + [0.25 * (len(used) + 1)]
+    height = 1.0 + 1.3 * len(names) + 0.25 * (len(used) + 1)
+    ratios = [1.3] * len(names) + [0.25 * (len(used) + 1)]
     figure, panels = canvas(height, rows, height_ratios=ratios)
     t = np.asarray(record.t)
     for number, (name, unit, (ax,)) in enumerate(zip(names, units, panels[:-1], strict=True)):
@@ -36,7 +36,8 @@ def design_figure(design: Design) -> Figure:
         ax.plot(t, scale * np.asarray(record.channel(name)), color=colour, linewidth=1.2)
         ax.set_xlim(t[0], t[-1])
         last = number == len(names) - 1
-        plain(ax, "time [s]" if last else "", channel_label(name, unit_words(shown)))
+        label = channel_label(name, unit_words(shown))
+        plain(ax, "time [s]" if last else "", title=label)
     _limits(panels[-1][0], used)
     entries = [
         ("inputs", NOISE),

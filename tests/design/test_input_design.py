@@ -115,6 +115,22 @@ def test_predicted_errors_are_those_of_the_record_to_fly(design):
     assert "limits used: force, amplitude" in str(design)
 
 
+def test_next_design_adds_more_than_the_first_flown_again(design, conventional):
+    """Sequential design: at better values, with the information of the first flight."""
+    better = Spring(jnp.array(2.4), jnp.array(0.3))
+    chosen = free(better, "k", "c")
+    flown = information_of(better, chosen, design.record, NOISE, initial_state=jnp.zeros(2))
+    second = design_input(
+        *(better, chosen, T, SHAPE, RELATIVE, LIMITS, NOISE),
+        earlier=flown.factor,
+        conventional=conventional,
+    )
+    repeated = np.concatenate([flown.factor, flown.factor])
+    assert second.cost < np.log(RELATIVE.cost(repeated)) - 0.1
+    variance = np.sum((second.information.standard_errors / np.array([K, C])) ** 2)
+    np.testing.assert_allclose(second.cost, np.log(variance), rtol=1e-8)
+
+
 def test_expected_chi_square_equals_least_squares_by_differences(design):
     """The linear spring against the cubic one: its refit from differences of SciPy's solutions."""
     cubic = CubicSpring(*map(jnp.array, (K, C, 0.3, 1.0)))

@@ -117,14 +117,7 @@ def design_input(
     )
     none = jnp.zeros((0, hypothesis.flat.size))
     task = Task(information, (hypothesis,), shape or default_shape(t), arrays, t, trim, none)
-    require(
-        rival is None or draws is None,
-        "`rival` and `draws` together have no meaning here. Give one of them.",
-    )
-    if draws is not None:
-        task = _robust_task(task, information, draws, worst)
-    if rival is not None:
-        task = separating_task(task, as_explanation(rival))
+    task = _task_of(task, information, rival, draws, worst)
     starts, costs, factors = scaled_starts(task, information, seed, conventional)
     _require_shown(model, free, factors)
     order = np.argsort(costs)[:OPTIMISED]
@@ -150,6 +143,17 @@ def design_input(
         tuple(cost for _, cost in results),
         None if rival is None else 2.0 * float(np.exp(-cost[0])),
     )
+
+
+def _task_of(task: Task, information: InformationObjective, rival, draws, worst: bool) -> Task:
+    """Return the task with the objective that is requested."""
+    require(
+        rival is None or draws is None,
+        "`rival` and `draws` together have no meaning here. Give one of them.",
+    )
+    if draws is not None:
+        return _robust_task(task, information, draws, worst)
+    return task if rival is None else separating_task(task, as_explanation(rival))
 
 
 def _robust_task(task: Task, information: InformationObjective, draws, worst: bool) -> Task:

@@ -1,6 +1,6 @@
 """Choice of sensors: those that add most information on the parameters for a cost (7.2.5)."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -72,9 +72,7 @@ def sensor_sets(
     check_channels(model, records)
     require_known_noise(likelihood)
     require_known("output", costs or {}, model.outputs)
-    prices = {name: float((costs or {}).get(name, 1.0)) for name in model.outputs}
-    for name, price in prices.items():
-        require(price > 0.0, f"The cost of {name!r} is {price:g}; it must be positive.")
+    prices = _prices(model.outputs, costs or {})
     triangles = _triangles(model, free, records, likelihood, initial_state)
     known = prior_rows(free)
 
@@ -94,17 +92,32 @@ def sensor_sets(
         "plan another record.",
     )
     while len(sets[-1].sensors) > 1:
-        last = sets[-1]
-        smaller = [
-            SensorSet(kept, last.cost - prices[name], measured(kept), name)
-            for name in last.sensors
-            if (kept := tuple(other for other in last.sensors if other != name))
-        ]
-        best = min(smaller, key=lambda each: (each.measure - last.measure) / prices[each.removed])
+        best = _next_set(sets[-1], prices, measured)
         if not np.isfinite(best.measure):
             break
         sets.append(best)
     return tuple(sets)
+
+
+def _prices(outputs: tuple[str, ...], costs: Mapping[str, float]) -> dict[str, float]:
+    """Return the cost of every sensor, 1 by default."""
+    prices = {name: float(costs.get(name, 1.0)) for name in outputs}
+    for name, price in prices.items():
+        require(price > 0.0, f"The cost of {name!r} is {price:g}; it must be positive.")
+    return prices
+
+
+def _next_set(
+    last: SensorSet, prices: Mapping[str, float], measured: Callable[[tuple[str, ...]], float]
+) -> SensorSet:
+    """Return the set without the sensor that carries least for its cost."""
+
+    def without(name: str) -> SensorSet:
+        kept = tuple(other for other in last.sensors if other != name)
+        return SensorSet(kept, last.cost - prices[name], measured(kept), name)
+
+    smaller = map(without, last.sensors)
+    return min(smaller, key=lambda each: (each.measure - last.measure) / prices[each.removed])
 
 
 def _triangles(model, free, records, likelihood, initial_state) -> dict[str, np.ndarray]:

@@ -16,7 +16,7 @@ from .._foundation.types import Array, Float
 from .signals import harmonics_within
 
 # Coefficients of the default spline, where the signal has four times as many samples (chosen).
-KNOTS = 20
+DEFAULT_KNOTS = 20
 START_PULSES = 6  # pulses of the random square wave with which a spline begins (chosen)
 
 
@@ -157,8 +157,8 @@ def spline(t: Float[Array, " time"], knots: int) -> Spline:
 
 
 def default_shape(t: Float[Array, " time"]) -> Spline:
-    """Return a cubic spline with up to `KNOTS` coefficients."""
-    return spline(t, min(KNOTS, max(t.size // 4, 2)))
+    """Return a cubic spline with up to `DEFAULT_KNOTS` coefficients."""
+    return spline(t, min(DEFAULT_KNOTS, max(t.size // 4, 2)))
 
 
 def multisine(

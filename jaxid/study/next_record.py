@@ -35,7 +35,7 @@ def next_record(
     conventional: Sequence[InputSignal] = (),
     seed: int = 0,
 ) -> Design:
-    """Return the manoeuvre within its limits that decides what the records of a study leave open.
+    """Return the manoeuvre within its limits that settles an open question of a study.
 
     If the study has alternatives, the manoeuvre separates the model found from the nearest of them
     (`separating_input`). Else it determines the weakest combination of the parameters:
@@ -72,8 +72,8 @@ def next_record(
         "conventional": conventional,
         "seed": seed,
     }
-    found = study.after.estimate
-    known = Explanation(study.after.model, found.free, np.asarray(found.information.triangle))
+    fit = study.after.estimate
+    known = Explanation(study.after.model, fit.free, np.asarray(fit.information.triangle))
     if study.alternatives:
         nearest = min(study.alternatives, key=lambda other: abs(other.chi_square))
         other = Explanation(nearest.model, nearest.free, nearest.information)
@@ -81,7 +81,7 @@ def next_record(
     return design_input(
         *known[:2],
         as_float(t),
-        measure=Combination(_open_combination(found)),
+        measure=Combination(_open_combination(fit)),
         limits=limits,
         likelihood=likelihood,
         earlier=known.earlier,

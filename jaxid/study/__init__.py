@@ -8,6 +8,7 @@ from .identify import identify
 from .identify_options import LONG_RECORDS, IdentifyOptions
 from .many.close_loop_many import close_loop_many
 from .many.studies import Studies, StudyResult
+from .next_record import next_record, separating_input
 from .options import LoopOptions
 from .outcome import Outcome
 from .rivals import discrimination
@@ -31,4 +32,6 @@ __all__ = [
     "consistency",
     "discrimination",
     "identify",
+    "next_record",
+    "separating_input",
 ]

@@ -26,3 +26,9 @@ class Fitted(eqx.Module):
     def cost(self) -> float:
         """Negative log-likelihood."""
         return float(self.fit.cost)
+
+    @property
+    def information(self) -> Float[np.ndarray, "row parameter"]:
+        """Factor of the information on the free parameters, without the padding columns."""
+        factor = np.asarray(self.fit.information.factor)[:, : len(self.columns)]
+        return np.linalg.qr(factor, mode="r")

@@ -3,7 +3,10 @@
 import dataclasses
 import enum
 
+import numpy as np
+
 from .._foundation.location import Location
+from .._foundation.types import Float
 from ..models.base import AbstractModel
 from ..models.free import Free
 
@@ -53,6 +56,8 @@ class Alternative:
         chi_square: increase of the chi-square of the training records due to the replacement.
         model: the model after the replacement, with its parameters estimated again.
         free: the parameters that were estimated.
+        information: factor of the training records' information on these parameters; None if
+            unknown.
     """
 
     name: str
@@ -61,6 +66,7 @@ class Alternative:
     chi_square: float
     model: AbstractModel
     free: Free
+    information: Float[np.ndarray, "row parameter"] | None = None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -498,7 +498,15 @@ class Search:
                 if worse < margin:
                     model, free = self.bench.model_and_free(refit)
                     found.append(
-                        Alternative(candidate.name, candidate.description, out, worse, model, free)
+                        Alternative(
+                            candidate.name,
+                            candidate.description,
+                            out,
+                            worse,
+                            model,
+                            free,
+                            refit.information,
+                        )
                     )
         return tuple(found)
 

@@ -30,6 +30,7 @@ class StudyFile(NamedTuple):
         noise: known standard deviations by output, numbers in SI or texts such as "0.05 deg".
         loop: the section [loop].
         library: the section [library].
+        design: the section [design].
     """
 
     path: Path
@@ -42,6 +43,7 @@ class StudyFile(NamedTuple):
     noise: dict[str, float | str]
     loop: dict[str, Any]
     library: dict[str, Any]
+    design: dict[str, Any]
 
     def at(self, section: str, key: str = ""):
         """Return a context whose error messages name this file, the section and the key."""
@@ -132,6 +134,11 @@ SECTIONS: dict[str, dict[str, Kind]] = {
         **{"constants": NUMBERS_BY_NAME, "derivatives": TEXT_BY_NAME, "cut": NUMBER},
     },
     "library": {"effects": TEXTS, "leave_out": TEXTS, "general": SWITCH},
+    "design": {
+        **{"duration": NUMBER, "sample_time": NUMBER, "knots": COUNT, "axes": TEXTS},
+        **{"amplitude": NUMBERS_BY_NAME, "rate": NUMBERS_BY_NAME, "energy": NUMBER},
+        **{"envelope": BOUNDS, "trim_input": NUMBERS_BY_NAME, "initial_state": NUMBERS_BY_NAME},
+    },
 }
 # Sections whose keys are names of the model or the loop: they are checked where the model is built.
 BY_NAME = {"noise": DEVIATION, "loop": NUMBER}

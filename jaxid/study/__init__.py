@@ -8,20 +8,27 @@ from .identify import identify
 from .identify_options import LONG_RECORDS, IdentifyOptions
 from .options import LoopOptions
 from .outcome import Outcome
+from .record_checks.advice import advice
+from .record_checks.findings import Advice, Excitation, Finding, FindingKind
 from .rivals import discrimination
 from .rounds import Alternative, Decision
 from .study import Study
 
 __all__ = [
     "LONG_RECORDS",
+    "Advice",
     "Alternative",
     "Consistency",
     "Decision",
+    "Excitation",
+    "Finding",
+    "FindingKind",
     "Identification",
     "IdentifyOptions",
     "LoopOptions",
     "Outcome",
     "Study",
+    "advice",
     "close_loop",
     "consistency",
     "discrimination",

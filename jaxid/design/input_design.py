@@ -1,7 +1,7 @@
 """Design of an input by direct optimisation through the simulation of a nonlinear model (C.3.1)."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -87,6 +87,32 @@ class Design(eqx.Module):
             lines.append(f"{name:<{width}} {energy:>13.4g} {peak:>11.4g} {within:>9.4g}")
         used = [f"{name} {100 * share:.0f} %" for name, share in self.limits_used.items()]
         return "\n".join([*lines, f"limits used: {', '.join(used)}"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the input, its limits and the expected standard errors as plain numbers."""
+        errors = np.asarray(self.information.standard_errors).tolist()
+        return {
+            "t": np.asarray(self.signal.t).tolist(),
+            "inputs": {
+                name: values.tolist()
+                for name, values in zip(
+                    self.signal.inputs, np.asarray(self.record.u).T, strict=True
+                )
+            },
+            "standard_errors": dict(zip(self.information.names, errors, strict=True)),
+            "weak_directions": list(self.information.weak_directions),
+            "cost": self.cost,
+            "comparisons": [comparison._asdict() for comparison in self.comparisons],
+            "limits_used": dict(self.limits_used),
+        }
+
+    def plot(self) -> Any:
+        """Return a figure of the input and the motion that the model expects, by matplotlib
+        (`jaxid[report]`).
+        """
+        from ..report.figures_signals import signals
+
+        return signals(self.record)
 
     def _repr_html_(self) -> str:
         return preformatted(str(self))

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..._observedation.checks import InputError, require, require_float64
+from ..._foundation.checks import InputError, require, require_float64
 from ...data.record import Record
 from ...models.base import AbstractModel, canonical
 from ...models.equation_shapes import check_equations

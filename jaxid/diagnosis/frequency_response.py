@@ -117,7 +117,7 @@ def frequency_response(
     hold: AbstractHold | None = None,
     stepper: AbstractStepper | None = None,
 ) -> FrequencyResponse:
-    """Return the frequency response and the coherence of records, and of a model beside them.
+    """Return the frequency response and the coherence of records, and of a model.
 
     The model is simulated under the recorded inputs and goes through the same estimator, so that
     leakage and the response between samples are the same on both sides.

@@ -3,10 +3,14 @@
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .._foundation.checks import require_known
 from .style import AFTER, MEASURED, canvas, key, plain
+
+# Chosen: relative standard error of the gain, above which it is drawn thin and the phase left out.
+LARGEST_ERROR = 0.3
 
 
 def bode(response: Any, output: str | None = None, channel: str | None = None) -> Figure:
@@ -17,8 +21,7 @@ def bode(response: Any, output: str | None = None, channel: str | None = None) -
         output, channel: names of output and input; the first ones by default.
 
     Returns:
-        Three panels: gain, phase in degrees, coherence with the band of one standard error of the
-        gain in the first.
+        Three panels: gain with a band of one standard error, phase in degrees, coherence.
 
     Raises:
         InputError: when there is no such channel.
@@ -35,14 +38,12 @@ def bode(response: Any, output: str | None = None, channel: str | None = None) -
     low = size * np.clip(1.0 - error, 0.02, None)
     gain.fill_between(response.w, low, size * (1.0 + error), color=MEASURED, alpha=0.25, lw=0)
     entries = [("records, ± 1 standard error", MEASURED)]
-    lines = [(H, MEASURED, 2.2)]
+    certain = error < LARGEST_ERROR
+    _draw(gain, phase, response.w, np.where(certain, H, np.nan), MEASURED, 2.2)
+    gain.plot(response.w, size, color=MEASURED, linewidth=0.5)
     if response.model is not None:
-        lines.append((response.model[:, k, j], AFTER, 1.0))
+        _draw(gain, phase, response.w, response.model[:, k, j], AFTER, 1.0)
         entries.append(("model", AFTER))
-    for values, colour, width in lines:
-        gain.plot(response.w, np.abs(values), color=colour, linewidth=width)
-        angle = np.degrees(np.unwrap(np.angle(values)))
-        phase.plot(response.w, angle, color=colour, linewidth=width)
     coherence.plot(response.w, response.coherence[:, k], color=MEASURED, linewidth=1.2)
     gain.set_xscale("log")
     gain.set_yscale("log")
@@ -54,3 +55,12 @@ def bode(response: Any, output: str | None = None, channel: str | None = None) -
     plain(coherence, "frequency [rad/s]", "coherence")
     key(figure, entries, title=f"{output} from {channel}")
     return figure
+
+
+def _draw(gain: Axes, phase: Axes, w: np.ndarray, H: np.ndarray, colour: str, width: float) -> None:
+    """Draw gain and phase of a response, NaN where it is not certain."""
+    known = np.isfinite(H)
+    angle = np.full(len(w), np.nan)
+    angle[known] = np.degrees(np.unwrap(np.angle(H[known])))
+    gain.plot(w, np.abs(H), color=colour, linewidth=width)
+    phase.plot(w, angle, color=colour, linewidth=width)

@@ -2,6 +2,7 @@
 
 import codecs
 import csv
+import itertools
 import json
 import math
 import re
@@ -19,6 +20,7 @@ from ..record import Record
 from .assemble import assemble, clock, existing, parse_number
 from .document import write_new
 
+MOST_LINES = 10**6  # above a header (chosen)
 UTF8 = "utf-8-sig"  # UTF-8, with or without its mark at the start
 
 
@@ -205,11 +207,10 @@ def cells_of(path: Path, layout: Layout) -> list[tuple[int, list[str]]]:
     _require_layout(path, layout)
     try:
         with path.open(newline="", encoding=layout.encoding) as file:
-            for _ in range(layout.skip):
-                file.readline()
+            skipped = sum(1 for _ in itertools.islice(file, layout.skip))
             reader = csv.reader(file, delimiter=layout.delimiter)
             lines = [
-                (reader.line_num + layout.skip, cells)
+                (reader.line_num + skipped, cells)
                 for cells in reader
                 if any(cell.strip() for cell in cells)
             ]
@@ -249,8 +250,10 @@ def _require_layout(path: Path, layout: Layout) -> None:
         "the file, such as ';'.",
     )
     require(
-        not isinstance(layout.skip, bool) and isinstance(layout.skip, int) and layout.skip >= 0,
-        f"{path.name}: `skip` is {layout.skip!r}. Give a number of lines, 0 or more.",
+        not isinstance(layout.skip, bool)
+        and isinstance(layout.skip, int)
+        and 0 <= layout.skip <= MOST_LINES,
+        f"{path.name}: `skip` is {layout.skip!r}. Give a number of lines from 0 on.",
     )
     try:
         codecs.lookup(layout.encoding)

@@ -11,6 +11,7 @@ from ..build import TIME
 from ..record import Record
 from .assemble import assemble, clock, existing
 from .binary import mat73_variables
+from .mat_structure import require_intact
 
 
 def read_mat(
@@ -85,6 +86,7 @@ def mat_variables(path: str | Path) -> dict[str, np.ndarray]:
     from scipy.io import loadmat  # imported here because it is slow to import
 
     path = existing(path)
+    require_intact(path.read_bytes(), path.name)
     try:
         return {k: v for k, v in loadmat(path).items() if not k.startswith("__")}
     except NotImplementedError:

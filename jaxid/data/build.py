@@ -1,5 +1,6 @@
 """`record`: check measured numbers, convert them to SI and return a `Record`."""
 
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 from .._foundation.checks import InputError, require, require_float64, require_known, require_unique
 from .._foundation.host import to_device
 from .._foundation.types import Array
+from .arguments import by_name, channel_names, text, texts_by_name
 from .frame import columns_of, is_frame
 from .record import Record
 from .units import to_si
@@ -58,12 +60,11 @@ def record(
             is unknown, an output has no valid sample, or JAX runs in float32.
     """
     require_float64()
-    where, units, constants = (
-        f"Record {name!r}" if name else "The record",
-        units or {},
-        constants or {},
-    )
-    inputs, outputs = _names(inputs, "inputs", where), _names(outputs, "outputs", where)
+    where = f"Record {name!r}" if text(name, "name", "The record") else "The record"
+    units = texts_by_name(units, "units", where)
+    constants = by_name(constants, "constants", where)
+    inputs = channel_names(inputs, "inputs", where)
+    outputs = channel_names(outputs, "outputs", where)
     all_names = (TIME, *inputs, *outputs, *constants)
     require(
         len(outputs) > 0,
@@ -77,7 +78,7 @@ def record(
             u is None and z is None,
             f"{where}: a DataFrame holds all channels. Leave out `u` and `z`.",
         )
-        t, u, z = columns_of(t, time, inputs, outputs)
+        t, u, z = columns_of(t, text(time, "time", where), inputs, outputs)
     seconds = _times(t, units.get(TIME, ""), where)
     u = np.zeros((len(seconds), 0)) if u is None and not inputs else u
     u_si, input_units = _channels(u, "u", inputs, seconds, units, where)
@@ -104,21 +105,6 @@ def record(
         output_units=output_units,
         names=(name,),
     )
-
-
-def _names(names: Sequence[str], argument: str, where: str) -> tuple[str, ...]:
-    """Channel names as a tuple. A string is refused: it would be split into its letters."""
-    require(
-        not isinstance(names, str),
-        f"{where}: `{argument}` is the string {names!r}. Give a tuple of names, such as "
-        f"({names!r},).",
-    )
-    for name in names:
-        require(
-            isinstance(name, str) and name != "",
-            f"{where}: {name!r} in `{argument}` is not a channel name. Give a non-empty string.",
-        )
-    return tuple(names)
 
 
 def _times(t: Any, unit: str, where: str) -> np.ndarray:
@@ -232,7 +218,13 @@ def _numbers(values: Any, names: Sequence[str], where: str) -> np.ndarray:
     )
     if array.dtype.kind not in "biuf":
         _require_numbers(array, names, where)
-    return array.astype(float)
+    try:
+        return array.astype(float)
+    except OverflowError as error:  # a whole number without limit
+        raise InputError(
+            f"{where}: {', '.join(names)} holds a number beyond {sys.float_info.max:.2g}. Correct "
+            "it."
+        ) from error
 
 
 def _require_numbers(array: np.ndarray, names: Sequence[str], where: str) -> None:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..._foundation.checks import InputError, require, require_known, require_unique
+from ..arguments import channel_names, text
 from ..build import TIME
 from ..record import Record
 from .assemble import assemble, clock, existing, parse_number
@@ -70,6 +71,9 @@ def read_csv(
             file, row and column), or `record` refuses the values.
     """
     path = existing(path)
+    inputs = channel_names(inputs, "inputs", path.name)
+    outputs = channel_names(outputs, "outputs", path.name)
+    text(time, "time", path.name)
     wanted = (*inputs, *outputs) if sample_time is not None else (time, *inputs, *outputs)
     columns, file_units, lines = named_columns(
         path,
@@ -235,6 +239,8 @@ def cells_of(path: Path, layout: Layout) -> list[tuple[int, list[str]]]:
 
 def _require_layout(path: Path, layout: Layout) -> None:
     """Refuse signs and numbers of lines that no file can have."""
+    for argument in ("delimiter", "decimal", "encoding"):
+        text(getattr(layout, argument), argument, path.name)
     require(
         len(layout.delimiter) == 1 and layout.delimiter not in '"\r\n',
         f"{path.name}: the delimiter is {layout.delimiter!r}. Give one character, such as ',' or "

@@ -61,7 +61,10 @@ def fit(model=MODEL, free=None, records=None, **options):
 
 RECORDS = {
     "names as one string": (lambda: record(inputs="force"), "`inputs` is the string.*tuple"),
-    "a name for two columns": (lambda: record(outputs=("x", "v")), r"shape \(30, 1\).*2 outputs"),
+    "a name for two columns": (
+        lambda: record(outputs=("x", "v")),
+        r"`z` has shape \(30,\).*2 outputs.*one column",
+    ),
     "other length": (lambda: record(x=X[:-1]), "29 rows and time 't' has 30.*Resample"),
     "channels in rows": (lambda: record(u=U[None]), r"shape \(1, 30\).*one column per name"),
     "time backwards": (lambda: record(t=T[::-1]), "does not increase at row 1.*sort by time"),
@@ -81,7 +84,7 @@ RECORDS = {
     "misspelt unit": (lambda: record(units={"x": "degre"}), "'x'.*'degre'"),
     "unit of another name": (lambda: record(units={"y": "m"}), "no channel 'y'.*names are"),
     "g for gravity": (lambda: record(units={"x": "g"}), "ambiguous.*'g0'"),
-    "units as a string": (lambda: record(units="deg"), "`units` is 'deg'.*dictionary"),
+    "a cut outside": (lambda: jaxid.data.split_at(record(), 1.5), "cut at 1.5.*inside the record"),
     "one name twice": (lambda: record(outputs=("force",)), "'force' occurs twice.*Rename"),
     "no output": (lambda: record(outputs=(), x=np.zeros((30, 0))), "no output.*Name at least one"),
     "one sample": (lambda: record(t=T[:1], u=U[:1], x=X[:1]), "1 samples.*at least 2"),
@@ -106,7 +109,7 @@ MODELS = {
     "NumPy in rhs": (lambda: fit(NumpyModel(*[jnp.array(1.0)] * 2)), "`rhs`.*NumPy.*`jax.numpy`"),
     "a branch in rhs": (
         lambda: fit(Branching(*[jnp.array(1.0)] * 2)),
-        "`rhs`.*branch.*`jnp.where`",
+        "`rhs`.*branch.*`jnp.where",
     ),
     "an output without a method": (
         lambda: fit(Accelerometer(*[jnp.array(1.0)] * 2), records=other(outputs=("a",))),

@@ -26,8 +26,8 @@ def bode(response: Any, output: str | None = None, channel: str | None = None) -
     Raises:
         InputError: when there is no such channel.
     """
-    output = response.outputs[0] if output is None else output
-    channel = response.inputs[0] if channel is None else channel
+    output = str(response.outputs[0] if output is None else output)
+    channel = str(response.inputs[0] if channel is None else channel)
     require_known("output", [output], response.outputs)
     require_known("input", [channel], response.inputs)
     k, j = response.outputs.index(output), response.inputs.index(channel)

@@ -16,7 +16,7 @@ MATRIX, COMPRESSED = 14, 15
 INT8, INT32, UINT32 = 1, 5, 6
 # Bytes of one number by type of an element.
 SIZES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8, 16: 1, 17: 2, 18: 4}
-CELL, STRUCT, OBJECT, CHAR, SPARSE = 1, 2, 3, 4, 5
+CELL, STRUCT, OBJECT, CHAR = 1, 2, 3, 4
 NUMERIC = range(6, 16)
 COMPLEX = 0x0800
 DEEPEST = 20  # chosen: matrices inside of cells and structures
@@ -124,21 +124,21 @@ def _check_members(
     kind = bits & 0xFF
     if kind in NUMERIC:
         _demand(len(rest) == (2 if bits & COMPLEX else 1), "numbers of another count of parts")
-        for part in rest:
-            _demand(part.size == count * SIZES.get(part.type, 0), "numbers of another count")
+        fits = all(part.size == count * SIZES.get(part.type, 0) for part in rest)
+        _demand(fits, "numbers of another count")
     elif kind in (CELL, STRUCT, OBJECT):
-        for part in rest:
-            if part.type == MATRIX:
-                _check_matrix(data[part.start : part.start + part.size], order, depth + 1)
-        members = sum(part.type == MATRIX for part in rest)
-        _demand(members % count == 0 if count else members == 0, "members of another count")
-        _demand(kind != CELL or members == count == len(rest), "cells of another count")
-        _demand(kind == CELL or _has_fields(data, order, rest, members, count), "fields")
+        members = [part for part in rest if part.type == MATRIX]
+        for part in members:
+            _check_matrix(data[part.start : part.start + part.size], order, depth + 1)
+        if kind == CELL:
+            _demand(len(members) == count == len(rest), "cells of another count")
+        else:
+            _demand(_has_fields(data, order, rest, len(members), count), "fields")
     else:
         _demand(kind == CHAR, f"an array of class {kind}, which is not read")
         _demand(len(rest) == 1 or count == 0, "a text without characters")
-        for part in rest:
-            _demand(part.size <= 4 * count and part.type in SIZES, "characters of another count")
+        fits = all(part.size <= 4 * count and part.type in SIZES for part in rest)
+        _demand(fits, "characters of another count")
 
 
 def _has_fields(data: bytes, order: str, rest: list[Element], members: int, count: int) -> bool:

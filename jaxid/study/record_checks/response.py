@@ -61,15 +61,22 @@ def response(model: AbstractModel, record: Record, measured: Measured) -> Respon
     y = np.asarray(solution.y)
     bad = ~np.isfinite(y).all(axis=1)
     ends = float(measured.t[np.argmax(bad)]) if bad.any() else np.nan
-    matrices = (np.asarray(matrix) for matrix in (at.A, at.B, at.C, at.D))
-    return Response(*matrices, y, ends, _rests_at_zero(model, measured.t[0]))
+    return Response(
+        A=np.asarray(at.A),
+        B=np.asarray(at.B),
+        C=np.asarray(at.C),
+        D=np.asarray(at.D),
+        y=y,
+        ends=ends,
+        rests_at_zero=_rests_at_zero(model, float(measured.t[0])),
+    )
 
 
 def _rests_at_zero(model: AbstractModel, t: float) -> bool:
     """True if zero state and zero input are a point of rest, and no other state is near it."""
-    x, u, t = jnp.zeros(len(model.states)), jnp.zeros(len(model.inputs)), jnp.asarray(t, float)
-    moving = bool(jnp.any(model.rhs(t, x, u) != 0)) if model.states else False
-    if moving or not bool(jnp.all(model.output(t, x, u) == 0)):
+    x, u, now = jnp.zeros(len(model.states)), jnp.zeros(len(model.inputs)), jnp.asarray(t, float)
+    moving = bool(jnp.any(model.rhs(now, x, u) != 0)) if model.states else False
+    if moving or not bool(jnp.all(model.output(now, x, u) == 0)):
         return False
     poles = np.abs(np.linalg.eigvals(np.asarray(linearise(model, t, x, u).A)))
     return bool(np.all(poles > INTEGRATOR * np.max(poles, initial=0.0)))

@@ -133,7 +133,7 @@ def test_damaged_matlab_files_are_refused_or_read(tmp_path):
         path.write_bytes(mutated(content, rng))
         options = {"inputs": ("u",), "outputs": ("t",), "sample_time": 0.1}
         read += attempt(lambda options=options: jaxid.read_mat(path, **options)) is not None
-    assert 20 < read < 280
+    assert 5 < read < 280
 
 
 def test_damaged_study_files_are_refused_or_read(tmp_path):

@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import numpy as np
 
 from .._foundation.notebook import preformatted
 from ..data.record import Record
@@ -67,6 +68,21 @@ class Design(eqx.Module):
             lines.append(f"{name:<{width}} {energy:>13.4g} {peak:>11.4g} {within:>9.4g}")
         used = [f"{name} {100 * share:.0f} %" for name, share in self.limits_used.items()]
         return "\n".join([*lines, f"limits used: {', '.join(used)}"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the input, its limits and the expected standard errors as plain numbers."""
+        errors = np.asarray(self.information.standard_errors).tolist()
+        flown = zip(self.signal.inputs, np.asarray(self.record.u).T, strict=True)
+        return {
+            "t": np.asarray(self.signal.t).tolist(),
+            "inputs": {name: values.tolist() for name, values in flown},
+            "standard_errors": dict(zip(self.information.names, errors, strict=True)),
+            "weak_directions": list(self.information.weak_directions),
+            "cost": self.cost,
+            "chi_square": self.chi_square,
+            "comparisons": [comparison._asdict() for comparison in self.comparisons],
+            "limits_used": dict(self.limits_used),
+        }
 
     def plot(self) -> Any:
         """Return a figure of the record to fly and the limits used, by matplotlib

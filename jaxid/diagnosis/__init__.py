@@ -1,6 +1,7 @@
 """Diagnosis of a fit: residual tests, statistics, prediction, localisation, scores of effects."""
 
 from .bands import Band, Bands, prediction_bands
+from .frequency_response import FrequencyResponse, frequency_response
 from .localise import LocalisationResult, Place, localise_residual
 from .maps import ResidualMaps, residual_maps
 from .residual_report import ResidualReport, analyse_residual
@@ -13,6 +14,7 @@ __all__ = [
     "Band",
     "Bands",
     "FitStatistics",
+    "FrequencyResponse",
     "LocalisationResult",
     "Place",
     "Prediction",
@@ -21,6 +23,7 @@ __all__ = [
     "ResidualTests",
     "Scores",
     "analyse_residual",
+    "frequency_response",
     "localise_residual",
     "predict",
     "prediction_bands",

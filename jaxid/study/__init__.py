@@ -11,15 +11,21 @@ from .many.studies import Studies, StudyResult
 from .next_record import next_record, separating_input
 from .options import LoopOptions
 from .outcome import Outcome
+from .record_checks.advice import advice
+from .record_checks.findings import Advice, Excitation, Finding, FindingKind
 from .rivals import discrimination
 from .rounds import Alternative, Decision
 from .study import Study
 
 __all__ = [
     "LONG_RECORDS",
+    "Advice",
     "Alternative",
     "Consistency",
     "Decision",
+    "Excitation",
+    "Finding",
+    "FindingKind",
     "Identification",
     "IdentifyOptions",
     "LoopOptions",
@@ -27,6 +33,7 @@ __all__ = [
     "Studies",
     "Study",
     "StudyResult",
+    "advice",
     "close_loop",
     "close_loop_many",
     "consistency",

@@ -7,6 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from .._foundation.checks import require
+from .._foundation.notebook import preformatted
 from .._foundation.types import Float, Numbers
 from ..estimation.result import Estimate
 from .bootstrap import Bootstrap
@@ -59,6 +60,9 @@ class ErrorComparison(eqx.Module):
     def errors(self, kind: ErrorKind) -> Float[Numbers, " parameter"]:
         """Return the standard errors of one kind."""
         return self.table[self.kinds.index(kind)]
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
     def __str__(self) -> str:
         titles = {

@@ -1,5 +1,7 @@
 """Designed inputs of a spring: derivative, limits, refusals, and gain over conventional inputs."""
 
+import json
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -82,6 +84,17 @@ def test_derivative_of_objective_equals_finite_differences():
     ends = [evaluate(u + sign * h * direction)[0] for sign in (1, -1)]
     slope = jnp.sum(evaluate(u)[1] * direction)
     np.testing.assert_allclose(slope, (ends[0] - ends[1]) / (2 * h), rtol=1e-6)
+
+
+def test_design_is_a_figure_and_a_dictionary_of_plain_numbers(design):
+    force, x = design.plot().axes
+    np.testing.assert_array_equal(force.lines[0].get_ydata(), design.record.u[:, 0])
+    assert x.get_ylabel() == "x"
+    content = json.loads(json.dumps(design.to_dict()))
+    assert content["inputs"]["force"] == np.asarray(design.record.u[:, 0]).tolist()
+    assert set(content["standard_errors"]) == {"k", "c"}
+    assert [row["name"] for row in content["comparisons"]] == ["doublet", "3-2-1-1", "multisine"]
+    assert "limits used" in design._repr_html_()
 
 
 def test_design_beats_conventional_inputs_within_the_limits(design):

@@ -102,6 +102,7 @@ TEXTS_BY_NAME = Kind(
     "a table of lists of texts", '{ Cm = ["alpha", "qhat"] }', _table_of(TEXTS.fits)
 )
 NUMBER = Kind("a number", "0.5", _is_number)
+LINES = Kind("a number of lines", "2", lambda value: type(value) is int and value >= 0)
 COUNT = Kind("a whole number, at least 1", "2", lambda value: type(value) is int and value >= 1)
 NUMBERS_BY_NAME = Kind("a table of numbers", "{ mass = 12.0 }", _table_of(_is_number))
 BOUNDS = Kind("a table of pairs", "{ k = [0.0, inf] }", _table_of(_list_of(_is_number, 2)))
@@ -130,6 +131,9 @@ SECTIONS: dict[str, dict[str, Kind]] = {
             "units": TEXT_BY_NAME,
             "units_row": SWITCH,
             "delimiter": TEXT,
+            "decimal": TEXT,
+            "encoding": TEXT,
+            "skip": LINES,
         },
         **{"constants": NUMBERS_BY_NAME, "derivatives": TEXT_BY_NAME, "cut": NUMBER},
     },
@@ -151,6 +155,9 @@ READING = (
     "units",
     "units_row",
     "delimiter",
+    "decimal",
+    "encoding",
+    "skip",
     "constants",
 )
 

@@ -30,15 +30,25 @@ import numpy as np
 from jaxid import OutputError, close_loop
 from jaxid.aircraft.flight.coupled_flight import coupled_flight
 from jaxid.aircraft.flight.simulated_flight import realised_noise
+from jaxid.diagnosis.validation import Predictor
 from jaxid.effects.base import Effect
 from jaxid.estimation.estimate import as_stack
+from jaxid.loop import fit as loop_fit
+from jaxid.loop import moves
+from jaxid.study import assembly
 from jaxid.study.candidates import candidates
-from jaxid.study.workbench import Workbench
 
 TRUTH = "beta^2 in Cm"
 PASS = "jit(sensitivities)"  # JAX's name of the program of all fits and scores
 WINDOW = 50  # samples in which a flight's initial state is fitted
-STEPS = ("compile", "fit", "score", "localise", "predict", "analyse_residual", "set_shapes")
+# Steps of a study, none within another, and where the function of each is looked up.
+STEPS: dict[str, tuple[Any, str]] = {
+    "fit": (loop_fit, "fit_by_steps"),
+    "columns": (loop_fit.LoopFit, "all_columns"),
+    "localise": (moves, "localise"),
+    "predict": (Predictor, "predict"),
+    "analyse_residual": (assembly, "analyse_residual"),
+}
 
 
 class Size(NamedTuple):
@@ -111,26 +121,26 @@ def study(size: Size, among: Callable[[Effect], bool] = lambda effect: True) -> 
 
 @contextmanager
 def timed():
-    """Yield the seconds spent in each step of the workbench."""
-    seconds: Counter[str] = Counter()
+    """Yield the seconds spent in each step of a study."""
+    seconds: Counter[str] = Counter(dict.fromkeys(STEPS, 0.0))
 
-    def measured(name):
-        step = getattr(Workbench, name)
+    def measured(name, place, attribute):
+        step = getattr(place, attribute)
 
-        def wrapped(self, *arguments, **options):
+        def wrapped(*arguments, **options):
             begin = time.perf_counter()
-            result = step(self, *arguments, **options)
+            result = step(*arguments, **options)
             jax.block_until_ready(
                 [leaf for leaf in jax.tree.leaves(result) if isinstance(leaf, jax.Array)]
             )
             seconds[name] += time.perf_counter() - begin
             return result
 
-        return mock.patch.object(Workbench, name, wrapped)
+        return mock.patch.object(place, attribute, wrapped)
 
     with ExitStack() as stack:
-        for name in STEPS:
-            stack.enter_context(measured(name))
+        for name, (place, attribute) in STEPS.items():
+            stack.enter_context(measured(name, place, attribute))
         yield seconds
 
 

@@ -154,13 +154,11 @@ def _figure(one: Figure, study: Study) -> dict[str, Any]:
 
 def _round(one: dict[str, Any]) -> dict[str, Any]:
     """Return the changes of a round, with its refitted candidates."""
-    kept = ("name", "score", "significance", "check_fall", "verdict")
+    kept = ("name", "score", "check_fall", "verdict")
     refitted = [
         {key: c[key] for key in kept} for c in one["candidates"] if c["cost_fall"] is not None
     ]
-    return {key: one[key] for key in ("added", "alternatives", "dropped", "errors")} | {
-        "refitted": refitted
-    }
+    return {key: one[key] for key in ("added", "dropped", "errors")} | {"refitted": refitted}
 
 
 def table(rows: list[dict[str, Any]]) -> str:

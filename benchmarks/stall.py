@@ -165,7 +165,6 @@ def summary(study: Study) -> dict:
         rounds.append(
             {
                 "added": one.added,
-                "alternatives": list(one.alternatives),
                 "dropped": list(one.dropped),
                 "refitted": best,
             }

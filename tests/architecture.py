@@ -58,7 +58,6 @@ HOMES = {
         "_foundation/results.py",
         "simulation/*",
         "estimation/*",
-        "diagnosis/process_noise.py",
         "design/*",
     ),
     "interpax": (
@@ -159,7 +158,6 @@ class Source:
         self.imports = [imported for imported in self._imports() if not self._draws(imported)]
         self.meaning = {imported.alias: imported.means for imported in self.imports}
         self.references = list(self._references(self.tree))
-        self.exempt = self.place in architecture_words.EXEMPT
 
     def ours(self) -> Iterator[tuple[int, str]]:
         """(line, floor) of every import of the package inside it, but for its bare root."""
@@ -409,9 +407,7 @@ def short_functions(source: Source) -> Iterator[Finding]:
 
 
 def short_files(source: Source) -> Iterator[Finding]:
-    """One concept per file; files that part 8 of the project replaces are exempt."""
-    if source.exempt:
-        return
+    """One concept per file."""
     lines = len(source.text.splitlines())
     if lines > LONGEST_FILE:
         yield lines, f"the file has {lines} lines; the limit is {LONGEST_FILE}"
@@ -419,10 +415,9 @@ def short_files(source: Source) -> Iterator[Finding]:
 
 def banned_words(source: Source) -> Iterator[Finding]:
     """Names, docstrings and comments are plain technical English."""
-    if not source.exempt:
-        path = f"{source.package}/{source.place}"
-        yield from architecture_words.banned_names(source.tree, path)
-        yield from architecture_words.banned_prose(source.prose())
+    path = f"{source.package}/{source.place}"
+    yield from architecture_words.banned_names(source.tree, path)
+    yield from architecture_words.banned_prose(source.prose())
 
 
 def long_lines(source: Source) -> Iterator[Finding]:
@@ -444,9 +439,7 @@ def file_cycles(sources: list[Source]) -> Iterator[HouseFinding]:
 
 def crowded_folders(sources: list[Source]) -> Iterator[HouseFinding]:
     """A folder is read at a glance; files that part 8 of the project replaces do not count."""
-    modules = [
-        source for source in sources if not (source.exempt or source.place.endswith("__init__.py"))
-    ]
+    modules = [source for source in sources if not source.place.endswith("__init__.py")]
     for folder, group in itertools.groupby(sorted(modules, key=_folder), key=_folder):
         members = list(group)
         if len(members) > MOST_MODULES:
@@ -458,7 +451,7 @@ def one_value_per_constant(sources: list[Source]) -> Iterator[HouseFinding]:
     """A constant of one name has one value; the second place with another is reported."""
     first: dict[str, tuple[Source, int, str]] = {}
     for source in sources:
-        for line, name, value in () if source.exempt else _constants(source.tree):
+        for line, name, value in _constants(source.tree):
             other, other_line, other_value = first.setdefault(name, (source, line, value))
             if other is not source and other_value != value:
                 there = f"{_short(other_value)} in {other.place}:{other_line}"
@@ -472,7 +465,6 @@ def complexity(sources: list[Source]) -> Iterator[HouseFinding]:
     blocks = [
         (source, block.lineno, block.fullname, block.complexity)
         for source in sources
-        if not source.exempt
         for block in cc_visit_ast(source.tree)
         if block.complexity > COMPLEX
     ]
@@ -489,9 +481,7 @@ def complexity(sources: list[Source]) -> Iterator[HouseFinding]:
 
 def dense_words(sources: list[Source]) -> Iterator[HouseFinding]:
     """The counted words are rare in the comments and docstrings of the package."""
-    passages = [
-        (source, passage) for source in sources if not source.exempt for passage in source.prose()
-    ]
+    passages = [(source, passage) for source in sources for passage in source.prose()]
     dense = architecture_words.too_dense([passage for _, passage in passages])
     for name, words in dense.items():
         for source, passage in passages:

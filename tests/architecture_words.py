@@ -2,7 +2,7 @@
 
 `python tests/architecture_words.py [path ...]` prints the breaches of each file as
 `path:line: words [rule]`, their number in each file, and the density of the counted words. A path
-is a folder, a `.py` or an `.md` file. In a folder only the lines of exempt files are checked.
+is a folder, a `.py` or an `.md` file.
 """
 
 import ast
@@ -42,16 +42,6 @@ BANNED_IN_PROSE = {
 COUNTED = {
     "what": (r"what", 10.0),
     "speech": (r"says?|said|tells?|told|asks?|asked", 1.0),
-}
-
-# Part 8 of the project replaces these files. Until then they are exempt from the rules on words,
-# complexity and constants.
-EXEMPT = {
-    *("study/search.py", "study/way.py", "study/tried.py", "study/pairs.py", "study/kin.py"),
-    *("study/doubts.py", "study/judge.py", "study/rivals.py"),
-    *("study/shortlist.py", "study/unpredictable.py", "study/not_finite.py", "study/verdict.py"),
-    *("diagnosis/process_noise.py", "diagnosis/driven.py", "diagnosis/probing.py"),
-    "diagnosis/innovations.py",
 }
 
 Finding = tuple[int, str]
@@ -171,12 +161,6 @@ def prose_of_markdown(text: str) -> list[Passage]:
     return [Passage(1, CODE.sub(_mask, FENCE.sub(_mask, text)))]
 
 
-def is_exempt(file: Path) -> bool:
-    return "/".join(file.resolve().parts[-2:]) in EXEMPT and file.resolve().parts[-3:-2] == (
-        "jaxid",
-    )
-
-
 def _mask(match: re.Match[str]) -> str:
     return re.sub(r"\S", "~", match[0])
 
@@ -198,18 +182,17 @@ def _defined(tree: ast.AST) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.name
 
 
-def check(file: Path, exempt: bool = False) -> tuple[list[str], list[Passage]]:
+def check(file: Path) -> tuple[list[str], list[Passage]]:
     """The breaches in one file as `path:line: words [rule]`, and its prose."""
     text = file.read_text(encoding="utf-8")
     findings: list[tuple[int, str, str]] = []
     passages: list[Passage] = []
     if file.suffix == ".py":
         findings += [(line, words, "lines") for line, words in long_lines(text)]
-        if not exempt:
-            tree = ast.parse(text, filename=str(file))
-            names = banned_names(tree, str(file.resolve()))
-            findings += [(line, words, "names") for line, words in names]
-            passages = prose_of_python(text, tree)
+        tree = ast.parse(text, filename=str(file))
+        names = banned_names(tree, str(file.resolve()))
+        findings += [(line, words, "names") for line, words in names]
+        passages = prose_of_python(text, tree)
     else:
         passages = prose_of_markdown(text)
     findings += [(line, words, "prose") for line, words in banned_prose(passages)]
@@ -221,8 +204,8 @@ def report(paths: list[str]) -> list[str]:
     prose: dict[str, list[Passage]] = {".py": [], ".md": []}
     counts: dict[Path, Counter[str]] = {}
     lines: list[str] = []
-    for file, exempt in _files(paths):
-        breaches, passages = check(file, exempt)
+    for file in _files(paths):
+        breaches, passages = check(file)
         lines += breaches
         prose[file.suffix] += passages
         counts[file] = Counter(text.rsplit("[", 1)[1].rstrip("]") for text in breaches)
@@ -250,15 +233,15 @@ def _row(count: Counter[str], label: str) -> str:
     return f"{count.total():6d}  {label}  ({parts})"
 
 
-def _files(paths: list[str]) -> Iterator[tuple[Path, bool]]:
-    """Each file and its exemption; hidden files in folders are left out."""
+def _files(paths: list[str]) -> Iterator[Path]:
+    """Each file; hidden files in folders are left out."""
     for path in map(Path, paths):
         if not path.is_dir():
-            yield path, False
+            yield path
             continue
         for file in sorted((*path.rglob("*.py"), *path.rglob("*.md"))):
             if not any(part.startswith(".") for part in file.relative_to(path).parts):
-                yield file, is_exempt(file)
+                yield file
 
 
 if __name__ == "__main__":

@@ -95,8 +95,7 @@ def run(options: argparse.Namespace) -> list[dict[str, Any]]:
     for number, (system, scenario, seed, removed) in enumerate(wanted, 1):
         result = done.get((system.name, scenario.name, seed, removed))
         if result is None:
-            over = options.search == "loop"
-            result = measure(system, scenario, seed, removed=removed, over_hypotheses=over)
+            result = measure(system, scenario, seed, removed=removed)
             summary = (
                 result["failed"] or f"{result['outcome']}: {', '.join(result['effects']) or '-'}"
             )
@@ -140,12 +139,6 @@ def main(arguments: list[str] | None = None) -> int:
         "--no-removed",
         action="store_true",
         help="skip studies without the effect in the library",
-    )
-    parser.add_argument(
-        "--search",
-        choices=("study", "loop"),
-        default="study",
-        help="`close_loop`, or the search of `jaxid.loop` (default: study)",
     )
     parser.add_argument(
         "--log", metavar="FILE", help="append each study here, and skip those that it holds"

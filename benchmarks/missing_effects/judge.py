@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import beta
 
-from jaxid.study.outcome import Outcome
+from jaxid.loop.outcome import Outcome
 
 Result = dict[str, Any]
 FALSE = 0.01  # stated level: share of studies with a false effect

@@ -66,26 +66,20 @@ def _simulated(reference: Reference):
 
     The first three have shape (case, time, ...).
     """
-    workbench, declared = reference.workbench, reference.declared
-    shared = jnp.asarray(declared.values[: len(workbench.free.shared)])
-    model = with_values(workbench.model.model, workbench.free.shared, shared)
-    problem = Problem.of(model, workbench.free, workbench.records, workbench.likelihood)
-    signals, y = _signals_of(problem, Parameters(shared, declared.fit.parameters.rows))
+    declared = reference.declared
+    given = declared.problem
+    shared = jnp.asarray(declared.values[: len(given.free.shared)])
+    model = with_values(given.model, given.free.shared, shared)
+    problem = Problem.of(model, given.free, given.train, given.likelihood)
+    signals, y = _signals_of(problem, Parameters(shared, declared.solution.parameters.rows))
     signals = {name: np.asarray(signal) for name, signal in signals.items()}
+    signals |= {f"output {n}": np.asarray(y[..., i]) for i, n in enumerate(given.train.outputs)}
     signals |= {
-        f"output {name}": np.asarray(y[..., i]) for i, name in enumerate(workbench.records.outputs)
+        f"input {n}": np.asarray(given.train.u[..., i]) for i, n in enumerate(given.train.inputs)
     }
-    signals |= {
-        f"input {name}": np.asarray(workbench.records.u[..., i])
-        for i, name in enumerate(workbench.records.inputs)
-    }
-    steps = np.diff(np.asarray(workbench.records.t), axis=1)
-    return (
-        signals,
-        np.asarray(declared.fit.residuals),
-        np.asarray(workbench.records.mask),
-        float(np.median(steps)),
-    )
+    steps = np.diff(np.asarray(given.train.t), axis=1)
+    residuals = np.asarray(declared.solution.residuals)
+    return signals, residuals, np.asarray(given.train.mask), float(np.median(steps))
 
 
 @eqx.filter_jit

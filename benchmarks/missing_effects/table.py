@@ -14,7 +14,7 @@ from benchmarks.missing_effects.judge import (
     rows,
     unseen_in,
 )
-from jaxid.study.outcome import Outcome
+from jaxid.loop.outcome import Outcome
 
 NOTES = """\
 chi2: median reduction of twice the cost by the true model. id: the planted effect is significant in
@@ -150,12 +150,11 @@ def shortfall(one: Result, unseen: bool = False) -> str:
 
 
 def _leading(one: Result) -> str:
-    """Return the leading candidates of the first round, with chi-squares of score and refit."""
-    leading = []
-    for name, score, _, fall, check, verdict in one["rounds"][0]["candidates"]:
-        if fall is not None and len(leading) < 4:
-            leading.append(f"{name} {score:.0f}/{fall:.0f}, check {check:+.3f}, {verdict}")
-    return f"truth {one['chi_square']:.0f}; " + "; ".join(leading)
+    """Return the true fall of chi-square, and the nearest alternatives with what they lack."""
+    others = [
+        f"{' + '.join(names) or 'none'} {worse:.0f}" for names, _, worse in one["alternatives"]
+    ]
+    return f"truth {one['chi_square']:.0f}; worse by: " + "; ".join(others)
 
 
 def _of(one: Share) -> str:

@@ -1,4 +1,4 @@
-"""Diagnosis of a fit: residual tests, statistics, prediction, localisation, scores of effects."""
+"""Diagnosis of a fit: residual tests, statistics, prediction, localisation."""
 
 from .bands import Band, Bands, prediction_bands
 from .frequency_response import FrequencyResponse, frequency_response
@@ -6,7 +6,6 @@ from .localise import LocalisationResult, Place, localise_residual
 from .maps import ResidualMaps, residual_maps
 from .residual_report import ResidualReport, analyse_residual
 from .residuals import ResidualTests, residual_tests
-from .scores import Scores
 from .statistics import FitStatistics, statistics
 from .validation import Prediction, predict
 
@@ -21,7 +20,6 @@ __all__ = [
     "ResidualMaps",
     "ResidualReport",
     "ResidualTests",
-    "Scores",
     "analyse_residual",
     "frequency_response",
     "localise_residual",

@@ -29,8 +29,7 @@ from ..estimation.problem import Problem
 from ..estimation.result import Estimate
 from ..models.free import Parameters
 from .autoregression import white_noise_variance
-from .free_form import FORCES, Places, answers, gusts_of, linear_model, spline_basis
-from .scores import sensitivities
+from .free_form import Places, answers, gusts_of, linear_model, spline_basis
 from .thresholds import FEW_KNOTS, LARGEST_WEIGHT, MANY_KNOTS, WEAK_DIRECTION
 
 KINDS = (LocationKind.EQUATION, LocationKind.INPUT, LocationKind.SENSOR, LocationKind.AIR)
@@ -89,21 +88,6 @@ class LocalisationResult(NamedTuple):
         """Return the first place and all places whose share is less than `within` below its."""
         first, *others = self.places
         return (first, *(place for place in others if place.share > first.share - within))
-
-    def disturbance_locations(self) -> tuple[Place, ...]:
-        """Return the places at which a random force could act.
-
-        These are all equations if an equation is among the near-best places, and all places in the
-        air if one of them is.
-        """
-        kinds = {place.location.kind for place in self.near_best()}
-        return tuple(
-            place
-            for kind in FORCES
-            if kind in kinds
-            for place in self.places
-            if place.location.kind is kind
-        )
 
     def explained_by(self, place: Place) -> tuple[tuple[str, float], ...]:
         """Return the R^2 of a cubic regression of the disturbance on each variable, largest first.
@@ -204,7 +188,7 @@ def localise_residual(
         f"`kinds` is {tuple(kinds)}. Name members of `jaxid.effects.LocationKind` among "
         f"{', '.join(kind.name for kind in places)}.",
     )
-    linearised = sensitivities(problem, fit.parameters)
+    linearised = _sensitivities(problem, fit.parameters)
     requested = {kind: places[kind] for kind in kinds if places[kind]}
     words = " or ".join(kind.label for kind in kinds)
     require(len(requested) > 0, f"The model has no place of the kind {words}. Name another kind.")
@@ -238,6 +222,12 @@ def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[in
     )
 
 
+@fast_compile_jit
+def _sensitivities(problem: Problem, parameters: Parameters):
+    """Return residuals and sensitivities, first those to the per-record parameters (jitted)."""
+    return problem.sensitivities(parameters)
+
+
 class LocalisationArrays(NamedTuple):
     """Arrays of a localisation: values of each place, and the whitened sum of squares of the
     residual with its degrees of freedom.
@@ -265,7 +255,7 @@ def localise(
 
     Args:
         problem, parameters: the estimation problem and its solution.
-        linearised: residuals and sensitivities to the free parameters (`sensitivities`).
+        linearised: residuals and sensitivities to the free parameters (`Problem.sensitivities`).
         noise: R; if it was estimated, its diagonal is limited to the variance of the white part of
             the residual.
         splines: number of B-splines in each record, and number of rows that they cover.

@@ -5,23 +5,19 @@ import enum
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
-import numpy as np
-from scipy.stats import chi2
-
-from .._foundation.grid import typical_step
+from .._foundation.location import Location, LocationKind
 from ..data.record import Record
 from ..diagnosis.localise import LocalisationResult
-from ..diagnosis.residual_report import analyse_residual
 from ..effects.base import Effect
-from ..estimation.autoregressive_noise import AutoregressiveNoise
 from .evidence import DETERMINED, Decision, inflation, is_noise_like
 from .fit import LoopFit
 from .heldout_error import difference_error, mean_log
 from .hypothesis import RandomForces, White
 from .linear import fall
 from .moves import MoveKind, localise_fit
-from .problem import SearchOptions
+from .noise_checks import above_known_noise, followed_signals, is_drift, stands_out
+from .options import LoopOptions
+from .outcome import Outcome
 from .search import SearchTree
 from .thresholds import SETTLED
 
@@ -42,29 +38,6 @@ UNIT_GAIN_DEVIATION = 3.0
 SAME_SHARE = 0.01
 
 
-# Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
-# five times in a record, and is as well a constant or a drift.
-LONGEST_MEMORY = 0.1
-
-
-class Verdict(enum.Enum):
-    """Result of a search.
-
-    Attributes:
-        NOTHING_MISSING: the residual is white noise, and no candidate explains any of it.
-        CAUSE: with the effects, the residual is noise, and every check is passed.
-        PROXIES: the effects predict better, but are not shown to be the cause.
-        UNEXPLAINED: something is missing, and no hypothesis explains it.
-        NOISE: coloured noise or random forces explain the residual; no effect is missing.
-    """
-
-    NOTHING_MISSING = enum.auto()
-    CAUSE = enum.auto()
-    PROXIES = enum.auto()
-    UNEXPLAINED = enum.auto()
-    NOISE = enum.auto()
-
-
 class Check(enum.Enum):
     """The checks, in their order."""
 
@@ -74,6 +47,7 @@ class Check(enum.Enum):
     UNIT_GAIN = enum.auto()
     ALTERNATIVE = enum.auto()
     CARRIES_OVER = enum.auto()
+    BORNE_OUT = enum.auto()
 
 
 class Finding(NamedTuple):
@@ -95,17 +69,17 @@ class Assessment:
     """Verdict of a search.
 
     Attributes:
-        verdict: the verdict.
+        outcome: the outcome.
         findings: objections of the checks.
         where: location of the residual of the declared model; None if nothing is missing.
     """
 
-    verdict: Verdict
+    outcome: Outcome
     findings: tuple[Finding, ...]
     where: LocalisationResult | None
 
 
-def assess(tree: SearchTree, tests: Mapping[str, Record], options: SearchOptions) -> Assessment:
+def assess(tree: SearchTree, tests: Mapping[str, Record], options: LoopOptions) -> Assessment:
     """Return the verdict of a search.
 
     Args:
@@ -118,12 +92,12 @@ def assess(tree: SearchTree, tests: Mapping[str, Record], options: SearchOptions
         return _assess_noise(tree, more)
     where, best = _where(tree), tree.best
     effects = [best.problem.effects[name] for name in best.effects]
-    objections = [more, one_function(effects), in_place(best, where), unit_gain(best)]
+    objections = [more, one_function(effects), in_place(effects, where), unit_gain(best)]
     if not any(objections):
         objections.append(alternative(tree))
     objections.append(carries_over(tree, tests))
     findings = tuple(finding for finding in objections if finding is not None)
-    return Assessment(Verdict.PROXIES if findings else Verdict.CAUSE, findings, where)
+    return Assessment(Outcome.PROXIES if findings else Outcome.EXPLAINED, findings, where)
 
 
 def _assess_noise(tree: SearchTree, more: Finding | None) -> Assessment:
@@ -134,39 +108,41 @@ def _assess_noise(tree: SearchTree, more: Finding | None) -> Assessment:
         more: finding of `noise_like`.
     """
     if more is not None:
-        return Assessment(Verdict.UNEXPLAINED, (more,), _where(tree))
+        return Assessment(Outcome.UNEXPLAINED, (more,), _where(tree))
     if isinstance(tree.best.hypothesis.noise, White):
-        return Assessment(Verdict.NOTHING_MISSING, (), None)
-    return Assessment(Verdict.NOISE, (), _where(tree))
+        return Assessment(Outcome.NOTHING_MISSING, (), None)
+    return Assessment(tree.best.hypothesis.noise.outcome, (), _where(tree))
 
 
-def noise_like(tree: SearchTree, options: SearchOptions) -> Finding | None:
+def noise_like(tree: SearchTree, options: LoopOptions) -> Finding | None:
     """Return a finding if the residual of the best hypothesis is more than noise.
 
-    It is if its past predicts it, if a refused candidate lowers the cost significantly, if a
-    free-form disturbance at some place explains it, if it depends on a signal under a noise model
-    or the noise is as slow as a drift,
-    or if effects need random forces: an effect of nearly the right shape leaves a motion.
+    It is if its past predicts it, if it is larger than a given noise, if a refused candidate lowers
+    the cost significantly, if a free-form disturbance at some place explains it, if it depends on a
+    signal under a noise model or that noise is as slow as a drift, or if effects need random
+    forces: an effect of nearly the right shape leaves a motion.
 
     It alone decides when the effect is not in the library and no shape in it comes near: a scale of
     the sensor that no other effect imitates (`test_absent_effect_is_not_named`).
     """
-    best = tree.best
-    forces = isinstance(best.hypothesis.noise, RandomForces)
-    if not is_noise_like(best, options) or (forces and best.effects):
+    best, level = tree.best, options.level
+    if not is_noise_like(best, options) or above_known_noise(best, level):
         return Finding(Check.NOISE_LIKE)
-    refused = _significant_refusals(tree)
-    if refused:
+    if refused := _significant_refusals(tree):
         return Finding(Check.NOISE_LIKE, refused)
     if not isinstance(best.hypothesis.noise, White):
-        record = np.asarray(best.problem.train.t)
-        if memory(best) > LONGEST_MEMORY * float(np.max(record[:, -1] - record[:, 0])):
-            return Finding(Check.NOISE_LIKE)
-        signals = _dependence(tree, options.level)
-        return Finding(Check.NOISE_LIKE, signals) if signals else None
-    if best.effects and stands_out(localise_fit(best, _where(tree).splines), options.level):
+        return _noise_model(tree, level)
+    if best.effects and stands_out(localise_fit(best, _where(tree).splines), level):
         return Finding(Check.NOISE_LIKE)
     return None
+
+
+def _noise_model(tree: SearchTree, level: float) -> Finding | None:
+    """Return a finding if the noise model of the best hypothesis is no noise."""
+    best = tree.best
+    signals = followed_signals(best, tree.signals, level)
+    moved = isinstance(best.hypothesis.noise, RandomForces) and bool(best.effects)
+    return Finding(Check.NOISE_LIKE, signals) if signals or moved or is_drift(best) else None
 
 
 def one_function(effects: Sequence[Effect]) -> Finding | None:
@@ -186,28 +162,47 @@ def one_function(effects: Sequence[Effect]) -> Finding | None:
         effect.name
         for group in groups.values()
         for effect in group
-        if len({type(member) for member in group}) > 1
+        if len({type(member) for member in group}) > 1 and not all(member.terms for member in group)
     )
     return Finding(Check.ONE_FUNCTION, names) if names else None
 
 
-def in_place(best: LoopFit, where: LocalisationResult) -> Finding | None:
+def in_place(effects: Sequence[Effect], where: LocalisationResult) -> Finding | None:
     """Return a finding if most effects act where the residual of the declared model is not.
 
     Only equations, inputs and sensors count: a coefficient or a parameter may move more equations
-    than one.
+    than one, and so does an action between two parts.
 
     It alone decides when effects elsewhere imitate the cause in full: two late sensors for a late
     input (`test_effects_elsewhere_are_proxies`).
+
+    Args:
+        effects: the effects of the best hypothesis.
+        where: location of the residual of the declared model.
     """
-    locations = {name: best.problem.effects[name].card.location for name in best.effects}
-    within = NEAR_PLACE if len(set(locations.values())) == 1 else NEAR_PLACE_OF_TWO
-    near = {place.location for place in where.near_best(within)}
-    known = {place.location for place in where.places}
-    elsewhere = tuple(name for name, location in locations.items() if location not in near)
-    if set(locations.values()) <= known and 2 * len(elsewhere) > len(locations):
-        return Finding(Check.IN_PLACE, elsewhere)
-    return None
+    locations = [effect.card.location for effect in effects]
+    if act_between(effects) or not set(locations) <= {place.location for place in where.places}:
+        return None
+    near = _near_best(where, NEAR_PLACE if len(set(locations)) == 1 else NEAR_PLACE_OF_TWO)
+    elsewhere = tuple(e.name for e, at in zip(effects, locations, strict=True) if at not in near)
+    return Finding(Check.IN_PLACE, elsewhere) if 2 * len(elsewhere) > len(effects) else None
+
+
+def _near_best(where: LocalisationResult, within: float) -> set[Location]:
+    """Return the places near the best one, gusts left out: no effect is a gust."""
+    places = tuple(p for p in where.places if p.location.kind is not LocationKind.AIR)
+    return {place.location for place in where._replace(places=places).near_best(within)}
+
+
+def act_between(effects: Sequence[Effect]) -> bool:
+    """Return True if the effects are one action between two parts: functions of the same difference
+    of signals, in the equations of both.
+    """
+    cards = [effect.card for effect in effects]
+    locations, signals = {card.location for card in cards}, {card.signals for card in cards}
+    of_difference = len(signals) == 1 and all("-" in name for names in signals for name in names)
+    in_equations = all(location.kind is LocationKind.EQUATION for location in locations)
+    return of_difference and in_equations and len(locations) == len(effects) > 1
 
 
 def unit_gain(best: LoopFit) -> Finding | None:
@@ -245,7 +240,7 @@ def alternative(tree: SearchTree) -> Finding | None:
     }
     if not near:
         near = {
-            n: w for n, w in _neighbours(best).items() if w < margin / SETTLED * SETTLED_NEIGHBOUR
+            n: w for n, w in neighbours(best).items() if w < margin / SETTLED * SETTLED_NEIGHBOUR
         }
     return Finding(Check.ALTERNATIVE, tuple(near), tuple(near.values())) if near else None
 
@@ -263,34 +258,6 @@ def carries_over(tree: SearchTree, tests: Mapping[str, Record]) -> Finding | Non
         if rise > DETERMINED * difference_error(before, after):
             worse[name] = rise
     return Finding(Check.CARRIES_OVER, tuple(worse), tuple(worse.values())) if worse else None
-
-
-def stands_out(where: LocalisationResult, level: float) -> bool:
-    """Return True if a free-form disturbance at a place explains more than chance would.
-
-    Args:
-        where: location of the residual.
-        level: probability of a false alarm, over all places.
-    """
-    places = [place for place in where.places if place.dof]
-    chances = [float(chi2.sf(place.score, place.dof)) for place in places]
-    return min(chances, default=1.0) < level / max(len(chances), 1)
-
-
-def memory(fitted: LoopFit) -> float:
-    """Return the longest correlation time of the noise of a fit [s]; zero for white noise.
-
-    Autoregressive noise with coefficients of characteristic roots `z` decays as `max |z|^i`.
-    """
-    noise = fitted.estimation.problem.likelihood.noise
-    times = [v for n, (v, _) in fitted.estimates.items() if n.startswith("correlation_time.")]
-    if isinstance(noise, AutoregressiveNoise):
-        mask = fitted.problem.train.mask
-        step = float(typical_step(fitted.problem.train.t))
-        for coefficients in np.asarray(noise.coefficients(fitted.solution.residuals, mask)):
-            largest = float(np.max(np.abs(np.roots(np.r_[1.0, -coefficients])), initial=0.0))
-            times.append(step / max(-np.log(max(largest, 1e-300)), 1e-300))
-    return max(times, default=0.0)
 
 
 def _where(tree: SearchTree) -> LocalisationResult:
@@ -315,21 +282,7 @@ def _significant_refusals(tree: SearchTree) -> tuple[str, ...]:
     return tuple(name for step in significant for name in step.move.into)
 
 
-def _dependence(tree: SearchTree, level: float) -> tuple[str, ...]:
-    """Return the signals on which the whitened residual of the best hypothesis depends."""
-    best = tree.best
-    mask, outputs = best.problem.train.mask, best.problem.model.outputs
-    signals = {n: jnp.asarray(signal) for n, signal in tree.signals.items() if n != "t"}
-    report = analyse_residual(jnp.asarray(best.white_residuals), mask, signals, outputs)
-    maps, cross = np.asarray(report.maps.p_value), np.asarray(report.tests.cross_p)
-    limit = level / (maps.size + cross.size)
-    variables, lagged = report.maps.variables, report.tests.signals
-    dependent = [variables[k] for k in np.flatnonzero(np.any(maps < limit, axis=0))]
-    dependent += [lagged[k] for k in np.flatnonzero(np.any(cross < limit, axis=0))]
-    return tuple(dict.fromkeys(dependent))
-
-
-def _neighbours(best: LoopFit) -> dict[str, float]:
+def neighbours(best: LoopFit) -> dict[str, float]:
     """Return how much worse each neighbouring shape fits, in chi-square of the linear model.
 
     The fit is linearised with a library of its own effects and their neighbours.

@@ -1,4 +1,4 @@
-"""`Columns`: the parameters that a workbench can estimate, one column for each: the declared free
+"""`Columns`: the parameters that a search can estimate, one column for each: the declared free
 parameters and those of its effects.
 """
 
@@ -15,7 +15,7 @@ from ..models.free import Free, Parameters
 
 
 class Columns:
-    """The columns of a workbench, without those of the per-record parameters, which precede them.
+    """The columns of a search, without those of the per-record parameters, which precede them.
 
     Attributes:
         names: dotted, the declared parameters first.

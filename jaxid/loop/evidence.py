@@ -14,7 +14,7 @@ from ..models.noise import AbstractNoise
 from .fit import LoopFit
 from .heldout_error import difference_error, mean_log, uncertainty
 from .hypothesis import White
-from .problem import SearchOptions
+from .options import LoopOptions
 from .thresholds import INSEPARABLE
 
 # Chosen: standard errors by which a gain must differ from zero to be determined.
@@ -65,7 +65,7 @@ class Comparison:
         return self.decision is Decision.BETTER
 
 
-def compare(old: LoopFit, new: LoopFit, options: SearchOptions, count: int) -> Comparison:
+def compare(old: LoopFit, new: LoopFit, options: LoopOptions, count: int) -> Comparison:
     """Compare a hypothesis with the one from which it was made.
 
     Added parameters must lower twice the cost by more than chance would with as many candidates
@@ -90,7 +90,7 @@ def compare(old: LoopFit, new: LoopFit, options: SearchOptions, count: int) -> C
     return Comparison(decision, fall, required, check_fall, worth(new))
 
 
-def _decide(old: LoopFit, new: LoopFit, options: SearchOptions, excess, check_fall) -> Decision:
+def _decide(old: LoopFit, new: LoopFit, options: LoopOptions, excess, check_fall) -> Decision:
     """Return the decision between two fits of one noise."""
     added = [name for name in new.effects if name not in old.effects]
     if not check_fall >= -_tolerated_loss(old, new, options):  # also if it is not a number
@@ -103,7 +103,7 @@ def _decide(old: LoopFit, new: LoopFit, options: SearchOptions, excess, check_fa
     return Decision.BETTER if better else Decision.NOT_SIGNIFICANT
 
 
-def _is_supported(old: LoopFit, new: LoopFit, options: SearchOptions, check_fall: float) -> bool:
+def _is_supported(old: LoopFit, new: LoopFit, options: LoopOptions, check_fall: float) -> bool:
     """Return True if the significance of a change is accurate, or the check records support it.
 
     An addition needs a material gain on the check records while the residual is predictable.
@@ -115,7 +115,7 @@ def _is_supported(old: LoopFit, new: LoopFit, options: SearchOptions, check_fall
     return check_fall > max(options.min_check_gain, scatter) or is_noise_like(new, options)
 
 
-def _tolerated_loss(old: LoopFit, new: LoopFit, options: SearchOptions) -> float:
+def _tolerated_loss(old: LoopFit, new: LoopFit, options: LoopOptions) -> float:
     """Return the largest rise of the check records' error, in its logarithm.
 
     An effect that the records show without a model, and a swap, may raise it by its scatter.
@@ -179,7 +179,7 @@ def is_degenerate(fit: LoopFit, effects) -> bool:
     return False
 
 
-def is_noise_like(fit: LoopFit, options: SearchOptions) -> bool:
+def is_noise_like(fit: LoopFit, options: LoopOptions) -> bool:
     """Return True if the past of no whitened residual predicts more of it than is allowed."""
     mask = np.asarray(fit.problem.train.mask)
     allowed = options.max_predictable_share + chance_level(int(np.min(np.sum(mask, axis=(0, 1)))))

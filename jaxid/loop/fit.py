@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Mapping
 from functools import cached_property
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,40 +10,27 @@ import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
+from .._foundation.location import LocationKind
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Float
 from ..diagnosis.autoregression import autoregressive_r2
 from ..diagnosis.validation import Prediction, Predictor
+from ..effects.augmented import Augmented
 from ..estimation.estimate import Fit
 from ..estimation.host_iteration import fit_by_steps
-from ..estimation.likelihoods import AbstractLikelihood, OutputError
+from ..estimation.likelihoods import OutputError
 from ..estimation.model_programs import PROGRAMS, FlatProblem
-from ..estimation.problem import Limits, Problem
-from ..models.base import AbstractModel, canonical
-from ..models.free import Free, Parameters, Positions, initial_parameters, with_values
+from ..estimation.problem import Problem
+from ..models.base import AbstractModel
+from ..models.free import Free, Parameters, with_values
 from ..models.noise import AbstractNoise, FixedNoise
 from ..sensitivity.information import gather, record_triangles
-from .hypothesis import Hypothesis
+from .estimation_problem import Estimation, estimation_of, free_of, padded_problem, padded_values
+from .force_innovations import ForceNoise, force_innovations
+from .hypothesis import Hypothesis, RandomForces, force_in
 from .linear import Triangle
 from .problem import LoopProblem, regular
 from .thresholds import MAX_CONTINUATIONS, MIN_CONTINUATION_SHARE, MIN_COST_FALL
-
-
-class Estimation(NamedTuple):
-    """An estimation problem of a hypothesis.
-
-    Attributes:
-        problem: the problem, with padding columns if it has the absent effects.
-        parameters: starting values.
-        names: names of the free shared parameters, without the padding.
-        model, free: the model with its values, and its free parameters.
-    """
-
-    problem: Problem
-    parameters: Parameters
-    names: tuple[str, ...]
-    model: AbstractModel
-    free: Free
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -97,6 +83,28 @@ class LoopFit:
         return {n: (float(shared[k]), float(deviation[k])) for k, n in enumerate(names)}
 
     @cached_property
+    def model_and_free(self) -> tuple[AbstractModel, Free]:
+        """The declared model with the effects and the values of the fit, and its free parameters,
+        those of the noise included.
+        """
+        problem, names = self.problem, self.estimation.names
+        columns = self.problem.columns.chosen(self.effects)
+        own = tuple(problem.columns.names[k] for k in columns)
+        effects = tuple(problem.effects[name] for name in self.effects)
+        model = Augmented(problem.model, effects) if effects else problem.model
+        model = with_values(model, own, jnp.array([self.estimates[name][0] for name in own]))
+        free = free_of(problem, own)
+        if len(names) > len(own):
+            free = dataclasses.replace(self.estimation.free, shared=names)
+        return model, free
+
+    @property
+    def information(self) -> Float[np.ndarray, "row parameter"]:
+        """Factor of the information on the free parameters, without the padding columns."""
+        factor = np.asarray(self.solution.information.factor)[:, : len(self.estimation.names)]
+        return np.linalg.qr(factor, mode="r")
+
+    @cached_property
     def values(self) -> Float[np.ndarray, " column"]:
         """Values of all columns; zero gains and initial shapes for absent effects."""
         values = self.problem.initial_values.copy()
@@ -106,20 +114,24 @@ class LoopFit:
 
     @cached_property
     def linearised(self) -> tuple[Array, Array, tuple[str, ...]]:
-        """Rows of misfit, their sensitivities, and the names of the shared columns.
+        """Residuals of the simulation, sensitivities to all columns, and the columns' names.
 
-        The columns are those of all candidates for output error, and the free ones otherwise.
+        Under a noise with a likelihood of its own, those of the motion without that noise.
         """
+        rows, S = self.all_columns()
+        S[..., ~np.all(np.isfinite(S), axis=(0, 1, 2))] = 0.0
+        return rows, to_device(S), self.problem.columns.names
+
+    def all_columns(self) -> tuple[Array, np.ndarray]:
+        """Return residuals and sensitivities to all columns, in blocks as wide as a fit."""
         problem, solution = self.problem, self.solution
-        if not isinstance(self.estimation.problem.likelihood, OutputError):
-            case = FlatProblem.of(self.estimation.problem)
-            rows, S = PROGRAMS.sensitivities(*case.sensitivities_arguments(solution.parameters))
-            return rows, S, self.estimation.names
-        augmented = problem.model_at(self.values)
         shared = to_device(self.values[: problem.columns.declared])
-        base = _padded(problem, augmented, self.estimation.problem.likelihood, (), shared)
+        likelihood = self.estimation.problem.likelihood
+        if not isinstance(likelihood, OutputError):
+            likelihood = problem.likelihood
+        base = padded_problem(problem, problem.model_at(self.values), likelihood, (), shared)
         case = FlatProblem.of(base)
-        parameters = Parameters(_padded_values(shared, base), solution.parameters.rows)
+        parameters = Parameters(padded_values(shared, base), solution.parameters.rows)
         arguments = case.outputs_arguments(parameters)
         width, at = case.at.size, np.r_[np.asarray(problem.row_positions), problem.positions]
         padded = np.r_[at, np.full(-at.size % width, len(problem.names))]
@@ -128,25 +140,68 @@ class LoopFit:
             for block in padded.reshape(-1, width)
         ]
         S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : at.size]
-        return blocks[0][0], to_device(S), problem.columns.names
+        return blocks[0][0], S
+
+    def under_forces(self, signals: Float[Array, "case time signal"]):
+        """Return innovations of residuals, of all columns, and of forces that follow signals.
+
+        Args:
+            signals: signals that a force might follow.
+        """
+        noise, rows = self.hypothesis.noise, self.solution.parameters.rows
+        assert isinstance(noise, RandomForces), "a fit with random forces"
+        names = [*map(force_in, noise.equations), *noise.air]
+        estimates = {name: value for name, (value, _) in self.estimates.items()}
+        forces = ForceNoise(
+            jnp.array([estimates[f"process.{name}"] for name in names]),
+            jnp.array([estimates[f"correlation_time.{name}"] for name in names]),
+            jnp.array([estimates[f"sensor.{name}"] for name in self.problem.model.outputs]),
+        )
+        kinds = {LocationKind.EQUATION: noise.equations, LocationKind.AIR: noise.air}
+        places = tuple((kind, names) for kind, names in kinds.items() if names)
+        v, S, _ = self.linearised
+        parameters = Parameters(to_device(np.zeros(0)), rows)
+        return force_innovations(self.fixed, parameters, places, forces, v, S, signals)
+
+    @property
+    def fixed(self) -> Problem:
+        """The problem at the values of the fit, with its effects alone, and free initial states."""
+        problem = self.problem
+        model = problem.model_at(self.values)
+        if problem.uses_reduced_model or not isinstance(
+            self.estimation.problem.likelihood, OutputError
+        ):
+            model = model.only(self.effects)
+        free = Free((), problem.free.per_record)
+        return Problem.of(model, free, problem.train, problem.likelihood)
 
     @cached_property
     def triangle(self) -> Triangle:
         """Triangular factor of the sensitivities to all columns, and of the residual."""
         rows, S, names = self.linearised
-        S = np.array(S)
-        S[..., ~np.all(np.isfinite(S), axis=(0, 1, 2))] = 0.0
         likelihood, mask = self.estimation.problem.likelihood, self.problem.train.mask
-        row_mask = likelihood.row_mask(mask)
         own = len(self.problem.free.per_record)
-        factor = _white_factor(likelihood.noise, rows, to_device(S), row_mask, own)
-        chosen = set(self.estimation.names)
+        if isinstance(likelihood, OutputError):
+            factor = _white_factor(likelihood.noise, rows, S, likelihood.row_mask(mask), own)
+        else:
+            nothing = jnp.zeros((*mask.shape[:2], 0))
+            factor = triangular_factor(*self.under_forces(nothing)[:2], own)
+        return self.triangle_of(np.asarray(factor), names)
+
+    def triangle_of(self, factor, names: tuple[str, ...]) -> Triangle:
+        """Return a factor with names, free columns and values of the gains.
+
+        An effect is removed by its gain; its shape then has no column, and counts as zero.
+
+        Args:
+            factor: triangular factor of columns and residual.
+            names: names of the columns; those unknown to the fit are absent.
+        """
+        chosen, columns = set(self.estimation.names), self.problem.columns
         free = np.array([name in chosen for name in names])
-        index = self.problem.columns.index
-        values = [
-            self.estimates[n][0] if n in self.estimates else self.values[index[n]] for n in names
-        ]
-        return Triangle(names, np.asarray(factor), free, np.array(values))
+        gains = {columns.names[column] for column in columns.gains.values()}
+        values = [self.values[columns.index[n]] if n in gains else 0.0 for n in names]
+        return Triangle(names, factor, free, np.array(values))
 
     @cached_property
     def white_residuals(self) -> Float[Array, "case time output"]:
@@ -154,7 +209,9 @@ class LoopFit:
         likelihood, mask = self.estimation.problem.likelihood, self.problem.train.mask
         if isinstance(likelihood, OutputError):
             return _white(likelihood.noise, self.solution.residuals, mask)
-        return self.linearised[0][..., : mask.shape[-1]]
+        case = FlatProblem.of(self.estimation.problem)
+        rows, _ = PROGRAMS.sensitivities(*case.sensitivities_arguments(self.solution.parameters))
+        return rows[..., : mask.shape[-1]]
 
     @cached_property
     def predictable(self) -> dict[str, float]:
@@ -225,47 +282,6 @@ def fit(
     return LoopFit(problem, hypothesis, estimation, solution)
 
 
-def estimation_of(
-    problem: LoopProblem,
-    hypothesis: Hypothesis,
-    values: Float[np.ndarray, " column"],
-    known: Mapping[str, float],
-    rows: Float[Array, "case own"] | None,
-) -> Estimation:
-    """Return the estimation problem of a hypothesis.
-
-    Args:
-        problem: the problem of the search.
-        hypothesis: effects and noise.
-        values: starting values of all columns.
-        known: starting values by name, also of parameters of the noise.
-        rows: starting values of the per-record parameters; by default those of the model.
-    """
-    noise, columns = hypothesis.noise, problem.columns
-    likelihood = canonical(noise.likelihood(problem.likelihood))
-    chosen = columns.chosen(hypothesis.effects)
-    names = tuple(columns.names[k] for k in chosen)
-    free = _free(problem, names)
-    augmented = problem.model_at(values)
-    padded = isinstance(likelihood, OutputError) and not problem.uses_reduced_model
-    if padded:
-        model = augmented
-        shared = to_device(values[chosen])
-        base = _padded(problem, model, likelihood, hypothesis.effects, shared)
-        shared = _padded_values(shared, base)
-    else:
-        model = canonical(noise.model(augmented.only(hypothesis.effects)))
-        model, free = canonical(likelihood.prepared(model, free, problem.train))
-        extra = tuple(name for name in free.shared if name in known and name not in names)
-        if extra:
-            model = with_values(model, extra, jnp.array([known[name] for name in extra]))
-        base = Problem.of(model, free, problem.train, likelihood)
-        shared = initial_parameters(model, base.positions, problem.train).shared
-    if rows is None:
-        rows = initial_parameters(base.model, base.positions, problem.train).rows
-    return Estimation(base, Parameters(shared, rows), free.shared, model, free)
-
-
 def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None, start):
     """Return starting values of all columns, and starting values by name."""
     values = (problem.initial_values if parent is None else parent.values).copy()
@@ -294,52 +310,20 @@ def worth_continuing(costs: list[float], creeping: float) -> bool:
     return fall > max(MIN_COST_FALL, creeping * total)
 
 
-def _free(problem: LoopProblem, names: tuple[str, ...]) -> Free:
-    """Return the free parameters with these shared ones, and their bounds."""
-    free, columns = problem.free, problem.columns
-    lower, upper = dict(free.lower), dict(free.upper)
-    for name in names:
-        column = columns.index[name]
-        if column >= columns.declared:
-            lower[name] = to_device(np.array(columns.lower[column]))
-            upper[name] = to_device(np.array(columns.upper[column]))
-    return Free(names, free.per_record, lower, upper, free.scale, free.prior)
-
-
-def _padded(
-    problem: LoopProblem,
-    model: AbstractModel,
-    likelihood: AbstractLikelihood,
-    effects: tuple[str, ...],
-    shared: Float[Array, " column"],
-) -> Problem:
-    """Return a problem of the model with all candidates, whose columns are padded to a width.
-
-    All hypotheses of one width share their compiled programs.
-    """
-    chosen = problem.columns.chosen(effects)
-    padding = problem.width(len(chosen)) - len(chosen)
-    at = to_device(np.r_[problem.positions[chosen], np.full(padding, len(problem.names))])
-    positions = Positions(at, problem.row_positions, problem.leaves)
-    limits: Limits = problem.columns.limits(chosen, padding, problem.train.n_cases)
-    return Problem(model, positions, problem.train, likelihood, limits)
-
-
-def _padded_values(shared, base: Problem):
-    """Return starting values with zeros for the padding."""
-    missing = base.positions.shared.size - shared.size
-    return to_device(np.r_[np.asarray(shared), np.zeros(missing)])
-
-
 @fast_compile_jit
 def _white_factor(noise: AbstractNoise, rows, S, row_mask, own: int):
     """Return the triangle `[T r]` of the shared columns."""
     whiten = noise.whitening(rows, row_mask)
     v, mask = rows[..., : S.shape[2]], row_mask[..., : S.shape[2]]
-    white_v, white_S = whiten.misfit(v, mask), whiten(S, mask)
-    triangles = record_triangles(white_S[..., :own], white_S[..., own:], white_v)
+    return triangular_factor(whiten.misfit(v, mask), whiten(S, mask), own)
+
+
+@fast_compile_jit
+def triangular_factor(v, S, own: int):
+    """Return the triangle `[T r]` of whitened columns, the per-record ones eliminated."""
+    triangles = record_triangles(S[..., :own], S[..., own:], v)
     shared = S.shape[-1] - own
-    held = jnp.zeros((rows.shape[0], own), bool), jnp.zeros(shared, bool)
+    held = jnp.zeros((v.shape[0], own), bool), jnp.zeros(shared, bool)
     return gather(triangles, jnp.zeros((1, shared + 1)), *held).factor
 
 

@@ -17,14 +17,21 @@ from ..estimation.filter.filter_error import FilterError
 from ..estimation.filter.noise_options import FirstOrder
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
 from ..models.base import AbstractModel
+from ..simulation.steppers import rate
+from .outcome import Outcome
 
 
 class NoiseHypothesis(eqx.Module):
     """A model of the noise, which a search compares with missing effects.
 
-    A noise of your own is a subclass with these three methods. Its parameters, if `likelihood` has
-    any, are estimated with all others and get standard errors.
+    A noise of your own is a subclass with these methods. Its parameters, if `likelihood` has any,
+    are estimated with all others and get standard errors.
+
+    Attributes:
+        outcome: outcome of a search in which this noise explains the residual without any effect.
     """
+
+    outcome: eqx.AbstractClassVar[Outcome]
 
     @abc.abstractmethod
     def likelihood(self, declared: AbstractLikelihood) -> AbstractLikelihood:
@@ -50,6 +57,8 @@ class NoiseHypothesis(eqx.Module):
 class White(NoiseHypothesis):
     """White noise of the sensors: the declared likelihood."""
 
+    outcome: ClassVar[Outcome] = Outcome.NOTHING_MISSING
+
     def likelihood(self, declared):
         return declared
 
@@ -65,6 +74,7 @@ class Coloured(NoiseHypothesis):
     """
 
     order: int = eqx.field(static=True, default=1)
+    outcome: ClassVar[Outcome] = Outcome.COLOURED_NOISE
 
     def likelihood(self, declared):
         require(
@@ -78,41 +88,51 @@ class Coloured(NoiseHypothesis):
 
 
 class RandomForces(NoiseHypothesis):
-    """First-order random forces in equations of motion, by `FilterError`.
+    """First-order random forces in equations of motion, or gusts of the air, by `FilterError`.
 
     The deviation and the correlation time of each force are parameters with standard errors.
 
     Args:
-        deviations: starting value of the standard deviation by state in whose equation the force
-            acts [unit of the state per second].
+        forces: starting value of the standard deviation by state in whose equation the force acts
+            [unit of the state per second].
+        gusts: the same by disturbance input of the model, such as a component of the wind.
         time: starting value of the correlation time [s].
     """
 
-    deviations: tuple[tuple[str, float], ...] = eqx.field(static=True)
+    forces: tuple[tuple[str, float], ...] = eqx.field(static=True)
+    gusts: tuple[tuple[str, float], ...] = eqx.field(static=True)
     time: float = eqx.field(static=True)
+    outcome: ClassVar[Outcome] = Outcome.PROCESS_NOISE
 
-    def __init__(self, deviations: Mapping[str, float], time: float):
-        self.deviations, self.time = tuple(sorted(deviations.items())), float(time)
+    def __init__(self, forces: Mapping[str, float], gusts: Mapping[str, float], time: float):
+        self.forces, self.gusts = tuple(sorted(forces.items())), tuple(sorted(gusts.items()))
+        self.time = float(time)
 
     @property
     def equations(self) -> tuple[str, ...]:
         """States in whose equations the forces act."""
-        return tuple(state for state, _ in self.deviations)
+        return tuple(state for state, _ in self.forces)
+
+    @property
+    def air(self) -> tuple[str, ...]:
+        """Disturbance inputs that are gusts."""
+        return tuple(name for name, _ in self.gusts)
 
     def likelihood(self, declared):
-        assert isinstance(declared, OutputError)
-        process = {force_in(state): FirstOrder(size, self.time) for state, size in self.deviations}
+        assert isinstance(declared, OutputError), "proposed for output error alone"
+        sizes = [(force_in(state), size) for state, size in self.forces] + [*self.gusts]
+        process = {name: FirstOrder(size, self.time) for name, size in sizes}
         return FilterError(process, hold=declared.hold)
 
     def count(self, outputs):
-        return 2 * len(self.deviations)
+        return 2 * (len(self.forces) + len(self.gusts))
 
     def model(self, model):
-        return ForcedModel(model, self.equations)
+        return ForcedModel(model, self.equations) if self.forces else model
 
 
 class ForcedModel(AbstractModel):
-    """A model with forces in some equations, which are its disturbance inputs.
+    """A model with forces in some equations, which are its last disturbance inputs.
 
     Args:
         model: the model without forces.
@@ -139,12 +159,12 @@ class ForcedModel(AbstractModel):
         return self.model.outputs
 
     def with_disturbance_inputs(self):
-        return ForcedModel(self.model, self.forced, acting=True)
+        return ForcedModel(self.model.with_disturbance_inputs(), self.forced, acting=True)
 
     def rhs(self, t, x, u):
         recorded, forces = self._split(u)
         at = np.array([self.states.index(name) for name in self.forced], int)
-        return self.model.rhs(t, x, recorded).at[at].add(forces)
+        return rate(self.model, t, x, recorded).at[at].add(forces)
 
     def output(self, t, x, u):
         return self.output_given(t, x, u, self.rhs(t, x, u))
@@ -197,6 +217,7 @@ class Hypothesis:
     @property
     def key(self) -> tuple:
         """Identity of the hypothesis; starting values of a noise do not count."""
-        equations = self.noise.equations if isinstance(self.noise, RandomForces) else ()
-        order = self.noise.order if isinstance(self.noise, Coloured) else 0
-        return frozenset(self.effects), type(self.noise), equations, order
+        noise = self.noise
+        forces = (noise.equations, noise.air) if isinstance(noise, RandomForces) else ()
+        order = noise.order if isinstance(noise, Coloured) else 0
+        return frozenset(self.effects), type(noise), forces, order

@@ -17,8 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .._foundation.types import Bool, Float, Int
-from ..diagnosis.scores import IDENTIFIABLE
 
+# Chosen, above the rounding error: share of a column's squared length, orthogonal to the free
+# columns, below which it counts as their linear combination.
+IDENTIFIABLE = 1e-8
 # Chosen: least share of a column's squared length outside the span of the columns added with it. A
 # pair that overlaps more has gains that grow without limit against each other.
 LEAST_APART = 0.02
@@ -31,7 +33,7 @@ class Triangle(NamedTuple):
         names: names of the columns.
         factor: `[T r]`, with the per-record parameters eliminated.
         free: the columns that are free in the fit.
-        values: parameter values of the columns.
+        values: gains at the fit, by which columns are removed; zero for other parameters.
     """
 
     names: tuple[str, ...]

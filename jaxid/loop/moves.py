@@ -11,16 +11,17 @@ from scipy.stats import chi2
 from .._foundation.grid import typical_step
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
+from ..diagnosis.free_form import gusts_of
 from ..diagnosis.localise import LocalisationResult, localise, resolution
 from ..effects.base import Effect
 from ..estimation.autoregressive_noise import select_order
-from ..estimation.problem import Problem
-from ..models.free import Free, Parameters
+from ..models.free import Parameters
 from .evidence import log_samples
 from .fit import LoopFit
 from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces
 from .linear import Reduced, falls, gains, reduce
-from .problem import SearchOptions, regular
+from .options import LoopOptions
+from .problem import regular
 from .thresholds import INSEPARABLE
 
 # Chosen: overlap from which two candidates are the same to the records.
@@ -69,7 +70,7 @@ class Proposals:
         options: levels and limits.
     """
 
-    def __init__(self, fit: LoopFit, options: SearchOptions):
+    def __init__(self, fit: LoopFit, options: LoopOptions):
         self.fit, self.options, self.problem = fit, options, fit.problem
         self.candidates = self._absent(fit.effects)
         self.reduced = reduce(fit.triangle)
@@ -143,7 +144,7 @@ class Proposals:
             return []
         joint = self._joint(self.reduced, pairs)
         threshold = chi2.isf(self.options.level / len(pairs), 2)
-        best = [k for k in np.argsort(-joint)[: self.options.swaps] if joint[k] > threshold]
+        best = [k for k in np.argsort(-joint)[: self.options.swap_limit] if joint[k] > threshold]
         return [
             self._move(MoveKind.PAIR, pairs[k], (), float(joint[k]), self.reduced) for k in best
         ]
@@ -169,7 +170,9 @@ class Proposals:
         rest = self._absent(self.fit.hypothesis.changed(out).effects)
         others = [e for e in rest if e.name not in out and not e.card.refines]
         expected = self._scores(others, reduced) + log_samples(self.fit) * (len(out) - 1)
-        best = [k for k in np.argsort(-expected)[: self.options.swaps] if expected[k] > -margin]
+        best = [
+            k for k in np.argsort(-expected)[: self.options.swap_limit] if expected[k] > -margin
+        ]
         return [
             self._move(MoveKind.SWAP, (others[k].name,), out, float(expected[k]), reduced)
             for k in best
@@ -178,6 +181,11 @@ class Proposals:
     def score(self, effect: Effect) -> float:
         """Return the fall of chi-square by adding one candidate."""
         return float(self._scores([effect], self.reduced)[0])
+
+    def gain(self, effect: Effect) -> float:
+        """Return the gain of one candidate in the linear model."""
+        at = self.fit.triangle.at([f"{effect.name}.gain"])
+        return float(gains(self.reduced, at)[0])
 
     def _absent(self, effects: tuple[str, ...]) -> list[Effect]:
         """Return the candidates that may be added to some effects and have a column."""
@@ -269,15 +277,21 @@ def noise_moves(fit: LoopFit, where: LocalisationResult | None) -> list[Move]:
 
 
 def _forces(fit: LoopFit, where: LocalisationResult) -> list[tuple[NoiseHypothesis, float]]:
-    """Return random forces in the equations near the best place, with their expected fall."""
-    equations = [p for p in where.near_best() if p.location.kind is LocationKind.EQUATION]
-    if not equations:
-        return []
-    ratio = max(equations[0].score / max(equations[0].dof, 1), 1.0)
-    expected = equations[0].dof * (ratio - 1.0 - float(np.log(ratio)))
+    """Return random forces in the equations, and gusts, near the best place, with their expected
+    fall.
+    """
     time = FORCE_TIME * float(typical_step(fit.problem.train.t))
-    deviations = {p.location.name: max(p.size, 1e-9) for p in equations}
-    return [(RandomForces(deviations, time), expected)]
+    proposals: list[tuple[NoiseHypothesis, float]] = []
+    for kind in (LocationKind.EQUATION, LocationKind.AIR):
+        places = [place for place in where.near_best() if place.location.kind is kind]
+        if not places:
+            continue
+        first, sizes = places[0], {p.location.name: max(p.size, 1e-9) for p in places}
+        ratio = max(first.score / max(first.dof, 1), 1.0)
+        expected = first.dof * (ratio - 1.0 - float(np.log(ratio)))
+        forces, gusts = (sizes, {}) if kind is LocationKind.EQUATION else ({}, sizes)
+        proposals.append((RandomForces(forces, gusts, time), expected))
+    return proposals
 
 
 def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> LocalisationResult:
@@ -289,15 +303,15 @@ def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> Locali
     """
     problem = fit.problem
     rows, S, names = fit.linearised
-    model = problem.model_at(fit.values)
-    if problem.uses_reduced_model:
-        model = model.only(fit.effects)
-    rest = Problem.of(model, Free((), problem.free.per_record), problem.train, problem.likelihood)
+    rest = fit.fixed
+    model = rest.model
     places = {
         LocationKind.EQUATION: problem.equations,
         LocationKind.INPUT: model.inputs,
         LocationKind.SENSOR: model.outputs,
     }
+    if gusts := gusts_of(model):
+        places[LocationKind.AIR] = gusts
     own = len(problem.free.per_record)
     chosen = [own + names.index(name) for name in fit.estimation.names]
     columns = np.asarray(S)[..., np.r_[np.arange(own), chosen]]

@@ -3,7 +3,6 @@
 import dataclasses
 from functools import cached_property
 
-import equinox as eqx
 import numpy as np
 
 from .._foundation.checks import require, require_known
@@ -26,42 +25,6 @@ from .thresholds import COLUMN_BLOCK
 # The tolerance is in standard errors; a decision needs no smaller one. Effects with corners make
 # the solver reject steps, hence the number of steps.
 SEARCH_SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
-
-
-class SearchOptions(eqx.Module):
-    """Levels and limits of a search.
-
-    Args:
-        level: probability of one false effect in a search where nothing is missing, spread over
-            all candidates.
-        refits: number of best-scored candidates that are refitted from each hypothesis, in addition
-            to the best candidate of each place; and of those at most that have no score.
-        swaps: number of swaps, and of pairs, that are refitted from each hypothesis.
-        max_rounds: largest number of rounds; each adds an effect or a pair.
-        beam_width: number of hypotheses that are kept in each round.
-        min_check_gain: least fall of the check records' error (mean over channels of its logarithm)
-            for an effect to be added while the residual is still predictable.
-        max_check_loss: largest rise of the same error that an effect may cause.
-        max_predictable_share: largest share of the residual's power that its past may explain for
-            the residual to count as noise.
-    """
-
-    level: float = eqx.field(static=True, default=0.01)
-    refits: int = eqx.field(static=True, default=6)
-    swaps: int = eqx.field(static=True, default=3)
-    max_rounds: int = eqx.field(static=True, default=8)
-    beam_width: int = eqx.field(static=True, default=1)
-    min_check_gain: float = eqx.field(static=True, default=0.02)
-    max_check_loss: float = eqx.field(static=True, default=0.001)
-    max_predictable_share: float = eqx.field(static=True, default=0.03)
-
-    def __check_init__(self):
-        for name in ("level", "min_check_gain", "max_predictable_share"):
-            value = getattr(self, name)
-            require(0 < value < 1, f"{name} is {value}; it must lie between 0 and 1.")
-        for name in ("refits", "max_rounds", "beam_width"):
-            value = getattr(self, name)
-            require(value >= 1, f"{name} is {value}; it must be at least 1.")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -17,9 +17,11 @@ from ..models.free import Parameters, with_values
 from .compilation import signals_of
 from .evidence import Comparison, compare, inflation, is_noise_like, worth
 from .fit import LoopFit, fit
-from .hypothesis import Hypothesis, White
+from .hypothesis import Hypothesis, RandomForces, White
 from .moves import Move, MoveKind, Proposals, localise_fit, noise_moves
-from .problem import LoopProblem, SearchOptions
+from .not_finite import check_finite
+from .options import LoopOptions
+from .problem import LoopProblem
 from .thresholds import INSEPARABLE, MAX_COMPILED_FITS, SETTLED
 
 # Chosen: share of the expected fall; a refit that brings less starts again from the estimated gain.
@@ -96,7 +98,7 @@ class SearchTree:
         return sorted(pairs, key=lambda pair: pair[1])
 
 
-def search(problem: LoopProblem, options: SearchOptions, progress: Progress) -> SearchTree:
+def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> SearchTree:
     """Return the search tree of a problem.
 
     From each hypothesis of the beam the moves are refitted in stages: removals; additions, groups
@@ -116,6 +118,7 @@ def search(problem: LoopProblem, options: SearchOptions, progress: Progress) -> 
         raise divergence(problem.model, problem.free, problem.train, problem.likelihood)
     problem, signals = with_shapes(declared)
     declared = dataclasses.replace(declared, problem=problem)
+    check_finite(declared)
     tree = SearchTree(problem, declared, declared, signals)
     try:
         _grow(tree, options, progress)
@@ -148,7 +151,7 @@ def with_shapes(declared: LoopFit) -> tuple[LoopProblem, dict[str, np.ndarray]]:
     return problem.with_library(library), variables
 
 
-def _grow(tree: SearchTree, options: SearchOptions, progress: Progress) -> None:
+def _grow(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
     """Expand the beam until no move is accepted."""
     beam: list[tuple[LoopFit, list[Step]]] = [(tree.declared, [])]
     expanded: set = set()
@@ -166,8 +169,13 @@ def _grow(tree: SearchTree, options: SearchOptions, progress: Progress) -> None:
         tree.best, tree.path = beam[0]
 
 
-def _expand(tree, parent: LoopFit, path, options: SearchOptions, progress) -> list[Step]:
-    """Return the accepted steps of the first stage that has any, the best first."""
+def _expand(tree, parent: LoopFit, path, options: LoopOptions, progress) -> list[Step]:
+    """Return the accepted steps of the first stage that has any, the best first.
+
+    A hypothesis with random forces is not expanded: effects together with them are never the cause.
+    """
+    if isinstance(parent.hypothesis.noise, RandomForces):
+        return []
     proposals = Proposals(parent, options)
     count = len(proposals.candidates)
     stages: list[Callable[[], tuple[list[Move], int]]] = [lambda: (proposals.drops()[:1], count)]
@@ -176,7 +184,7 @@ def _expand(tree, parent: LoopFit, path, options: SearchOptions, progress) -> li
         stages.append(lambda: (_changes(proposals), count))
         stages.append(lambda: (proposals.pairs(), count * (count - 1) // 2))
         if len(parent.effects) > 1:
-            stages.append(lambda: (proposals.swaps(np.inf)[: options.swaps], count))
+            stages.append(lambda: (proposals.swaps(np.inf)[: options.swap_limit], count))
         stages.append(lambda: (_noises(tree, parent, options, progress), 1))
     for stage in stages:
         moves, candidates = stage()
@@ -189,7 +197,7 @@ def _expand(tree, parent: LoopFit, path, options: SearchOptions, progress) -> li
 
 def _changes(proposals: Proposals) -> list[Move]:
     """Return additions, groups, and the swaps that should be better."""
-    swaps = proposals.swaps(0.0)[: proposals.options.swaps]
+    swaps = proposals.swaps(0.0)[: proposals.options.swap_limit]
     return [*proposals.additions(), *proposals.groups(), *swaps]
 
 
@@ -233,9 +241,11 @@ def refit(parent: LoopFit, move: Move) -> LoopFit:
     from the gain that the linear model predicts, and from the declared values.
     """
     first = fit(parent.problem, move.hypothesis, parent, move.start)
-    if move.kind in (MoveKind.DROP, MoveKind.NOISE):
+    if move.kind is MoveKind.DROP:
         return first
     fits = [first]
+    if move.kind is MoveKind.NOISE:  # the parent may have taken the forces for other parameters
+        return min(first, fit(parent.problem, move.hypothesis, None), key=_cost_or_infinity)
     if not first.converged or 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
         fits.append(fit(parent.problem, move.hypothesis, parent, {**move.start, **move.estimated}))
     if not first.converged:
@@ -278,7 +288,7 @@ def _complexity(step: Step) -> int:
     return sum(step.fit.problem.effects[name].card.complexity for name in step.fit.effects)
 
 
-def _refit_alternatives(tree: SearchTree, options: SearchOptions, progress: Progress) -> None:
+def _refit_alternatives(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
     """Refit the exchanges of single effects that may be nearly as good as the best hypothesis.
 
     If one of them turns out to be clearly better, it becomes the best.

@@ -2,21 +2,18 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from functools import cached_property
-
-import jax.numpy as jnp
 
 from .._foundation.checks import require_float64
 from .._foundation.memory import release_compiled_programs_if_needed
 from .._foundation.notebook import preformatted
 from ..data.record import Record
-from ..effects.augmented import Augmented
 from ..estimation.estimate import as_stack
 from ..models.base import AbstractModel
-from ..models.free import with_values
-from .assess import Assessment, Verdict, assess
+from .assess import Assessment, assess
 from .hypothesis import Hypothesis
-from .problem import LoopProblem, SearchOptions
+from .options import LoopOptions
+from .outcome import Outcome
+from .problem import LoopProblem
 from .search import SearchTree, search
 from .wording import error_words, next_best_words, table, verdict_words
 
@@ -27,7 +24,7 @@ class EffectSearch:
 
     Attributes:
         tree: all fits of the search.
-        assessment: verdict, findings and location of the residual.
+        assessment: outcome, findings and location of the residual.
         tests: test records by name of set.
     """
 
@@ -36,9 +33,9 @@ class EffectSearch:
     tests: Mapping[str, Record]
 
     @property
-    def verdict(self) -> Verdict:
-        """The verdict."""
-        return self.assessment.verdict
+    def outcome(self) -> Outcome:
+        """The outcome."""
+        return self.assessment.outcome
 
     @property
     def hypothesis(self) -> Hypothesis:
@@ -61,19 +58,14 @@ class EffectSearch:
         others = self.tree.alternatives()
         return (others[0][0].hypothesis, others[0][1]) if others else None
 
-    @cached_property
+    @property
     def model(self) -> AbstractModel:
         """The declared model with the effects and values of the best hypothesis."""
-        best = self.tree.best
-        problem = best.problem
-        names = tuple(problem.columns.names[k] for k in problem.columns.chosen(best.effects))
-        effects = tuple(problem.effects[name] for name in best.effects)
-        model = Augmented(problem.model, effects) if effects else problem.model
-        return with_values(model, names, jnp.array([best.estimates[name][0] for name in names]))
+        return self.tree.best.model_and_free[0]
 
     def __str__(self) -> str:
         errors = error_words(self.tree.declared, self.tree.best, self.tests)
-        parts = [verdict_words(self.tree, self.assessment), next_best_words(self.tree), errors]
+        parts = [verdict_words(self.tree.best, self.assessment), next_best_words(self.tree), errors]
         stopped = ["The search was stopped; this is its best so far."] * self.tree.interrupted
         return "\n".join([*stopped, *filter(None, parts), "", table(self.tree)])
 
@@ -85,7 +77,7 @@ def search_effects(
     problem: LoopProblem,
     *,
     test: Mapping[str, Record] | None = None,
-    options: SearchOptions | None = None,
+    options: LoopOptions | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> EffectSearch:
     """Find the effects and the noise that explain the records of a problem.
@@ -109,7 +101,7 @@ def search_effects(
     """
     require_float64()
     release_compiled_programs_if_needed()
-    options, progress = options or SearchOptions(), progress or (lambda _: None)
+    options, progress = options or LoopOptions(), progress or (lambda _: None)
     tree = search(problem, options, progress)
     tests = {name: as_stack(records).anonymous() for name, records in (test or {}).items()}
     progress("assessment")

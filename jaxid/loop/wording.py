@@ -1,12 +1,17 @@
 """Sentences and the table of a search; no other file of the search has any."""
 
+from collections import Counter
+from collections.abc import Sequence
+
 import numpy as np
 
-from .assess import Assessment, Check, Finding, Verdict
+from ..effects.augmented import split_effects
+from .assess import Assessment, Check, Finding
 from .evidence import Decision
 from .fit import LoopFit
 from .heldout_error import mean_log
-from .hypothesis import Coloured, NoiseHypothesis, RandomForces
+from .hypothesis import Coloured, NoiseHypothesis, RandomForces, White
+from .outcome import Outcome
 from .search import SearchTree, Step
 
 DECISIONS = {
@@ -16,6 +21,9 @@ DECISIONS = {
     Decision.DEGENERATE: "on a bound where it has no effect",
     Decision.NOT_SIGNIFICANT: "not significant",
 }
+NO_EFFECT = (
+    "No effect is missing that these records could show: the residual is consistent with {}."
+)
 MOST_STEPS = 12  # chosen: rows of the table
 
 
@@ -24,27 +32,50 @@ def noise_words(noise: NoiseHypothesis) -> str:
     if isinstance(noise, Coloured):
         return f"coloured sensor noise of order {noise.order}"
     if isinstance(noise, RandomForces):
-        return f"random forces in the equation of {' and '.join(noise.equations)}"
-    return "white noise"
+        places = [f"the equation of {name}" for name in noise.equations] + [*noise.air]
+        return f"random forces in {' and '.join(places)}"
+    return "white noise" if isinstance(noise, White) else type(noise).__name__
 
 
-def verdict_words(tree: SearchTree, assessment: Assessment) -> str:
-    """Return the verdict in a sentence or two."""
-    best = tree.best
-    effects = "; ".join(best.problem.effects[name].card.description for name in best.effects)
+def verdict_words(best: LoopFit, assessment: Assessment) -> str:
+    """Return the outcome in a sentence or two."""
+    effects = effect_words(best)
     noise = noise_words(best.hypothesis.noise)
     sentence = {
-        Verdict.NOTHING_MISSING: "Nothing is missing: the residual is consistent with white noise, "
+        Outcome.NOTHING_MISSING: "Nothing is missing: the residual is consistent with white noise, "
         "and no candidate explains any of it.",
-        Verdict.CAUSE: f"The model lacked: {effects}. With it the residual is consistent with "
+        Outcome.EXPLAINED: f"The model lacked: {effects}. With it the residual is consistent with "
         f"{noise}.",
-        Verdict.PROXIES: f"Something is missing; the best proxies are: {effects}.",
-        Verdict.UNEXPLAINED: "Something is missing, and nothing in the library explains it. The "
+        Outcome.PROXIES: f"Something is missing; the best proxies are: {effects}.",
+        Outcome.UNEXPLAINED: "Something is missing, and nothing in the library explains it. The "
         f"residual acts at: {place_words(assessment)}.",
-        Verdict.NOISE: f"No effect is missing that these records could show: the residual is "
-        f"consistent with {noise}.",
-    }[assessment.verdict]
+        Outcome.COLOURED_NOISE: NO_EFFECT.format(noise),
+        Outcome.PROCESS_NOISE: NO_EFFECT.format(noise),
+    }[assessment.outcome]
     return " ".join([sentence, *map(finding_words, assessment.findings)])
+
+
+def effect_words(best: LoopFit) -> str:
+    """Return the effects of a fit, described at their estimates, repeated ones once."""
+    estimated = split_effects(best.model_and_free[0])[1] if best.effects else ()
+    known = set(best.effects)
+    counts = Counter(effect.card.description for effect in estimated if effect.name in known)
+    return "; ".join(w if n == 1 else f"{w} ({n} of them)" for w, n in counts.items())
+
+
+def worse_words(test: str, channels: Sequence[str], beyond: Sequence[str]) -> str:
+    """Return a caveat for test records that are predicted worse with the effects.
+
+    Args:
+        test: name of the set.
+        channels: outputs whose error grows.
+        beyond: inputs that exceed their range in the fitted records.
+    """
+    outside = f", in which {', '.join(beyond)} exceeds its range in the fitted records"
+    return (
+        f"But the error on {test} grows with it ({', '.join(channels)}): it does not carry over to "
+        f"these records{outside if beyond else ''}."
+    )
 
 
 def place_words(assessment: Assessment) -> str:
@@ -70,6 +101,7 @@ def finding_words(finding: Finding) -> str:
         f"{numbers}.",
         Check.ALTERNATIVE: f"Other hypotheses fit nearly as well, with chi-square larger by: "
         f"{numbers}.",
+        Check.BORNE_OUT: f"On the complete training records it is insignificant: {names}.",
         Check.CARRIES_OVER: f"The error of test records grows, by the logarithm: {numbers}.",
     }[finding.check]
 

@@ -13,7 +13,6 @@ from ..study.rounds import Candidate, Round
 from ..study.study import Study
 from .style import (
     AFTER,
-    ALTERNATIVE,
     BEFORE,
     FONT,
     INK,
@@ -150,25 +149,26 @@ def errors(study: Study) -> Figure:
 
 
 def ranking(search_round: Round) -> Figure:
-    """Return a figure of the candidates of a round by score, the winner and alternatives marked.
+    """Return a figure of the candidates of a round by score, the winner marked.
 
     Args:
         search_round: the round.
 
     Returns:
         One panel of horizontal bars on a logarithmic axis, for the best twelve at most. A dot is
-        the score corrected for the colour of the residual; the line is its significance threshold.
+        the fall of chi-square by the refit; the line is the significance threshold.
     """
     best = search_round.candidates[:MOST_CANDIDATES]
     figure, ((ax,),) = canvas(1.15 + 0.24 * max(len(best), 2))
     scores = np.array([_positive(candidate.score) for candidate in best])
-    dots = np.array([_positive(candidate.significance) for candidate in best])
+    falls = [candidate.cost_fall for candidate in best]
+    dots = np.array([_positive(float("nan") if fall is None else fall) for fall in falls])
     known = np.concatenate([scores, dots, [search_round.threshold, 1.0]])
     low, high = 0.5 * min(np.nanmin(np.maximum(known, 0.1)), 1.0), 2.0 * np.nanmax(known)
     ax.barh(
         np.arange(len(best)),
         np.nan_to_num(scores),
-        color=[_colour(search_round, candidate) for candidate in best],
+        color=[_colour(candidate) for candidate in best],
         height=0.68,
     )
     ax.plot(
@@ -186,14 +186,13 @@ def ranking(search_round: Round) -> Figure:
     )
     plain(
         ax,
-        "score: chi-square that the candidate would explain (bar);\nthe same, corrected for "
-        "the colour of the residual (dot)",
+        "score: fall of chi-square in the linear model (bar);\nfall by the refit (dot)",
     )
     ax.grid(False, axis="y")
     ax.axvline(search_round.threshold, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
     _note(ax, search_round.threshold, "significant beyond this line", above=True)
-    roles = {_colour(search_round, candidate) for candidate in best}
-    entries = [("added", AFTER), ("alternative", ALTERNATIVE), ("other", OTHER)]
+    roles = {_colour(candidate) for candidate in best}
+    entries = [("added", AFTER), ("other", OTHER)]
     key(
         figure,
         [entry for entry in entries if entry[1] in roles],
@@ -349,14 +348,8 @@ def _range(x: np.ndarray, margin: float) -> tuple[float, float]:
     return low - margin * width, high + margin * width
 
 
-def _colour(search_round: Round, candidate: Candidate) -> str:
-    return (
-        AFTER
-        if candidate.name == search_round.added
-        else ALTERNATIVE
-        if candidate.name in search_round.alternatives
-        else OTHER
-    )
+def _colour(candidate: Candidate) -> str:
+    return AFTER if candidate.added else OTHER
 
 
 def _number_drawn(best, search_round: Round) -> str:

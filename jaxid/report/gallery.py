@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from ..study.outcome import Outcome
+from ..loop.outcome import Outcome
 from ..study.study import Round, Study
 from .figures import errors, prediction, ranking, residuals
 from .figures_where import where
@@ -128,8 +128,8 @@ def _test(study: Study, test: str, index: int) -> tuple[Picture, ...]:
 
 def _round(search_round: Round, index: int) -> Picture | None:
     caption = (
-        "Part of the residual that each candidate could explain beyond the effect of the free "
-        "parameters, before it is fitted. The refit decides, not this score."
+        "Fall of chi-square that each candidate should bring beyond the free parameters, before it "
+        "is fitted (bar), and the fall that its refit brought (dot). The refit decides."
     )
     return (
         Picture(f"ranking-round-{index}", ranking(search_round), caption)

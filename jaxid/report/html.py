@@ -5,10 +5,10 @@ from importlib.resources import files
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 
+from ..loop.hypothesis import Coloured
 from ..study.study import Study
 from .gallery import Gallery, gallery
 from .tables import (
-    abandoned_path,
     decided,
     effect_rows,
     error_rows,
@@ -34,6 +34,7 @@ def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None)
         The page.
     """
     drawn = gallery(study) if drawn is None else drawn
+    coloured = isinstance(study.noise_model, Coloured)
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -43,7 +44,7 @@ def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None)
         study=study,
         verdict=raised(study.verdict),
         outcome_words=OUTCOMES[study.outcome],
-        noise_words=NOISE_KNOWN[study.noise_known] + COLOURED_WORDS * bool(study.coloured_noise),
+        noise_words=NOISE_KNOWN[study.noise_known] + COLOURED_WORDS * coloured,
         facts=_facts(study),
         drawn=drawn,
         errors={test: error_rows(study, test) for test in study.tests},
@@ -52,7 +53,6 @@ def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None)
         effects=effect_rows(study),
         parameters=parameter_rows(study),
         rounds=list(zip(round_rows(study), drawn.rounds, strict=True)),
-        abandoned_path=abandoned_path(study),
         remains=remains_rows(study),
         places=place_rows(study),
         degrees=any(unit.startswith("rad") for unit in study.output_units),
@@ -72,7 +72,7 @@ def _facts(study: Study) -> dict[str, str | tuple[str, ...]]:
         "model": _model_name(study),
         "train": f"{_records(records)}, {measurements} valid measurements",
         "tests": tuple(tests),
-        "candidates": str(sum(not candidate.pair for candidate in study.rounds[0].candidates)),
+        "candidates": str(sum(len(each.parts) == 1 for each in study.rounds[0].candidates)),
         "before_status": declared.status,
         "status": estimate.status,
         "weak": tuple(raised(words) for words in estimate.weak_directions),

@@ -7,12 +7,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 # Okabe & Ito, Color Universal Design, 2008.
-MEASURED, BEFORE, AFTER, NOISE, ALTERNATIVE, OTHER = (
+MEASURED, BEFORE, AFTER, NOISE, OTHER = (
     "#8c8c8c",
     "#d55e00",
     "#0072b2",
     "#007a5a",
-    "#e69f00",
     "#c4c4c4",
 )
 INK = "#333333"

@@ -27,13 +27,12 @@ class ErrorRow(NamedTuple):
 
 
 class ParameterRow(NamedTuple):
-    """One parameter: name, estimates before and after, unit, estimate with process noise."""
+    """One parameter: name, estimates before and after, unit."""
 
     name: str
     before: str
     after: str
     unit: str
-    with_process_noise: str = ABSENT
 
 
 class EffectRow(NamedTuple):
@@ -47,11 +46,10 @@ class EffectRow(NamedTuple):
 
 
 class CandidateRow(NamedTuple):
-    """One refitted candidate: description, scores, result of the refit, and verdict."""
+    """One refitted candidate: description, score, result of the refit, and verdict."""
 
     description: str
     score: str
-    significance: str
     cost_fall: str
     check_change: str
     verdict: str
@@ -64,7 +62,6 @@ class RoundRow(NamedTuple):
     number: int
     effects: tuple[str, ...]
     added: str
-    alternatives: tuple[str, ...]
     dropped: tuple[str, ...]
     candidates: tuple[CandidateRow, ...]
     others: int
@@ -134,7 +131,7 @@ def effect_rows(study: Study) -> tuple[EffectRow, ...]:
             if parameter.startswith(f"{name}.")
         )
         candidates = [each for search_round in study.rounds for each in search_round.candidates]
-        place = next((candidate.place for candidate in candidates if candidate.name == name), "")
+        place = next((each.place for each in candidates if each.name == name), "")
         alternatives = tuple(
             raised(effect.description) for effect in study.alternatives if name in effect.instead_of
         )
@@ -152,14 +149,12 @@ def parameter_rows(study: Study) -> tuple[ParameterRow, ...]:
         One row for each.
     """
     before, after = _values(study.before.estimate), _values(study.after.estimate)
-    with_process_noise = study.process_noise.parameters if study.process_noise else {}
     return tuple(
         ParameterRow(
             raised(name),
             value,
             after[name][0] if name in after else ABSENT,
             unit,
-            f"{with_process_noise[name]:.4g}" if name in with_process_noise else ABSENT,
         )
         for name, (value, unit) in before.items()
     )
@@ -182,32 +177,13 @@ def round_rows(study: Study) -> tuple[RoundRow, ...]:
                 number=index,
                 effects=tuple(raised(name) for name in search_round.effects),
                 added=_description(search_round, search_round.added) if search_round.added else "",
-                alternatives=tuple(
-                    _description(search_round, name) for name in search_round.alternatives
-                ),
                 dropped=tuple(raised(name) for name in search_round.dropped),
-                candidates=tuple(_candidate(search_round, candidate) for candidate in refitted),
+                candidates=tuple(map(_candidate, refitted)),
                 others=len(search_round.candidates) - len(refitted),
                 errors=_errors(study, search_round),
             )
         )
     return tuple(rows)
-
-
-def abandoned_path(study: Study) -> tuple[str, ...]:
-    """Return the effects of the abandoned search path, in the order of addition.
-
-    Args:
-        study: the study.
-
-    Returns:
-        A description of each effect; empty if the search had a single path.
-    """
-    return tuple(
-        _description(search_round, search_round.added)
-        for search_round in study.other_rounds
-        if search_round.added
-    )
 
 
 def remains_rows(study: Study) -> tuple[RemainsRow, ...]:
@@ -277,7 +253,7 @@ def place_rows(study: Study) -> tuple[PlaceRow, ...]:
 
 
 def decided(study: Study) -> tuple[str, ...]:
-    """Return the test sets identical to the check records, with equal errors in every round.
+    """Return the test sets that are the check records.
 
     Args:
         study: the study.
@@ -285,19 +261,13 @@ def decided(study: Study) -> tuple[str, ...]:
     Returns:
         Names of test sets, usually none.
     """
-    return tuple(
-        name
-        for name in study.tests
-        if all(
-            _same(search_round.errors["check"], search_round.errors[f"test {name}"])
-            for search_round in study.rounds
-        )
-    )
+    errors = study.rounds[0].errors["check"]
+    return tuple(name for name in study.tests if _same(study.before.rms[name], errors))
 
 
 def _same(first: dict[str, float], second: dict[str, float]) -> bool:
-    """Return True if two errors by channel are equal; NaN equals NaN."""
-    return np.array_equal([*first.values()], [*second.values()], equal_nan=True)
+    """Return True if two errors by channel are equal to rounding; NaN equals NaN."""
+    return np.allclose([*first.values()], [*second.values()], rtol=1e-9, equal_nan=True)
 
 
 def _values(estimate: Estimate) -> dict[str, tuple[str, str]]:
@@ -330,25 +300,17 @@ def _listed_candidates(search_round: Round) -> tuple[Candidate, ...]:
     )
 
 
-def _candidate(search_round: Round, candidate: Candidate) -> CandidateRow:
+def _candidate(candidate: Candidate) -> CandidateRow:
     fall, check = candidate.cost_fall, candidate.check_fall
-    role = (
-        "added"
-        if candidate.name == search_round.added
-        else "alternative"
-        if candidate.name in search_round.alternatives
-        else ""
-    )
     return CandidateRow(
         description=raised(candidate.description),
         score=number(candidate.score, 3),
-        significance=number(candidate.significance, 3),
         cost_fall=ABSENT if fall is None else number(fall, 3),
         check_change=ABSENT
         if check is None or not np.isfinite(check)
         else f"{100 * np.expm1(-check):+.1f} %",
         verdict=candidate.verdict,
-        role=role,
+        role="added" if candidate.added else "",
     )
 
 

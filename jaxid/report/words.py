@@ -3,7 +3,7 @@
 import math
 import re
 
-from ..study.outcome import Outcome
+from ..loop.outcome import Outcome
 
 SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 # Numbers outside of this range are written with a power of ten (chosen).
@@ -22,15 +22,13 @@ OUTCOMES = {
     "on the check records. The missing effect is not among the candidates, and no cause is named. "
     "Try more candidates next.",
     Outcome.PROCESS_NOISE: "The residual of the declared model is larger than measurement noise, "
-    "but nothing predicts it. The residual of a filter that models random forces in the equations, "
-    "or gusts, is noise, and neither a candidate nor any simple function of the signals explains "
-    "any part of it. These records therefore show no missing term. Effects that a round may have "
-    "added are removed again.",
+    "but nothing predicts it. The innovations of a filter that models random forces in the "
+    "equations, or gusts, are noise, and depend on none of the signals. These records therefore "
+    "show no missing effect. The estimates after are those of this filter.",
     Outcome.COLOURED_NOISE: "The residual of the declared model can be predicted from its past, "
-    "but from nothing else. The residual of a filter that models time-correlated sensor noise is "
-    "white noise, and neither a candidate nor any simple function of the signals explains any part "
-    "of it. These records therefore show no missing term. Effects that a round may have added are "
-    "removed again.",
+    "but from nothing else. Noise of the sensors that is correlated in time explains it, and what "
+    "is left depends on none of the signals. These records therefore show no missing effect. The "
+    "estimates after allow for this noise.",
     Outcome.NOTHING_MISSING: "The residual of the declared model is already no larger than "
     "measurement noise, and no candidate explains any part of it. Nothing was added.",
 }

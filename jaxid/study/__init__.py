@@ -1,5 +1,7 @@
 """Complete workflows: model completion, identification, instrument consistency."""
 
+from ..loop import LoopOptions, Outcome
+from ..loop.evidence import Decision
 from .close_loop import close_loop
 from .consistency import consistency
 from .consistency_result import Consistency
@@ -9,18 +11,17 @@ from .identify_options import LONG_RECORDS, IdentifyOptions
 from .many.close_loop_many import close_loop_many
 from .many.studies import Studies, StudyResult
 from .next_record import next_record, separating_input
-from .options import LoopOptions
-from .outcome import Outcome
 from .record_checks.advice import advice
 from .record_checks.findings import Advice, Excitation, Finding, FindingKind
 from .rivals import discrimination
-from .rounds import Alternative, Decision
+from .rounds import Alternative, Candidate, Round
 from .study import Study
 
 __all__ = [
     "LONG_RECORDS",
     "Advice",
     "Alternative",
+    "Candidate",
     "Consistency",
     "Decision",
     "Excitation",
@@ -30,6 +31,7 @@ __all__ = [
     "IdentifyOptions",
     "LoopOptions",
     "Outcome",
+    "Round",
     "Studies",
     "Study",
     "StudyResult",

@@ -1,147 +1,192 @@
-"""Assembly of a `Study` from the findings of a search."""
+"""Assembly of a `Study` from a search: final fits, predictions of the test records, verdict."""
 
-from typing import NamedTuple
+import dataclasses
+from collections.abc import Callable
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.linalg import triangle
 from ..data.record import Record
 from ..diagnosis.autoregression import white_noise_variance
-from ..diagnosis.localise import LocalisationResult
-from ..diagnosis.residual_report import ResidualReport
+from ..diagnosis.residual_report import ResidualReport, analyse_residual
 from ..effects.augmented import split_effects
-from ..estimation.estimate import (
-    Fit,
-)
+from ..estimation.estimate import Fit
+from ..estimation.likelihoods import OutputError
 from ..estimation.result import Estimate
+from ..loop.assess import Assessment, Check, Finding
+from ..loop.fit import LoopFit, fit
+from ..loop.moves import Proposals, localise_fit
+from ..loop.options import LoopOptions
+from ..loop.outcome import Outcome
+from ..loop.search import SearchTree
+from ..loop.search_effects import EffectSearch
+from ..loop.thresholds import INSEPARABLE
+from ..loop.wording import next_best_words, verdict_words
 from ..sensitivity.spectrum import spectrum
-from .fit import Fitted
-from .rounds import Alternative, Round
-from .search import Search
+from .caveats import caveats
+from .rounds import alternatives_of, rounds_of
 from .study import Side, Study
-from .verdict import Conclusion, not_carried_over, verdict
-from .way import Way
-
-
-class StudyRecords(NamedTuple):
-    """The records of a study.
-
-    Attributes:
-        fitted: training records of the search, a stack.
-        complete: the complete training records, if their last third is the check; else None.
-        check: records that decide, a stack.
-        tests: records that are reported, by name.
-    """
-
-    fitted: Record
-    complete: Record | None
-    check: Record
-    tests: dict[str, Record]
-
-    @property
-    def used(self) -> Record:
-        """Records of the final estimate."""
-        return self.fitted if self.complete is None else self.complete
-
-
-class Findings(NamedTuple):
-    """Results of the search.
-
-    Attributes:
-        declared, final: fits of the declared model and of the model with the effects found.
-        predicting: the same two fits, as the test records are predicted by them.
-        rounds: history of the search.
-        alternatives: effects that fit nearly as well as one that was added.
-        where, residual_reports: localisation and tests of the residual, before and after.
-        conclusion: the outcome and its evidence.
-    """
-
-    declared: Fitted
-    final: Fitted
-    predicting: tuple[Fitted, Fitted]
-    rounds: tuple[Round, ...]
-    alternatives: tuple[Alternative, ...]
-    where: dict[str, LocalisationResult]
-    residual_reports: dict[str, ResidualReport]
-    conclusion: Conclusion
+from .study_records import StudyRecords
 
 
 def assemble_study(
-    findings: Findings, search: Search, records: StudyRecords, other: Way | None
+    result: EffectSearch,
+    records: StudyRecords,
+    options: LoopOptions,
+    progress: Callable[[str], None],
 ) -> Study:
-    """Assemble the study from the findings, the predictions and the verdict."""
-    workbench, conclusion, final = search.bench, findings.conclusion, findings.final
-    used, tests, where = records.used, records.tests, findings.where
+    """Return the study of a search.
+
+    Args:
+        result: the search.
+        records: training, check and test records.
+        options: levels of the search.
+        progress: function that receives a short text at every step.
+    """
+    tree, assessment = result.tree, result.assessment
+    rounds = rounds_of(tree, options)
+    where, reports = _where(tree, assessment), _residual_reports(tree)
+    # A noise model that the checks did not pass explains nothing.
+    accepted = assessment.outcome is not Outcome.UNEXPLAINED
+    declared, best, dropped = tree.declared, tree.best if accepted else tree.declared, ()
+    predicting = declared, best
+    if records.complete is not None:
+        progress("estimate on the complete training records")
+        declared, best, dropped = _fitted_on(records.complete, declared, best, options)
+        assessment = without(assessment, best.effects, dropped)
+        last = dataclasses.replace(rounds[-1], dropped=(*rounds[-1].dropped, *dropped))
+        rounds = (*rounds[:-1], last)
+        if records.own_tests or dropped:
+            predicting = declared, best
+    progress("prediction of the test records")
     before, after = (
-        _side(search, predicting, fitted, tests, used)
-        for predicting, fitted in zip(findings.predicting, (findings.declared, final), strict=True)
+        _side(predictor, fitted, records)
+        for predictor, fitted in zip(predicting, (declared, best), strict=True)
     )
-    known = workbench.likelihood.noise.is_known
-    noise = np.diagonal(np.asarray(final.fit.noise))
-    if not known and conclusion.outcome.leaves_more_than_noise:
-        noise = np.minimum(np.asarray(white_noise_variance(final.fit.residuals, used.mask)), noise)
     estimated = {effect.name: effect for effect in split_effects(after.model)[1]}
-    descriptions = tuple(estimated[name].card.description for name in final.effects)
-    caveats = ()
-    if final.effects:
-        caveats = not_carried_over(before, after, final.effects, findings.rounds, tests, used)
-    words = verdict(conclusion, descriptions, findings.alternatives, where["after"]), *caveats
+    words = [verdict_words(best, assessment)]
+    if best.effects:
+        words += caveats(before, after, records.tests, records.used)
     return Study(
         verdict=" ".join(words),
-        outcome=conclusion.outcome,
-        effects=final.effects,
-        descriptions=descriptions,
-        rounds=findings.rounds,
-        other_rounds=other.rounds if other else (),
-        alternatives=findings.alternatives,
+        outcome=assessment.outcome,
+        findings=assessment.findings,
+        effects=best.effects,
+        descriptions=tuple(estimated[name].card.description for name in best.effects),
+        noise_model=best.hypothesis.noise,
+        rounds=rounds,
+        alternatives=alternatives_of(tree, INSEPARABLE) if best.effects else (),
+        next_best=next_best_words(tree),
         localisation=where,
-        residual_reports=findings.residual_reports,
+        residual_reports=reports,
         before=before,
         after=after,
-        noise=dict(zip(used.outputs, map(float, np.sqrt(noise)), strict=True)),
-        noise_known=known,
-        likelihood=workbench.likelihood,
-        process_noise=conclusion.process_noise,
-        coloured_noise=conclusion.coloured_noise,
-        outputs=used.outputs,
-        output_units=used.output_units,
-        tests=tests,
+        noise=_noise(best, assessment.outcome, records.used),
+        noise_known=tree.problem.likelihood.noise.is_known,
+        likelihood=tree.problem.likelihood,
+        outputs=records.used.outputs,
+        output_units=records.used.output_units,
+        tests=records.tests,
+        interrupted=tree.interrupted,
     )
 
 
-def _side(
-    search: Search, predicting: Fitted, fitted: Fitted, tests: dict[str, Record], used: Record
-) -> Side:
-    """One model of the study: its estimate, and its predictions of the test records."""
-    workbench = search.bench
-    predictions = {
-        name: workbench.predict(predicting, test, search.judge.window)
-        for name, test in tests.items()
+def _where(tree: SearchTree, assessment: Assessment):
+    """Return the location of the residual before and after."""
+    before = assessment.where or localise_fit(tree.declared)
+    white = isinstance(tree.best.estimation.problem.likelihood, OutputError)
+    if not tree.best.effects or not white:
+        return {"before": before, "after": before}
+    return {"before": before, "after": localise_fit(tree.best, before.splines)}
+
+
+def _residual_reports(tree: SearchTree) -> dict[str, ResidualReport]:
+    """Return the tests of the training residual before and after, noise models removed."""
+    train = tree.problem.train
+    signals = {name: jnp.asarray(signal) for name, signal in tree.signals.items()}
+
+    def report(residuals):
+        return analyse_residual(residuals, train.mask, signals, train.outputs)
+
+    return {
+        "before": report(tree.declared.solution.residuals),
+        "after": report(jnp.asarray(tree.best.white_residuals)),
     }
+
+
+def _fitted_on(records: Record, declared: LoopFit, best: LoopFit, options: LoopOptions):
+    """Return both fits on the complete training records, and the effects insignificant there."""
+    problem, is_declared = best.problem.on(records), best is declared
+    declared = fit(problem, declared.hypothesis, declared)
+    best, dropped = declared if is_declared else fit(problem, best.hypothesis, best), []
+    while moves := Proposals(best, options).drops():
+        dropped += [name for name in best.effects if name not in moves[0].hypothesis.effects]
+        best = fit(problem, moves[0].hypothesis, best)
+    return declared, best, tuple(dropped)
+
+
+def without(
+    assessment: Assessment, effects: tuple[str, ...], dropped: tuple[str, ...]
+) -> Assessment:
+    """Return the assessment after effects turned out insignificant on the complete records.
+
+    Args:
+        assessment: that of the search.
+        effects: names of the effects that remain.
+        dropped: names of the insignificant effects.
+    """
+    if not dropped:
+        return assessment
+    outcome = Outcome.PROXIES if effects else Outcome.UNEXPLAINED
+    finding = Finding(Check.BORNE_OUT, dropped)
+    return dataclasses.replace(
+        assessment, outcome=outcome, findings=(*assessment.findings, finding)
+    )
+
+
+def _side(predicting: LoopFit, fitted: LoopFit, records: StudyRecords) -> Side:
+    """Return one model of the study: its estimate, and its predictions of the test records."""
+    used = records.used
+    predictions = {name: predicting.predict(test) for name, test in records.tests.items()}
     rms = {
-        name: dict(zip(used.outputs, map(float, prediction.rms), strict=True))
+        name: dict(zip(used.outputs, map(float, np.asarray(prediction.rms)), strict=True))
         for name, prediction in predictions.items()
     }
-    model, free = workbench.model_and_free(fitted)
-    known, threshold = workbench.likelihood.noise.is_known, workbench.solver.policy.threshold
-    estimate = Estimate.of(_unpadded(fitted), model, free, used, threshold, known)
+    problem, (model, free) = fitted.problem, fitted.model_and_free
+    noise, threshold = problem.likelihood.noise, problem.solver.policy.threshold
+    solution = _unpadded(fitted.solution, len(free.shared))
+    estimation = fitted.estimation
+    stochastic = not isinstance(estimation.problem.likelihood, OutputError)
+    of = estimation.model if stochastic else model
+    estimate = Estimate.of(solution, of, free, used, threshold, noise.is_known)
     return Side(model, estimate, predictions, rms)
 
 
-def _unpadded(fitted: Fitted) -> Fit:
-    """Remove the padding columns of a fit."""
-    return _first_columns(fitted.fit, len(fitted.columns))
+def _noise(best: LoopFit, outcome: Outcome, used: Record) -> dict[str, float]:
+    """Return the standard deviation of the noise by channel.
+
+    Where effects are missing, the residual is more than noise, and its white part is taken.
+    """
+    variance = np.diagonal(np.asarray(best.noise_covariance))
+    if not best.problem.likelihood.noise.is_known and outcome.leaves_more_than_noise:
+        white = np.asarray(white_noise_variance(best.solution.residuals, used.mask))
+        variance = np.minimum(white, variance)
+    return dict(zip(used.outputs, map(float, np.sqrt(variance)), strict=True))
 
 
 @eqx.filter_jit
-def _first_columns(fit: Fit, count: int) -> Fit:
-    """Keep the first columns of a fit (jitted)."""
-    keep = np.r_[np.arange(count), fit.parameters.shared.size]
+def _unpadded(solution: Fit, count: int) -> Fit:
+    """Return a fit without its padding columns (jitted)."""
+    keep = np.r_[np.arange(count), solution.parameters.shared.size]
     information = eqx.tree_at(
         lambda node: (node.factor, node.own.coupling),
-        fit.information,
-        (triangle(fit.information.factor[:, keep]), fit.information.own.coupling[..., :count]),
+        solution.information,
+        (
+            triangle(solution.information.factor[:, keep]),
+            solution.information.own.coupling[..., :count],
+        ),
     )
     return eqx.tree_at(
         lambda node: (
@@ -153,13 +198,13 @@ def _first_columns(fit: Fit, count: int) -> Fit:
             node.information,
             node.spectrum,
         ),
-        fit,
+        solution,
         (
-            fit.parameters.shared[:count],
-            fit.covariance[:count, :count],
-            fit.robust_covariance[:count, :count],
-            fit.robust_dof[:count],
-            fit.shared_on_bound[:count],
+            solution.parameters.shared[:count],
+            solution.covariance[:count, :count],
+            solution.robust_covariance[:count, :count],
+            solution.robust_dof[:count],
+            solution.shared_on_bound[:count],
             information,
             spectrum(information.triangle, information.rhs),
         ),

@@ -17,6 +17,7 @@ from ..data.stack import stack
 from ..data.units import convert, to_si
 from ..effects.base import Effect
 from ..estimation.likelihoods import OutputError
+from ..loop.options import LoopOptions
 from ..models.base import AbstractModel
 from ..models.free import Free, free
 from ..models.noise import FixedNoise
@@ -27,7 +28,6 @@ from ..structure import columns
 from .close_loop import candidates
 from .identify import identify
 from .identify_options import IdentifyOptions
-from .options import LoopOptions
 
 MODEL = Product(AbstractModel, is_collection=False, description="a model")
 EFFECTS = Product(Effect, is_collection=True, description="effects")

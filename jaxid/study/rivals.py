@@ -1,6 +1,4 @@
-"""Effects that the records cannot tell from the one that was named, and how well another record
-would.
-"""
+"""`discrimination`: how well a planned record would separate the alternatives of a study."""
 
 import dataclasses
 
@@ -17,22 +15,22 @@ from .study import Study
 
 
 def discrimination(study: Study, plan: Record) -> dict[str, float]:
-    """Return the chi-square by which a planned record would separate each rival from the model
-    found; 6 and more decides.
+    """Return the chi-square by which each alternative would fit a planned record worse than the
+    study's model.
 
-    It is `expected_chi_square` with R of `study.noise`. An input that makes the smallest of them
-    large is one to fly next.
+    It is `expected_chi_square` with R of `study.noise`; 6 and more decides. Fly next an input that
+    makes the smallest of them large.
 
     Args:
-        study: with alternatives.
-        plan: time, inputs and, for the initial state, its first outputs; the other outputs are not
-            looked at. A record or a stack.
+        study: a study with alternatives.
+        plan: time, inputs and, for the initial state, its first outputs; the other outputs do not
+            matter. A record or a stack.
 
     Returns:
-        Chi-squares by name of the rival.
+        Chi-squares by name of the alternative.
 
     Raises:
-        InputError: when the study has no alternatives, or the plan other channels than its records.
+        InputError: if the study has no alternatives, or the plan other channels than its records.
     """
     require(
         len(study.alternatives) > 0,
@@ -43,13 +41,13 @@ def discrimination(study: Study, plan: Record) -> dict[str, float]:
     check_sampling(study.after.model, plan, study.likelihood)
     noise = FixedNoise(jnp.array([study.noise[name] ** 2 for name in study.outputs]))
     likelihood = dataclasses.replace(study.likelihood, noise=noise)
-    named = study.after.model, Free(())  # nothing of it is refitted
-    found = {}
-    for rival in study.alternatives:
-        left = sum(
-            expected_chi_square(named, (rival.model, rival.free), record, likelihood)
+    true = study.after.model, Free(())  # nothing of it is refitted
+    worse: dict[str, float] = {}
+    for other in study.alternatives:
+        chi_square = sum(
+            expected_chi_square(true, (other.model, other.free), record, likelihood)
             for record in unstack(plan)
         )
-        # one may stand in the place of several
-        found[rival.name] = min(left, found.get(rival.name, left))
-    return found
+        # an alternative may replace several effects in turn
+        worse[other.name] = min(chi_square, worse.get(other.name, chi_square))
+    return worse

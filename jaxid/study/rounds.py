@@ -1,60 +1,31 @@
-"""History of a search: candidates with their decisions, rounds, and alternatives."""
+"""History of a search, round by round, and the alternatives to its result."""
 
 import dataclasses
-import enum
 
 import numpy as np
 
 from .._foundation.location import Location
 from .._foundation.types import Float
+from ..diagnosis.validation import root_mean_square
+from ..loop.evidence import Decision
+from ..loop.fit import LoopFit
+from ..loop.moves import MoveKind, Proposals
+from ..loop.options import LoopOptions
+from ..loop.search import SearchTree, Step
+from ..loop.wording import DECISIONS, noise_words
 from ..models.base import AbstractModel
 from ..models.free import Free
 
 
-class Decision(enum.Enum):
-    """Decision on one candidate of a round. The values are texts for JSON files and reports.
-
-    Attributes:
-        NOT_REFITTED: its score is not among the best.
-        HOPELESS: not refitted, as its score is far below the largest decrease of the cost that a
-            refit has reached.
-        NOT_FINITE: not refitted, as its derivative at zero gain is not finite.
-        COLLINEAR: not refitted, as the records cannot distinguish it from another candidate.
-        CHECK_WORSE: refused, as the check records are predicted worse.
-        UNDETERMINED: refused, as its gain is within two standard errors of zero.
-        DEGENERATE: refused, as its estimate is on a bound where it has no effect.
-        NOT_SIGNIFICANT: refused, as the decrease of the cost may be due to chance.
-        ACCEPTABLE: may be added; replaced by one of the next four at the end of the round.
-        ADDED: added to the model.
-        ALTERNATIVE: fits as well as the candidate that was added.
-        WORSE: acceptable, but fits worse than the candidate that was added.
-        PASSED_OVER: acceptable, but another search path started from its family.
-    """
-
-    NOT_REFITTED = "not refitted"
-    HOPELESS = "not refitted: scores far below the best"
-    NOT_FINITE = "its derivative at zero gain is not finite"
-    COLLINEAR = "in these records indistinguishable from"
-    CHECK_WORSE = "predicts the check records worse"
-    UNDETERMINED = "its gain is not determined"
-    DEGENERATE = "its estimate is on a bound where it has no effect"
-    NOT_SIGNIFICANT = "not significant"
-    ACCEPTABLE = "kept"
-    ADDED = "added"
-    ALTERNATIVE = "fits as well as the one added"
-    WORSE = "fits worse than the one added"
-    PASSED_OVER = "another search path started from its family"
-
-
 @dataclasses.dataclass(frozen=True)
 class Alternative:
-    """An effect that fits the records as well as one that was added.
+    """A hypothesis that fits the records about as well as that of the study.
 
     Attributes:
-        name, description: its name and description.
-        instead_of: names of the effects that it replaces.
-        chi_square: increase of the chi-square of the training records due to the replacement.
-        model: the model after the replacement, with its parameters estimated again.
+        name, description: names and descriptions of the effects that replace others.
+        instead_of: names of the effects that they replace.
+        chi_square: increase of the chi-square of the training records, priced by parameters.
+        model: the model of the hypothesis, with its parameters estimated again.
         free: the parameters that were estimated.
         information: factor of the training records' information on these parameters; None if
             unknown.
@@ -71,38 +42,37 @@ class Alternative:
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """One candidate of one round, or a pair of candidates, whose name is `first + second`.
+    """One change that a round considered: an effect, several, an exchange, or a noise model.
 
     Attributes:
-        name, family, description: its name, family and description.
-        locations: where it acts, for both effects of a pair.
-        score: chi-square of the score test, for a white residual.
-        significance: the same chi-square, corrected for the colour of the residual.
-        estimated_gain: gain in the linear model of the score test.
-        identifiable_fraction: share of the squared length of its sensitivity that is orthogonal to
-            the sensitivities of the free parameters; NaN if the sensitivity is not finite.
-        cost_fall: twice the decrease of the training cost in a refit (chi-square); None if it was
-            not refitted.
-        check_fall: decrease of the logarithm of the check records' error, averaged over channels;
-            None if it was not refitted.
-        decision: whether it was refitted and added, and why.
-        collinear_with: name of the candidate that it cannot be distinguished from, if any.
-        pair: names of both effects of a pair; empty for a single effect.
+        name, description: names and descriptions of the effects that it adds, or the noise.
+        family: families of these effects; empty for a noise model.
+        parts: names of these effects; empty for a noise model.
+        instead_of: names of the effects that it removes.
+        locations: places where the effects act.
+        score: fall of chi-square in the linear model.
+        estimated_gain: gain in the linear model; NaN for more than one effect.
+        cost_fall: fall of twice the training cost by the refit (chi-square); None without a refit.
+        required: least fall for the change; None without a refit.
+        check_fall: fall of the logarithm of the check records' error, averaged over channels; None
+            without a refit.
+        decision: decision after the refit; None without a refit.
+        added: True if the next round starts with it.
     """
 
     name: str
-    family: str
-    locations: tuple[Location, ...]
     description: str
+    family: str
+    parts: tuple[str, ...]
+    instead_of: tuple[str, ...]
+    locations: tuple[Location, ...]
     score: float
-    significance: float
     estimated_gain: float
-    identifiable_fraction: float
     cost_fall: float | None = None
+    required: float | None = None
     check_fall: float | None = None
-    decision: Decision = Decision.NOT_REFITTED
-    collinear_with: str = ""
-    pair: tuple[str, ...] = ()
+    decision: Decision | None = None
+    added: bool = False
 
     @property
     def place(self) -> str:
@@ -110,93 +80,163 @@ class Candidate:
         return " and ".join(map(str, self.locations))
 
     @property
-    def acceptable(self) -> bool:
-        """True if it may be added."""
-        return self.decision is Decision.ACCEPTABLE
-
-    @property
     def verdict(self) -> str:
         """The decision in words."""
-        return f"{self.decision.value} {self.collinear_with}".rstrip()
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """Names of its effects: one, or both of a pair."""
-        return self.pair or (self.name,)
-
-    @property
-    def variance_inflation(self) -> float:
-        """Factor by which the residual's autocorrelation inflates chi-squares; at least one."""
-        return max(self.score / self.significance, 1.0) if self.significance > 0 else float("inf")
-
-    def with_other(self, other: "Candidate", score: float, significance: float) -> "Candidate":
-        """Return the pair of two candidates, with their joint score."""
-        return Candidate(
-            f"{self.name} + {other.name}",
-            f"{self.family} + {other.family}",
-            tuple(dict.fromkeys((*self.locations, *other.locations))),
-            f"{self.description} and {other.description}",
-            score=score,
-            significance=significance,
-            estimated_gain=float("nan"),
-            identifiable_fraction=min(self.identifiable_fraction, other.identifiable_fraction),
-            pair=(self.name, other.name),
-        )
+        if self.added:
+            return "added"
+        return "not refitted" if self.decision is None else DECISIONS[self.decision]
 
 
 @dataclasses.dataclass(frozen=True)
 class Round:
-    """One round of the loop.
+    """One round: all changes that were considered from one hypothesis.
 
     Attributes:
-        effects: names of the effects in the model at the beginning of the round.
-        candidates: all candidates that were scored, best first.
-        added: name of the candidate that was added; None if none was.
-        alternatives: candidates that the data cannot distinguish from the one added.
-        dropped: effects that became insignificant and were removed.
+        effects: names of the effects at the beginning of the round.
+        candidates: the changes, best score first.
+        added: name of the change that was made; None if none was.
+        dropped: effects that became insignificant after it, or were replaced.
         errors: root mean square error at the beginning of the round, by set of records (`train`,
-            `check`, `test NAME`), then by channel.
-        predictable: share of the variance of the training residual that is predictable from its
-            past samples, per channel.
-        threshold: chi-square that a candidate must exceed to be significant; it grows with the
-            number of candidates tested.
+            `check`), then by channel.
+        predictable: share of the variance of each training residual that its past predicts.
+        threshold: chi-square that a single candidate must exceed to be significant.
     """
 
     effects: tuple[str, ...]
     candidates: tuple[Candidate, ...]
     added: str | None
-    alternatives: tuple[str, ...]
     dropped: tuple[str, ...]
     errors: dict[str, dict[str, float]]
     predictable: dict[str, float]
     threshold: float
 
     @property
-    def winner(self) -> Candidate | None:
-        """The candidate that was added; None if none was."""
-        return next(
-            (candidate for candidate in self.candidates if candidate.name == self.added), None
-        )
-
-    @property
     def added_effects(self) -> tuple[str, ...]:
-        """Names of the effects that were added: none, one, or a pair."""
+        """Names of the effects that were added: none, one, or several."""
         return self.winner.parts if self.winner else ()
 
-    def contenders(self, margin: float) -> tuple[Candidate, ...]:
-        """Return the candidates that fit about as well as the one that was added.
+    @property
+    def winner(self) -> Candidate | None:
+        """The change that was made; None if none was."""
+        return next((candidate for candidate in self.candidates if candidate.added), None)
 
-        These are its alternatives, and all refitted candidates of other families whose decrease of
-        chi-square is smaller by less than `margin`.
-        """
-        if self.winner is None or self.winner.cost_fall is None:
-            return ()
-        best, family = self.winner.cost_fall, self.winner.family
-        others = [candidate for candidate in self.candidates if candidate.family != family]
-        near = {
-            candidate.name
-            for candidate in others
-            if candidate.cost_fall is not None and best - candidate.cost_fall < margin
-        }
-        names = near | set(self.alternatives)
-        return tuple(candidate for candidate in self.candidates if candidate.name in names)
+
+def rounds_of(tree: SearchTree, options: LoopOptions) -> tuple[Round, ...]:
+    """Return the rounds of a search: one from each hypothesis of its path, removals left out."""
+    rounds: list[Round] = []
+    path: list[Step | None] = [*tree.path, None]
+    start = tree.declared
+    for step in path:
+        if step is not None and step.move.kind is MoveKind.DROP:
+            dropped = tuple(n for n in step.parent.effects if n not in step.fit.effects)
+            rounds[-1] = dataclasses.replace(rounds[-1], dropped=(*rounds[-1].dropped, *dropped))
+        else:
+            rounds.append(_round(tree, step.parent if step else start, step, options))
+        start = step.fit if step else start
+    return tuple(rounds)
+
+
+def _round(tree: SearchTree, parent: LoopFit, made: Step | None, options: LoopOptions) -> Round:
+    """Return the round from one fit.
+
+    Args:
+        tree: the search.
+        parent: the fit.
+        made: the change that was made; None if none was.
+        options: levels of the search.
+    """
+    proposals = Proposals(parent, options)
+    refitted = [
+        _refitted(step, step is made)
+        for step in tree.steps
+        if step.parent is parent and step.move.kind is not MoveKind.DROP
+    ]
+    others = _scored(proposals, {candidate.name for candidate in refitted})
+    everything = sorted([*refitted, *others], key=lambda candidate: -candidate.score)
+    added = next((candidate for candidate in refitted if candidate.added), None)
+    problem = parent.problem
+    rms = root_mean_square(parent.solution.residuals, problem.train.mask)
+    errors = {"train": rms, "check": parent.check_prediction.rms}
+    return Round(
+        parent.effects,
+        tuple(everything),
+        added.name if added else None,
+        added.instead_of if added else (),
+        {
+            part: dict(zip(problem.model.outputs, map(float, np.asarray(rms)), strict=True))
+            for part, rms in errors.items()
+        },
+        parent.predictable,
+        proposals.threshold,
+    )
+
+
+def _scored(proposals: Proposals, known: set[str]) -> list[Candidate]:
+    """Return the candidates that were only scored.
+
+    Args:
+        proposals: candidates with their scores.
+        known: names of the refitted ones.
+    """
+    return [
+        Candidate(
+            effect.name,
+            effect.card.description,
+            effect.card.family,
+            (effect.name,),
+            (),
+            (effect.card.location,),
+            proposals.score(effect),
+            proposals.gain(effect),
+        )
+        for effect in proposals.candidates
+        if effect.name not in known
+    ]
+
+
+def _refitted(step: Step, added: bool) -> Candidate:
+    """Return the candidate of a refitted change."""
+    problem, comparison, parts = step.fit.problem, step.comparison, step.move.into
+    cards = [problem.effects[name].card for name in parts]
+    noise = noise_words(step.fit.hypothesis.noise)
+    is_noise = step.move.kind is MoveKind.NOISE
+    gains = list(step.move.estimated.values())
+    return Candidate(
+        noise if is_noise else " + ".join(parts),
+        noise if is_noise else " and ".join(card.description for card in cards),
+        " + ".join(card.family for card in cards),
+        parts,
+        tuple(name for name in step.parent.effects if name not in step.fit.effects),
+        tuple(dict.fromkeys(card.location for card in cards)),
+        step.move.expected,
+        gains[0] if len(gains) == 1 else float("nan"),
+        comparison.fall,
+        comparison.required,
+        comparison.check_fall,
+        comparison.decision,
+        added,
+    )
+
+
+def alternatives_of(tree: SearchTree, margin: float) -> tuple[Alternative, ...]:
+    """Return the hypotheses that are worse than the best one by less than a margin of chi-square.
+
+    Args:
+        tree: the search.
+        margin: chi-square, priced by parameters.
+    """
+    best = tree.best
+    near = []
+    for other, worse in tree.alternatives():
+        new = tuple(name for name in other.effects if name not in best.effects)
+        if worse < margin and new:
+            model, free = other.model_and_free
+            effects = other.problem.effects
+            description = " and ".join(effects[name].card.description for name in new)
+            missing = tuple(name for name in best.effects if name not in other.effects)
+            near.append(
+                Alternative(
+                    " + ".join(new), description, missing, worse, model, free, other.information
+                )
+            )
+    return tuple(near)

@@ -16,8 +16,11 @@ from ..diagnosis.residual_report import ResidualReport
 from ..diagnosis.validation import Prediction
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
+from ..loop.assess import Finding
+from ..loop.hypothesis import NoiseHypothesis
+from ..loop.outcome import Outcome
+from ..loop.wording import noise_words
 from ..models.base import AbstractModel
-from .outcome import Outcome
 from .rounds import Alternative, Candidate, Round
 
 RUNAWAY_REMEDY = (
@@ -44,112 +47,45 @@ class Side:
 
 
 @dataclasses.dataclass(frozen=True)
-class RandomForces:
-    """Process noise: random forces that no signal predicts, such as those of turbulence.
-
-    Attributes:
-        places: places where the records show them to act: states by whose equations they enter, or
-            components of the air's motion.
-        air: those of all places that are components of the air's motion.
-        force: standard deviation of the random force in each uncertain equation [rate of the
-            state], and in the air [m/s].
-        time: correlation time of the forces [s].
-        parameters: values of the free parameters estimated jointly with the forces, by name;
-            without standard errors. Like the standard deviations they come from the records of the
-            search: without check records the first two thirds of each.
-        gain: twice the rise of the log-likelihood over sensor noise alone.
-    """
-
-    places: tuple[str, ...]
-    air: tuple[str, ...]
-    force: dict[str, float]
-    time: float
-    parameters: dict[str, float]
-    gain: float
-
-    def __str__(self) -> str:
-        sizes = ", ".join(
-            f"{self.force[name]:.3g} "
-            + (f"m/s in {name}" if name in self.air else f"in d({name})/dt")
-            for name in self.places
-        )
-        return (
-            f"random forces (process noise, as of turbulence) of standard deviation {sizes} and "
-            f"correlation time {self.time:.2g} s explain the residual. They bias estimates by "
-            "output error: `process_noise.parameters` are the estimates of a filter that includes "
-            "them."
-        )
-
-
-@dataclasses.dataclass(frozen=True)
-class ColouredNoise:
-    """Coloured sensor noise: the sum of a first-order Gauss-Markov process and white noise.
-
-    Attributes:
-        sensors: sensors whose noise the records show to be coloured.
-        deviation: standard deviation of the coloured part, by channel [unit of the channel].
-        white: standard deviation of the white part, by channel [unit of the channel].
-        time: correlation time of the coloured part, by channel [s].
-        units: units of the channels.
-        inflation: ratio of the variance of slow quantities to their variance under white noise of
-            the same size, in the worst sensor.
-        gain: twice the rise of the log-likelihood over white noise.
-    """
-
-    sensors: tuple[str, ...]
-    deviation: dict[str, float]
-    white: dict[str, float]
-    time: dict[str, float]
-    units: dict[str, str]
-    inflation: float
-    gain: float
-
-    def __str__(self) -> str:
-        each = ", ".join(
-            f"{self.deviation[name]:.3g} {self.units[name]}".rstrip()
-            + f" and {self.time[name]:.2g} s in {name}"
-            for name in self.sensors
-        )
-        return f"coloured noise of sensors (standard deviation and correlation time: {each})"
-
-
-@dataclasses.dataclass(frozen=True)
 class Study:
     """The result of `close_loop`.
 
     Attributes:
         verdict: the result in words.
         outcome: the result as one of six states.
+        findings: objections to the effects as the cause, as data.
         effects: names of the effects that were added and kept, in the order of their addition.
         descriptions: descriptions of these effects.
+        noise_model: the noise that the records show: white, coloured, or random forces, whose
+            parameters stand in `after.estimate` with standard errors.
         rounds: history of the search.
-        other_rounds: history of the search path that was abandoned, if the search was started
-            twice; else empty.
-        alternatives: effects that fit as well in place of one of the final model; `discrimination`
+        alternatives: hypotheses that fit about as well as that of the study; `discrimination`
             rates another record by its power to distinguish them.
+        next_best: the next best hypothesis and how much worse it is, in words.
         localisation: location of the training residual of the declared model (`before`) and of the
             model with the effects (`after`).
-        residual_reports: tests of the training residual of the same two models.
+        residual_reports: tests of the training residual of the same two models; the memory of a
+            noise model is removed from that of `after`.
         before, after: the declared model and the model with the effects, on the test records.
         noise: standard deviation of the noise by channel, known or estimated: from the complete
             residual of the last fit if that is noise, from its white part if effects are missing.
-        process_noise: the random forces if they explain the residual, else None.
-        coloured_noise: coloured sensor noise if the last residual consists of it, with effects or
-            without, else None.
         noise_known: True if the noise was given and the residual was tested against it; False if
             it was estimated.
         likelihood: the given measure of the misfit.
         outputs, output_units: names and units of the channels.
         tests: the test records by name.
+        interrupted: True if the search was stopped by the user.
     """
 
     verdict: str
     outcome: Outcome
+    findings: tuple[Finding, ...]
     effects: tuple[str, ...]
     descriptions: tuple[str, ...]
+    noise_model: NoiseHypothesis
     rounds: tuple[Round, ...]
-    other_rounds: tuple[Round, ...]
     alternatives: tuple[Alternative, ...]
+    next_best: str
     localisation: dict[str, LocalisationResult]
     residual_reports: dict[str, ResidualReport]
     before: Side
@@ -157,11 +93,10 @@ class Study:
     noise: dict[str, float]
     noise_known: bool
     likelihood: AbstractLikelihood
-    process_noise: RandomForces | None
-    coloured_noise: ColouredNoise | None
     outputs: tuple[str, ...]
     output_units: tuple[str, ...]
     tests: dict[str, Record]
+    interrupted: bool = False
 
     @property
     def runaways(self) -> tuple[str, ...]:
@@ -192,10 +127,12 @@ class Study:
             "after": pick(self.after.rms),
             "noise": self.noise,
             "noise_known": self.noise_known,
-            "process_noise": dataclasses.asdict(self.process_noise) if self.process_noise else None,
-            "coloured_noise": dataclasses.asdict(self.coloured_noise)
-            if self.coloured_noise
-            else None,
+            "noise_model": noise_words(self.noise_model),
+            "findings": [
+                {"check": one.check.name, "names": one.names, "numbers": one.numbers}
+                for one in self.findings
+            ],
+            "next_best": self.next_best,
             "tests": {
                 name: {"before": self.before.rms[name], "after": self.after.rms[name]}
                 for name in self.tests
@@ -208,7 +145,6 @@ class Study:
             "where": {side: _places(result) for side, result in self.localisation.items()},
             "alternatives": [_alternative(effect) for effect in self.alternatives],
             "rounds": [_round(entry) for entry in self.rounds],
-            "other_rounds": [_round(entry) for entry in self.other_rounds],
         }
 
     def to_json(self) -> str:
@@ -247,10 +183,12 @@ class Study:
         return preformatted(str(self))
 
     def __str__(self) -> str:
-        lines = [self.verdict, "", *self._search_lines(), *self._location_lines()]
+        stopped = ["The search was stopped; this is its best so far."] * self.interrupted
+        lines = [*stopped, self.verdict, self.next_best, "", *self._search_lines()]
+        lines += self._location_lines()
         for test in self.tests:
             lines += self._error_lines(test)
-        lines += [*self.runaways, *self._filter_lines()]
+        lines += self.runaways
         return "\n".join([*lines, "", str(self.after.estimate)])
 
     def _search_lines(self) -> list[str]:
@@ -258,13 +196,11 @@ class Study:
         lines = []
         for index, entry in enumerate(self.rounds, 1):
             added = f"added {entry.added}" if entry.added else "nothing added"
-            same = f", equivalent to {', '.join(entry.alternatives)}" if entry.alternatives else ""
-            best = f" (best score: {entry.candidates[0].name})" if entry.candidates else ""
-            lines.append(f"round {index}: {added}{same}{best}")
+            best = max(entry.candidates, key=lambda candidate: candidate.score, default=None)
+            lines.append(
+                f"round {index}: {added}" + (f" (best score: {best.name})" if best else "")
+            )
             lines += [f"         dropped {name}" for name in entry.dropped]
-        if self.other_rounds:
-            steps = ", ".join(str(entry.added) for entry in self.other_rounds if entry.added)
-            lines.append(f"another search path was abandoned: {steps}")
         return lines
 
     def _location_lines(self) -> list[str]:
@@ -288,20 +224,6 @@ class Study:
                 f"{name:<{width}} {before:>12.4g} {after:>12.4g} {self.noise[name]:>12.4g}  {unit}"
             )
         return lines
-
-    def _filter_lines(self) -> list[str]:
-        """Table of the parameters that were estimated with the random forces, if any."""
-        if not (self.process_noise and self.process_noise.parameters):
-            return []
-        width = max(map(len, self.process_noise.parameters))
-        return [
-            "",
-            "parameters estimated with the random forces, by a filter",
-            *(
-                f"{name:<{width}} {value:>12.6g}"
-                for name, value in self.process_noise.parameters.items()
-            ),
-        ]
 
 
 def _residual_tests(report: ResidualReport) -> dict[str, dict[str, Any]]:
@@ -331,8 +253,7 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
     """Fields by name, with the decision in words as `verdict`, the locations as `place`."""
     keys = {"decision": "verdict", "locations": "place"}
     names = [field.name for field in dataclasses.fields(candidate)]
-    chosen = [keys.get(name, name) for name in names if name != "collinear_with"]
-    return {key: getattr(candidate, key) for key in chosen}
+    return {keys.get(name, name): getattr(candidate, keys.get(name, name)) for name in names}
 
 
 def _alternative(alternative: Alternative) -> dict[str, Any]:

@@ -44,7 +44,7 @@ def test_sensitivity_pass_is_compiled_once_for_all_rounds(benchmark, costs):
     assert costs["warm"]["passes_compiled"] == 0
 
 
-def test_workbench_steps_are_timed_without_overlap(benchmark, costs):
+def test_steps_are_timed_without_overlap(benchmark, costs):
     for run in (costs["cold"], costs["warm"]):
         assert set(run["steps"]) == set(benchmark.STEPS)
         assert sum(run["steps"].values()) <= run["seconds"]  # none is counted within another

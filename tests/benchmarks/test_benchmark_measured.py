@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxid.study.outcome import Outcome
+from jaxid.loop.outcome import Outcome
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -57,13 +57,11 @@ def study():
         "cost_fall": 1.0,
         "name": "a",
         "score": 9.0,
-        "significance": 3.0,
         "check_fall": 0.1,
         "verdict": "added",
     }
     one = {
         "added": "a",
-        "alternatives": [],
         "dropped": [],
         "errors": {},
         "candidates": [candidate, {"cost_fall": None}],

@@ -12,8 +12,6 @@ import pytest
 
 from jaxid import RK4, simulate
 from jaxid.effects import Augmented, SensorBias, Term
-from jaxid.study.rounds import Candidate
-from jaxid.study.search import Search
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -60,17 +58,10 @@ def test_study_adds_planted_effect_and_no_effect_in_control(studies):
     assert control["ratio"] == pytest.approx(1.0, abs=1e-9)
 
 
-def test_left_out_effect_is_no_candidate(of, monkeypatch):
-    made_up = [
-        Candidate(name, family, (), "", 9.0, 9.0, 1.0, 1.0)
-        for name, family in (("a", "a"), ("b (from 1)", "b"))
-    ]
-    monkeypatch.setattr(Search, "candidates", lambda self, fitted, scores: tuple(made_up))
-    scenarios = of("scenarios")
-    planted = scenarios.planted(Term, "v", "x^3", gain=1.0, places=(), also=("b",))
-    with of("measure").left_out((planted,)):
-        assert [one.name for one in Search.candidates(None, None, None)] == ["a"]
-    assert len(Search.candidates(None, None, None)) == 2
+def test_names_of_planted_effects_and_of_equivalent_ones(of):
+    library = (Term("v", "x^3"), SensorBias("a"), Term("v", "x^2"))
+    planted = of("scenarios").planted(Term, "v", "x^3", gain=1.0, places=(), also=("bias of a",))
+    assert of("measure").names_of_planted(library, (planted,)) == ["x^3 in v", "bias of a"]
 
 
 def test_failed_study_reports_its_error(of):
@@ -201,7 +192,7 @@ def result(**changes):
             "seconds": 2.0,
         },
         **{"naive": {"first": "b", "right": False, "terms": 3}},
-        "rounds": [{"candidates": [["a", 50.0, 40.0, 90.0, 0.1, "added"]]}],
+        "alternatives": [[["a"], "White", 90.0]],
     } | changes
 
 
@@ -277,6 +268,6 @@ def test_shortfall_names_effect_added_instead(of):
     words = of("table").shortfall(
         result(first_right=False, effects=["b"], ratio=1.5, **{"in": [False]})
     )
-    assert words.startswith("b (explained; truth 100; a 50/90, check +0.100, added)")
+    assert words.startswith("b (explained; truth 100; worse by: a 90)")
     assert words.endswith("ratio 1.500")
     assert of("table").shortfall(result()) == ""

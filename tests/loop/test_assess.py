@@ -6,8 +6,8 @@ from searched_spring import fly, problem
 
 from jaxid import InputError
 from jaxid.effects import DeadBand, InputDelay, Placement, Term
-from jaxid.loop import search_effects
-from jaxid.loop.assess import Check, Verdict, one_function
+from jaxid.loop import Outcome, search_effects
+from jaxid.loop.assess import Check, one_function
 
 LATE_INPUT = InputDelay("force", jnp.array(0.1))
 CUBIC = Term("v", "x^3", jnp.array(-0.3))
@@ -35,7 +35,7 @@ def test_effects_elsewhere_are_proxies():
     found = search_effects(late)
     assert set(found.effects) == {"delay of x", "delay of v"}
     assert checks(found) == [Check.IN_PLACE]
-    assert found.verdict is Verdict.PROXIES
+    assert found.outcome is Outcome.PROXIES
 
 
 def test_lag_of_partial_gain_is_proxy():
@@ -46,7 +46,7 @@ def test_lag_of_partial_gain_is_proxy():
     found = search_effects(late)
     assert found.effects == ("lag of input force",)
     assert checks(found) == [Check.UNIT_GAIN]
-    assert found.verdict is Verdict.PROXIES
+    assert found.outcome is Outcome.PROXIES
 
 
 def test_faint_effect_is_proxy():
@@ -54,7 +54,7 @@ def test_faint_effect_is_proxy():
     found = search_effects(problem(13, FAINT))
     assert found.effects == ("x^3 in v",)
     assert checks(found) == [Check.ALTERNATIVE]
-    assert found.verdict is Verdict.PROXIES
+    assert found.outcome is Outcome.PROXIES
 
 
 def test_effect_that_does_not_carry_over_is_proxy():
@@ -62,7 +62,7 @@ def test_effect_that_does_not_carry_over_is_proxy():
     assert found.effects == ("x^3 in v",)
     assert checks(found) == [Check.CARRIES_OVER]
     assert found.assessment.findings[0].names == ("new spring",)
-    assert found.verdict is Verdict.PROXIES
+    assert found.outcome is Outcome.PROXIES
 
 
 def test_library_without_an_unknown_name_is_refused():

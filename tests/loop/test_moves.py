@@ -6,12 +6,12 @@ import pytest
 from searched_spring import problem
 
 from jaxid.effects import InputDelay, SensorBias, Term
-from jaxid.loop import Coloured, Hypothesis, SearchOptions, search_effects
+from jaxid.loop import Coloured, Hypothesis, LoopOptions, search_effects
 from jaxid.loop.evidence import Decision, compare
 from jaxid.loop.fit import fit
 from jaxid.loop.moves import Proposals, noise_moves
 
-OPTIONS = SearchOptions()
+OPTIONS = LoopOptions()
 SQUARE, CUBIC = Term("v", "x^2", jnp.array(0.1)), Term("v", "x^3", jnp.array(-0.1))
 
 
@@ -49,7 +49,7 @@ def test_superfluous_effect_is_dropped():
 def test_best_candidate_of_every_place_is_proposed():
     """Seven effects act on the motion, one is a small bias of a sensor."""
     given = problem(24, Term("v", "x^3", jnp.array(-0.3)), SensorBias("v", jnp.array(0.05)))
-    moves = Proposals(fit(given, Hypothesis()), SearchOptions(refits=1)).additions()
+    moves = Proposals(fit(given, Hypothesis()), LoopOptions(refits=1)).additions()
     places = {given.effects[move.into[0]].card.location for move in moves}
     assert len(places) > 1
 
@@ -65,5 +65,5 @@ def test_noise_is_proposed_where_it_explains_the_residual():
 
 def test_wider_beam_finds_the_same_pair():
     given = problem(5, Term("v", "x^3", jnp.array(-0.3)), SensorBias("v", jnp.array(0.1)))
-    found = search_effects(given, options=SearchOptions(beam_width=2))
+    found = search_effects(given, options=LoopOptions(beam_width=2))
     assert set(found.effects) == {"x^3 in v", "bias of v"}

@@ -6,8 +6,8 @@ import pytest
 from searched_spring import fly, problem
 
 from jaxid.effects import SensorBias, SensorDelay, SensorScale, Term
-from jaxid.loop import Coloured, Hypothesis, RandomForces, White, search_effects
-from jaxid.loop.assess import Check, Verdict
+from jaxid.loop import Coloured, Hypothesis, Outcome, RandomForces, White, search_effects
+from jaxid.loop.assess import Check
 from jaxid.loop.fit import fit
 
 CUBIC = Term("v", "x^3", jnp.array(-0.3))
@@ -18,7 +18,7 @@ SCALED = SensorScale("v", jnp.array(0.1))
 
 def test_cubic_term_is_named_as_the_cause():
     found = search_effects(problem(1, CUBIC), test={"test": fly(99, CUBIC)})
-    assert found.verdict is Verdict.CAUSE
+    assert found.outcome is Outcome.EXPLAINED
     assert found.effects == ("x^3 in v",)
     gain, error = found.estimates["x^3 in v.gain"]
     assert abs(gain + 0.3) < 4.0 * error
@@ -30,7 +30,7 @@ def test_cubic_term_is_named_as_the_cause():
 
 def test_nothing_is_added_where_nothing_is_missing():
     found = search_effects(problem(2))
-    assert found.verdict is Verdict.NOTHING_MISSING
+    assert found.outcome is Outcome.NOTHING_MISSING
     assert found.effects == ()
     assert isinstance(found.hypothesis.noise, White)
 
@@ -38,32 +38,32 @@ def test_nothing_is_added_where_nothing_is_missing():
 def test_absent_effect_is_not_named():
     """`assess.noise_like` decides alone: no other candidate imitates a scale of the sensor."""
     found = search_effects(problem(3, SCALED).without("scale of v"))
-    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PROXIES)
+    assert found.outcome in (Outcome.UNEXPLAINED, Outcome.PROXIES)
     assert [finding.check for finding in found.assessment.findings] == [Check.NOISE_LIKE]
 
 
 @pytest.mark.parametrize("effect", [LATE, BIASED])
 def test_error_of_a_sensor_is_named(effect):
     found = search_effects(problem(4, effect))
-    assert (found.verdict, found.effects) == (Verdict.CAUSE, (effect.name,))
+    assert (found.outcome, found.effects) == (Outcome.EXPLAINED, (effect.name,))
 
 
 def test_two_effects_are_named():
     found = search_effects(problem(5, CUBIC, BIASED))
-    assert found.verdict is Verdict.CAUSE
+    assert found.outcome is Outcome.EXPLAINED
     assert set(found.effects) == {CUBIC.name, BIASED.name}
 
 
 def test_coloured_noise_of_sensors_is_told():
     found = search_effects(problem(6, memory=0.8))
-    assert found.verdict is Verdict.NOISE
+    assert found.outcome is Outcome.COLOURED_NOISE
     assert isinstance(found.hypothesis.noise, Coloured)
     assert found.effects == ()
 
 
 def test_random_forces_are_told_with_their_size():
     found = search_effects(problem(7, gust=0.3))
-    assert found.verdict is Verdict.NOISE
+    assert found.outcome is Outcome.PROCESS_NOISE
     assert isinstance(found.hypothesis.noise, RandomForces)
     assert found.hypothesis.noise.equations == ("v",)
     for name, true in (("process.force_v", 0.3), ("k", 1.5), ("sensor.x", 0.02)):
@@ -75,12 +75,12 @@ def test_random_forces_are_told_with_their_size():
 def test_constant_force_is_not_taken_for_noise():
     """No candidate is constant; a random force that never changes is no noise."""
     found = search_effects(problem(9, Term("v", "1", jnp.array(0.1))))
-    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PROXIES)
+    assert found.outcome in (Outcome.UNEXPLAINED, Outcome.PROXIES)
 
 
 def test_effect_under_coloured_noise_is_named():
     found = search_effects(problem(8, CUBIC, memory=0.8))
-    assert found.verdict is Verdict.CAUSE
+    assert found.outcome is Outcome.EXPLAINED
     assert found.effects == (CUBIC.name,)
     assert isinstance(found.hypothesis.noise, Coloured)
 

@@ -14,10 +14,10 @@ from scipy.signal import StateSpace, lsim
 
 from jaxid import FixedNoise, GaussNewton, LoopOptions, close_loop, estimate, predict
 from jaxid.effects import InputDelay, SensorBias, SensorSaturation, SensorScale, StateLimit, Term
+from jaxid.loop.outcome import Outcome
 from jaxid.measured import emps, emps_closed_loop, silverbox, tanks
 from jaxid.measured.emps import GTAU, KP, KV
 from jaxid.study.candidates import candidates
-from jaxid.study.outcome import Outcome
 
 # Held-out RMS of independent simple fits of the same models, as far as known. They agree within a
 # few per cent, because their authors weighted the records differently. [V, V, m, V]

@@ -17,11 +17,10 @@ from jaxid.diagnosis.autoregression import autoregressive_r2
 from jaxid.diagnosis.validation import Prediction
 from jaxid.effects import Effect, EffectCard, Location, LocationKind, Term
 from jaxid.loop.heldout_error import difference_error, mean_log, uncertainty
+from jaxid.loop.outcome import Outcome
 from jaxid.models import FixedNoise
 from jaxid.report import html
 from jaxid.report.tables import decided
-from jaxid.study.outcome import Outcome
-from jaxid.study.verdict import grown
 
 CUBE = Term("v", "x^3", gain=jnp.array(-0.5))
 LIBRARY = (Term("v", "x^2"), Term("v", "x^3"))
@@ -60,17 +59,6 @@ def test_candidate_with_nonfinite_derivatives_raises_error_with_its_name():
         close_loop(
             model, chosen, OutputError(), train=train, check=check, effects=(*LIBRARY, Infinite())
         )
-
-
-def test_caveat_names_single_channel_with_worse_prediction():
-    """The mean over channels improves; a channel without samples is not tested."""
-    v = jnp.asarray(np.random.default_rng(0).normal(size=(1, 2000, 3)))
-    mask = jnp.ones(v.shape, bool).at[..., 2].set(False)
-    old, new = prediction(v, mask), prediction(v * jnp.array([0.5, 1.2, 1.0])[None, None], mask)
-    assert grown("test", old, new, ("r", "ay", "p")) == (
-        "But the error on test grows with it in ay by 20%.",
-    )
-    assert grown("test", old, old, ("r", "ay", "p")) == ()
 
 
 def test_error_omits_channel_without_samples():
@@ -139,11 +127,6 @@ def test_records_of_final_estimate_are_predicted_by_search_estimate():
     assert alone.after.rms["check"]["x"] != given.after.rms["check"]["x"]
     np.testing.assert_array_equal(alone.after.estimate.values, given.after.estimate.values)
     assert decided(alone) == ("check",)
-    failed = [
-        dataclasses.replace(entry, errors={name: {"x": np.nan} for name in entry.errors})
-        for entry in alone.rounds
-    ]
-    assert decided(dataclasses.replace(alone, rounds=tuple(failed))) == ("check",)
 
 
 def test_overstated_noise_yields_location_and_report():

@@ -200,7 +200,7 @@ def test_defaults_of_file_equal_defaults_of_loop(said):
             "refits = 2.5",
             r"\[loop\] refits: found 2.5, and a whole number is wanted",
         ),
-        ("level = 0.05", "beam_width = 3", r"\[loop\]: beam_width is 3; it must be 1 or 2"),
+        ("level = 0.05", "beam_width = 0", r"\[loop\]: beam_width is 0; it must be at least 1"),
         (
             "own_springs:own",
             "own_springs:wrong",

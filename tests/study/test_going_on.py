@@ -12,8 +12,8 @@ from test_static_model import Lift
 import jaxid
 from jaxid._foundation.checks import InputError
 from jaxid.effects import InputLag, SensorSaturation, Term, general_effects
+from jaxid.loop.outcome import Outcome
 from jaxid.study.candidates import candidates
-from jaxid.study.outcome import Outcome
 
 LAG = InputLag("force", gain=jnp.array(1.0), time=jnp.array(0.4))
 CUBE, SQUARE = (

@@ -8,7 +8,7 @@ import pytest
 
 from jaxid import AbstractModel, OutputError, close_loop, free, record
 from jaxid.effects import InputDelay, SensorBias, Term
-from jaxid.study.outcome import Outcome
+from jaxid.loop.outcome import Outcome
 
 SPEED, STEP, SAMPLES, WINDOW = 150.0, 0.05, 300, 50  # m/s, s
 GUST, MEMORY = 1.0, 1.0  # standard deviation [m/s] and correlation time [s] of the vertical gusts
@@ -93,8 +93,10 @@ def test_turbulence_is_reported_although_it_acts_on_vane(seed):
         window=WINDOW,
     )
     assert (result.outcome, result.effects) == (Outcome.PROCESS_NOISE, ())
-    assert "gust_w" in result.process_noise.places
+    assert result.noise_model.air == ("gust_w",)
     # 45 s of records are 45 correlation times; the standard error of a standard deviation is then
     # 1/sqrt(2 * 45) = 10 %. The limit is two standard errors.
-    assert result.process_noise.force["gust_w"] == pytest.approx(np.std(gusts[:3]), rel=0.21)
-    assert "m/s in gust_w" in result.verdict
+    assert float(result.after.estimate.value("process.gust_w")) == pytest.approx(
+        np.std(gusts[:3]), rel=0.21
+    )
+    assert "random forces in gust_w" in result.verdict

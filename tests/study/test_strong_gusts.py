@@ -9,13 +9,8 @@ import numpy as np
 import pytest
 
 import jaxid
-from jaxid.data import stack
-from jaxid.diagnosis.process_noise import process_noise
-from jaxid.effects import InputDelay, LocationKind, Term
-from jaxid.estimation import estimate
-from jaxid.estimation.problem import Problem
-from jaxid.models.free import Parameters
-from jaxid.study.outcome import Outcome
+from jaxid.effects import InputDelay, Term
+from jaxid.loop.outcome import Outcome
 
 SPEED, STEP, SAMPLES, GRAVITY = 150.0, 0.05, 300, 9.81  # m/s, s, m/s^2
 GUST, MEMORY = 3.0, 1.0  # standard deviation [m/s] and correlation time [s] of the lateral gusts
@@ -106,36 +101,6 @@ def declared(first, count=3):
     )
 
 
-def test_strong_gusts_and_derivatives_are_estimated():
-    records, gusts, model, free = declared(800)
-    fit = estimate(model, free, stack(list(records)), jaxid.OutputError())
-    problem = Problem.of(fit.model, free, stack(list(records)), jaxid.OutputError())
-    begin = Parameters(
-        jnp.array([0.8 * TRUE[name] for name in TRUE if name != KNOWN] + [0.0] * 5),
-        jnp.zeros((3, 4)),
-    )
-    result = process_noise(
-        problem,
-        fit.parameters,
-        jnp.array([GUST]),
-        ((LocationKind.AIR, ("gust_v",)),),
-        False,
-        (begin,),
-    )
-    # 45 s are 45 correlation times; the standard error of a standard deviation is then
-    # 1/sqrt(2 * 45) = 10 %, of the time twice that. The limit is two standard errors.
-    assert float(result.force[0]) == pytest.approx(np.std(gusts), rel=0.21)
-    assert float(result.time[0]) == pytest.approx(MEMORY, rel=0.42)
-    true = np.array([value for name, value in TRUE.items() if name != KNOWN])
-    by_filter, by_output_error = (
-        np.abs(np.asarray(parameters.shared)[: true.size] / true - 1.0)
-        for parameters in (result.parameters, fit.parameters)
-    )
-    assert np.max(by_output_error) > 0.3
-    # three standard errors of the least accurate parameter, the yaw damping
-    assert np.max(by_filter) < 0.045
-
-
 def test_loop_restarts_filter_from_declared_values():
     """Here output error takes the gusts for no yaw damping at all, from where the filter finds a
     wind that wanders.
@@ -153,11 +118,10 @@ def test_loop_restarts_filter_from_declared_values():
     )
     assert study.outcome is Outcome.PROCESS_NOISE
     assert abs(study.before.estimate.value("derivatives.Nr") / TRUE["Nr"] - 1.0) > 0.3
-    process_noise = study.process_noise
-    assert process_noise.force["gust_v"] == pytest.approx(np.std(gusts[:3]), rel=0.21)
-    assert process_noise.time == pytest.approx(MEMORY, rel=0.42)
-    assert [*process_noise.parameters] == [*study.before.estimate.names]
+    estimate = study.after.estimate
+    assert float(estimate.value("process.gust_v")) == pytest.approx(np.std(gusts[:3]), rel=0.21)
+    assert float(estimate.value("correlation_time.gust_v")) == pytest.approx(MEMORY, rel=0.42)
     for name in FREE:
-        assert process_noise.parameters[name] == pytest.approx(
+        assert float(estimate.value(name)) == pytest.approx(
             TRUE[name.removeprefix("derivatives.")], rel=0.045
         )

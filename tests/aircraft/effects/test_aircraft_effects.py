@@ -39,11 +39,13 @@ from jaxid.effects import Augmented
 from jaxid.effects.library import initialise_shapes
 from jaxid.effects.parameter import ParameterDrift, ParameterShift, ParameterStep, parameter_effects
 from jaxid.estimation import OutputError
+from jaxid.loop import Hypothesis, LoopOptions, LoopProblem
+from jaxid.loop.fit import fit
+from jaxid.loop.moves import Proposals
+from jaxid.loop.search import with_shapes
 from jaxid.models import AbstractModel, free, parameter_names, with_values
 from jaxid.models.names import read_parameters
 from jaxid.simulation import RK4, simulate
-from jaxid.study.close_loop import SOLVER, as_stack
-from jaxid.study.workbench import Workbench
 
 CHANNELS = ("alpha", "beta", "V", "p", "q", "r", "phi", "pitch", "ax", "ay", "az", "altitude")
 AIRCRAFT = Aircraft(
@@ -422,7 +424,7 @@ NOISE = jnp.array([9e-4, 1.7e-3, 9e-4, 0.03, 0.08, 0.3])
 
 
 @pytest.fixture(scope="module")
-def workbench():
+def problem():
     """Three flights with a dropped store, and the declared model with candidates on the mass."""
     aircraft = true_aircraft()
     trimmed, elevator, thrust = level_trim(aircraft, LONGITUDINAL_SPEED)
@@ -454,25 +456,28 @@ def workbench():
         ParameterShift("thrust"),
         ParameterDrift("Iy"),
     )
-    return Workbench(aircraft, chosen, candidates, OutputError(), as_stack(records), SOLVER)
+    return LoopProblem.of(aircraft, candidates, chosen, OutputError(), records, records)
 
 
-def test_dropped_mass_scores_best_and_its_time_is_estimated(workbench):
+def test_dropped_mass_scores_best_and_its_time_is_estimated(problem):
     """The refit starts 0.6 s from the drop. The gain is estimated to four standard errors; the
     time, which the jump of the accelerometer determines sharply, to half a sample.
     """
-    base = workbench.set_shapes(workbench.base())
-    scores = np.asarray(workbench.score(base).score)
-    best = max(workbench.effects, key=lambda name: scores[workbench.columns.gains[name]])
-    assert workbench.effects[best].card.family == "step of mass"
+    declared = fit(problem, Hypothesis())
+    shaped, _ = with_shapes(declared)
+    declared = dataclasses.replace(declared, problem=shaped)
+    proposals = Proposals(declared, LoopOptions())
+    scores = {effect.name: proposals.score(effect) for effect in proposals.candidates}
+    best = max(scores, key=lambda name: scores[name])
+    assert shaped.effects[best].card.family == "step of mass"
     others = [
-        scores[workbench.columns.gains[name]]
-        for name, effect in workbench.effects.items()
-        if effect.card.family != "step of mass"
+        score
+        for name, score in scores.items()
+        if shaped.effects[name].card.family != "step of mass"
     ]
-    assert scores[workbench.columns.gains[best]] > max(others) + 100.0
-    fitted = workbench.fit((best,), base.values, base.fit.parameters.rows)
-    estimates = workbench.standard_errors(fitted)
+    assert scores[best] > max(others) + 100.0
+    fitted = fit(shaped, Hypothesis((best,)), declared)
+    estimates = fitted.estimates
     gain, error = estimates[f"{best}.gain"]
     assert abs(gain - DROP) < 4.0 * error < 0.2 * abs(DROP)
     assert abs(estimates[f"{best}.time"][0] - TIME) < 0.02

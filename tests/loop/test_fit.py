@@ -13,19 +13,20 @@ from jaxid.effects.equation import StateLimit, Term
 from jaxid.effects.input import InputLag
 from jaxid.effects.sensor import SensorBias
 from jaxid.estimation.estimate import as_stack
-from jaxid.loop import fit
+from jaxid.loop import Hypothesis, LoopProblem, problem
+from jaxid.loop import fit as fits
 from jaxid.loop.compilation import operations, use_reduced_model
-from jaxid.loop.fit import worth_continuing
-from jaxid.study import loop_problem
-from jaxid.study.close_loop import SOLVER
-from jaxid.study.workbench import Workbench
+from jaxid.loop.fit import fit, worth_continuing
+from jaxid.loop.problem import SEARCH_SOLVER
+from jaxid.loop.search import with_shapes
+from jaxid.loop.thresholds import MIN_COST_FALL
 
 LIBRARY = (Term("v", "x^3"), InputLag("force"), SensorBias("x"), StateLimit("x", "v"))
 CUBIC = Term("v", "x^3", jnp.array(-0.3))
 
 
-def _workbench(monkeypatch, reduced: bool, solver=SOLVER) -> Workbench:
-    monkeypatch.setattr(loop_problem, "use_reduced_model", lambda model, samples: reduced)
+def _problem(monkeypatch, reduced: bool, solver=SEARCH_SOLVER) -> LoopProblem:
+    monkeypatch.setattr(problem, "use_reduced_model", lambda model, samples: reduced)
     model = Spring(jnp.array(1.5), jnp.array(0.2))
     chosen = free(
         model,
@@ -36,41 +37,35 @@ def _workbench(monkeypatch, reduced: bool, solver=SOLVER) -> Workbench:
         prior={"k": (1.2, 0.5)},
     )
     records = as_stack([fly(70 + seed, CUBIC)[0] for seed in range(2)])
-    return Workbench(model, chosen, LIBRARY, OutputError(), records, solver)
+    return LoopProblem.of(model, LIBRARY, chosen, OutputError(), records, records, solver=solver)
 
 
-def _both(monkeypatch, named, solver=SOLVER):
-    """For each of two starts: workbench and fit with the complete library, and with the reduced
-    model.
-    """
+def _both(monkeypatch, named, solver=SEARCH_SOLVER):
+    """For each of two starts: the fit with the complete library, and with the reduced model."""
     fits = []
     for reduced in (False, True):
-        workbench = _workbench(monkeypatch, reduced, solver)
-        declared = workbench.set_shapes(workbench.base())
-        workbench.score(declared)  # so that the fit reuses the sensitivities at its start
-        values = np.array(declared.values)
-        values[[workbench.columns.gains[name] for name in named]] = 0.05
-        rows = declared.fit.parameters.rows
-        fits.append(
-            [(workbench, workbench.fit(named, at, rows)) for at in (declared.values, values)]
-        )
+        declared = fit(_problem(monkeypatch, reduced, solver), Hypothesis())
+        given, _ = with_shapes(declared)
+        declared = dataclasses.replace(declared, problem=given)
+        starts = ({}, {f"{name}.gain": 0.05 for name in named})
+        fits.append([fit(given, Hypothesis(named), declared, start) for start in starts])
     return zip(*fits, strict=True)
 
 
 @pytest.mark.parametrize("named", [(), ("x^3 in v",), ("lag of input force", "bias of x")])
 def test_fit_in_reduced_model_equals_fit_in_complete_library(monkeypatch, named):
-    for (complete, padded), (reduced, fitted) in _both(monkeypatch, named):
-        assert padded.columns == fitted.columns
-        assert fitted.fit.parameters.shared.size == len(fitted.columns)
+    for padded, fitted in _both(monkeypatch, named):
+        assert padded.estimation.names == fitted.estimation.names
+        assert fitted.solution.parameters.shared.size == len(fitted.estimation.names)
         np.testing.assert_allclose(fitted.cost, padded.cost, rtol=1e-9)
-        known = complete.standard_errors(padded)
-        for name, (value, error) in reduced.standard_errors(fitted).items():
+        known = padded.estimates
+        for name, (value, error) in fitted.estimates.items():
             # The steps differ by rounding, which an ill-determined direction magnifies, so the
             # limit is in standard errors.
             assert abs(value - known[name][0]) < 1e-6 * known[name][1]
             np.testing.assert_allclose(error, known[name][1], rtol=1e-5)
-        rows = padded.fit.parameters.rows
-        np.testing.assert_allclose(fitted.fit.parameters.rows, rows, rtol=1e-6, atol=1e-9)
+        rows = padded.solution.parameters.rows
+        np.testing.assert_allclose(fitted.solution.parameters.rows, rows, rtol=1e-6, atol=1e-9)
 
 
 def test_reduced_and_padded_fits_of_effect_with_corner_take_same_first_steps(monkeypatch):
@@ -79,30 +74,30 @@ def test_reduced_and_padded_fits_of_effect_with_corner_take_same_first_steps(mon
     Rounding decides which of the later steps are rejected there, so that the ends of two iterations
     differ by more than rounding, on one processor less than on another.
     """
-    monkeypatch.setattr(fit, "MAX_CONTINUATIONS", 0)
-    first = dataclasses.replace(SOLVER, max_steps=8)
-    for (_, padded), (_, fitted) in _both(monkeypatch, (LIBRARY[3].name,), first):
+    monkeypatch.setattr(fits, "MAX_CONTINUATIONS", 0)
+    first = dataclasses.replace(SEARCH_SOLVER, max_steps=8)
+    for padded, fitted in _both(monkeypatch, (LIBRARY[3].name,), first):
         np.testing.assert_allclose(fitted.cost, padded.cost, rtol=1e-9)
         np.testing.assert_allclose(fitted.values, padded.values, rtol=1e-6, atol=1e-9)
 
 
 def test_reduced_and_padded_fits_of_effect_with_corner_end_at_equal_evidence(monkeypatch):
     """The ends differ by less than the smallest fall for which a search continues a fit."""
-    for (_, padded), (_, fitted) in _both(monkeypatch, (LIBRARY[3].name,)):
-        assert abs(fitted.cost - padded.cost) < fit.MIN_COST_FALL
+    for padded, fitted in _both(monkeypatch, (LIBRARY[3].name,)):
+        assert abs(fitted.cost - padded.cost) < MIN_COST_FALL
 
 
 def test_fit_stopped_by_its_iteration_limit_is_continued(monkeypatch):
     """A search compares converged fits."""
     patient, brief = (
-        _workbench(monkeypatch, False, dataclasses.replace(SOLVER, max_steps=most))
+        _problem(monkeypatch, False, dataclasses.replace(SEARCH_SOLVER, max_steps=most))
         for most in (100, 4)
     )
-    start = patient.base().values
-    converged = patient.fit(["x^3 in v"], start).cost
-    assert abs(brief.fit(["x^3 in v"], start).cost - converged) < SOLVER.least_fall
-    monkeypatch.setattr(fit, "MAX_CONTINUATIONS", 0)
-    assert brief.fit(["x^3 in v"], start).cost > converged + 10.0
+    cubic = Hypothesis(("x^3 in v",))
+    converged = fit(patient, cubic).cost
+    assert abs(fit(brief, cubic).cost - converged) < SEARCH_SOLVER.least_fall
+    monkeypatch.setattr(fits, "MAX_CONTINUATIONS", 0)
+    assert fit(brief, cubic).cost > converged + 10.0
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""`Outcome`: the result of a closed loop, as one of six states."""
+"""`Outcome`: the result of a search for missing effects, as one of six states."""
 
 import enum
 

@@ -1,0 +1,82 @@
+"""`StudyRecords`: the training, check and test records of a study."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .._foundation.checks import require
+from ..data.record import Record
+from ..data.stack import split_at, stack, unstack
+from ..estimation.estimate import as_stack
+
+Records = Record | Sequence[Record]
+
+
+class StudyRecords(NamedTuple):
+    """The records of a study.
+
+    Attributes:
+        fitted: training records of the search, a stack.
+        complete: the complete training records, if their last third is the check; else None.
+        check: records that decide, a stack.
+        tests: records that are reported, by name.
+        own_tests: False if the check records are reported.
+    """
+
+    fitted: Record
+    complete: Record | None
+    check: Record
+    tests: dict[str, Record]
+    own_tests: bool
+
+    @property
+    def used(self) -> Record:
+        """Records of the final estimate."""
+        return self.fitted if self.complete is None else self.complete
+
+
+def study_records(
+    train: Records,
+    check: Records | None,
+    test: Records | Mapping[str, Records] | None,
+    window: int | None,
+) -> StudyRecords:
+    """Return the records as stacks; without check records the training records are cut.
+
+    Args:
+        train, check, test, window: arguments of `close_loop`.
+    """
+    fitted, complete = as_stack(train), None
+    if check is None:
+        complete = fitted
+        fitted, check = _cut_last_third(fitted, window)
+    check = as_stack(check)
+    return StudyRecords(fitted, complete, check, _tests(test, check), test is not None)
+
+
+def _tests(test, check: Record) -> dict[str, Record]:
+    """Return the sets of records to report, by name."""
+    if test is None:
+        return {"check": check}
+    if isinstance(test, Mapping):
+        require(
+            len(test) > 0, "`test` is empty. Give at least one set of records, or leave it out."
+        )
+        return {name: as_stack(records) for name, records in test.items()}
+    return {"test": as_stack(test)}
+
+
+def _cut_last_third(train: Record, window: int | None) -> tuple[Record, Record]:
+    """Return the first two thirds of each record, and the records with their last third valid.
+
+    The check starts at the start of the record, so that it needs no initial state in the middle of
+    a motion.
+    """
+    records = unstack(train)
+    ends = [round(2 / 3 * record.t.shape[0]) for record in records]
+    first = stack([split_at(record, end)[0] for record, end in zip(records, ends, strict=True)])
+    row = jnp.arange(train.t.shape[1])[None]
+    kept = (row >= jnp.array(ends)[:, None]) | (row < (window or 0))
+    return first, eqx.tree_at(lambda record: record.mask, train, train.mask & kept[..., None])

@@ -80,7 +80,7 @@ def sensor_sets(
         rows = np.concatenate([triangles[name] for name in sensors])
         count = rows.shape[1] - known.shape[1]
         padded = np.pad(rows, ((0, rows.shape[1]), (0, 0)))
-        shared = np.linalg.qr(padded, mode="r")[count:, count:]
+        shared = np.asarray(np.linalg.qr(padded, mode="r"))[count:, count:]
         value = float(measure.cost(np.concatenate([shared, known])))
         return value if np.isfinite(value) else np.inf
 
@@ -138,7 +138,8 @@ def _triangles(model, free, records, likelihood, initial_state) -> dict[str, np.
         _sensitivities(model, free.positions(model), flat, records.anonymous(), likelihood), -1
     )[0]
     return {
-        name: np.linalg.qr(rows[:, index], mode="r") for index, name in enumerate(model.outputs)
+        name: np.asarray(np.linalg.qr(rows[:, index], mode="r"))
+        for index, name in enumerate(model.outputs)
     }
 
 

@@ -102,7 +102,7 @@ class LoopFit:
     def information(self) -> Float[np.ndarray, "row parameter"]:
         """Factor of the information on the free parameters, without the padding columns."""
         factor = np.asarray(self.solution.information.factor)[:, : len(self.estimation.names)]
-        return np.linalg.qr(factor, mode="r")
+        return np.asarray(np.linalg.qr(factor, mode="r"))
 
     @cached_property
     def values(self) -> Float[np.ndarray, " column"]:

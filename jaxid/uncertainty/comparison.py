@@ -84,6 +84,20 @@ class ErrorComparison(eqx.Module):
         return "\n".join(lines)
 
 
+def _require_same_parameters(
+    estimate: Estimate, considered: FixedConstants | None, bootstrap: Bootstrap | None
+) -> None:
+    """Refuse results of another estimate."""
+    for name, other in (
+        ("considered", considered and considered.parameters),
+        ("bootstrap", bootstrap and bootstrap.names),
+    ):
+        require(
+            other is None or tuple(other) == estimate.names,
+            f"`{name}` has the parameters of another estimate.",
+        )
+
+
 def compare_errors(
     estimate: Estimate,
     *,
@@ -105,14 +119,7 @@ def compare_errors(
     Raises:
         InputError: for results of another estimate.
     """
-    for name, other in (
-        ("considered", considered and considered.parameters),
-        ("bootstrap", bootstrap and bootstrap.names),
-    ):
-        require(
-            other is None or tuple(other) == estimate.names,
-            f"`{name}` has the parameters of another estimate.",
-        )
+    _require_same_parameters(estimate, considered, bootstrap)
     coloured = np.asarray(estimate.corrected_errors)
     errors = {
         ErrorKind.CRAMER_RAO: np.asarray(estimate.standard_errors),

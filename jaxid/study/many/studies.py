@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ..outcome import Outcome
+from ...loop.outcome import Outcome
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -260,7 +260,7 @@ def _means(t: np.ndarray, clock: np.ndarray, step: float) -> Weights:
 
 def _nearest(t: np.ndarray, clock: np.ndarray, step: float) -> Weights:
     """Return weights of the line to the instant that is nearest to each sample."""
-    rows = [NONE] * len(clock)
+    rows: list[tuple[int, np.ndarray]] = [NONE] * len(clock)
     for instant in np.unique(np.round((t - clock[0]) / step).astype(int)):
         if 0 <= instant < len(clock):
             rows[instant] = _line(t, float(clock[instant]))

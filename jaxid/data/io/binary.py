@@ -136,10 +136,11 @@ def mat73_variables(path: Path) -> dict[str, np.ndarray]:
         ) from error
     try:
         with h5py.File(path, "r") as file:
+            datasets = {str(key): file[key] for key in file}
             return {
-                str(key): np.asarray(file[key]).T
-                for key in file
-                if isinstance(file[key], h5py.Dataset) and file[key].dtype.kind in "biuf"
+                key: np.asarray(data).T
+                for key, data in datasets.items()
+                if isinstance(data, h5py.Dataset) and data.dtype.kind in "biuf"
             }
     except (OSError, KeyError, RuntimeError, UnicodeError) as error:
         raise InputError(

@@ -7,6 +7,9 @@ cases starts far away and ends at the limit of 200 steps. The time of the mixed 
 of the slow cases alone is divided by the time of the other cases alone.
 
 `--devices N` distributes the cases over N host devices, and compares the wall time with one device.
+
+`--gpu` compares the wall time per case of JAX's default device with that of the CPU, by number of
+cases; its options stand in `many_cases_gpu`.
 """
 
 import argparse
@@ -26,6 +29,11 @@ SLOW_START = (0.02, 0.003)  # no convergence within the limit of 200 steps
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print one table, or with `--json` one object."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    if "--gpu" in arguments:
+        from benchmarks import many_cases_gpu
+
+        return many_cases_gpu.main([one for one in arguments if one != "--gpu"])
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, nargs="+", default=[1, 100, 1000])
     parser.add_argument("--slow-cases", type=int, default=1000, help="cases of the mixed batch")

@@ -51,7 +51,16 @@ from .models import (
     save,
 )
 from .simulation import RK4, Adaptive, hold, simulate
-from .study import Identification, LoopOptions, Outcome, Study, close_loop, consistency, identify
+from .study import (
+    Identification,
+    LoopOptions,
+    Outcome,
+    Study,
+    advice,
+    close_loop,
+    consistency,
+    identify,
+)
 from .uncertainty import propagate
 
 __all__ = [  # noqa: RUF022 (grouped by subject)
@@ -121,6 +130,7 @@ __all__ = [  # noqa: RUF022 (grouped by subject)
     "prediction_bands",
     "residual_tests",
     # Studies
+    "advice",
     "close_loop",
     "Study",
     "Outcome",

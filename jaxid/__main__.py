@@ -1,5 +1,5 @@
 """Command line: find the effect that a model lacks, add it, and report the errors; estimate many
-records.
+records; design the next one.
 """
 
 import dataclasses
@@ -26,8 +26,10 @@ from .aircraft.flight.longitudinal_flight import longitudinal_flight
 from .aircraft.flight.simulated_flight import SimulatedFlight, realised_noise
 from .batches import Progress as BatchProgress
 from .batches import estimate_many, summary
+from .batches.parts import Part
+from .data import write_csv
 from .data.io.study import read_study
-from .estimation import OutputError
+from .estimation import OutputError, estimate
 from .measured import emps, silverbox, tanks
 
 try:
@@ -47,8 +49,9 @@ except ModuleNotFoundError as missing:
         file=sys.stderr,
     )
     raise SystemExit(2) from None
-from .study import Study, close_loop
-from .study.from_file import BuiltIn, case_of
+from .study import Study, close_loop, next_record
+from .study.design_from_file import design_section, informative_input
+from .study.from_file import BuiltIn, Case, case_of
 
 app = typer.Typer(add_completion=False, no_args_is_help=False, pretty_exceptions_enable=False)
 console = Console(stderr=True)
@@ -75,6 +78,7 @@ BUILT_IN = {"aircraft": BuiltIn(model_of, (*SETTINGS, "outputs", "airspeed", "be
 FLIGHT_WINDOW = 50
 # Folder of the report, in the current folder.
 STUDY_FOLDER = Path("jaxid-study")
+DESIGN_FOLDER = Path("jaxid-design")
 
 
 class Set(StrEnum):
@@ -194,20 +198,24 @@ def study_file(
     with _show_progress() as progress:
         progress("reading")
         file = read_study(path)
-        case = case_of(file, BUILT_IN, progress)
-        study = close_loop(
-            case.model,
-            case.free,
-            case.likelihood,
-            train=case.train,
-            check=case.check,
-            test=case.test,
-            effects=case.effects,
-            window=case.window,
-            options=case.options,
-            progress=progress,
-        )
+        study = _study_of(case_of(file, BUILT_IN, progress), progress)
     _deliver(study, file.title, json, out)
+
+
+def _study_of(case: Case, progress: Callable[[str], None]) -> Study:
+    """Close the loop on the case of a study file."""
+    return close_loop(
+        case.model,
+        case.free,
+        case.likelihood,
+        train=case.train,
+        check=case.check,
+        test=case.test,
+        effects=case.effects,
+        window=case.window,
+        options=case.options,
+        progress=progress,
+    )
 
 
 @app.command()
@@ -222,6 +230,12 @@ def batch(
         Path | None,
         typer.Option(help="Zarr store of the results, by default STUDY.zarr here; continued."),
     ] = None,
+    part: Annotated[
+        str,
+        typer.Option(
+            help="Number of this process, from zero, and of all processes that share the store."
+        ),
+    ] = "0/1",
 ) -> None:
     """Estimate every training record of a study file by itself, in one call that can be continued.
 
@@ -237,10 +251,59 @@ def batch(
             case.train,
             case.likelihood,
             store=store or Path(f"{path.stem}.zarr"),
+            part=Part.read(part),
             devices=devices if len(devices) > 1 else None,
             progress=lambda state: progress(_in_words(state)),
         )
     print(summary(results))
+
+
+@app.command()
+def design(
+    path: Annotated[
+        Path,
+        typer.Argument(
+            metavar="STUDY.toml",
+            help="The study file, with a section [design]; docs/study_file.md.",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the record to fly, new; by default jaxid-design here."),
+    ] = None,
+    after_loop: Annotated[
+        bool,
+        typer.Option(
+            "--after-loop",
+            help="Close the loop first; design the record that separates its explanations.",
+        ),
+    ] = False,
+) -> None:
+    """Design the next record: the declared model is estimated from the training records, and the
+    input that then shows its parameters best is written as CSV with a figure.
+    """
+    folder = out or DESIGN_FOLDER
+    require_new(folder)
+    require_writable(folder)
+    with _show_progress() as progress:
+        progress("reading")
+        file = read_study(path)
+        case = case_of(file, BUILT_IN, progress)
+        section = design_section(file, case.model)
+        if after_loop:
+            study = _study_of(case, progress)
+            progress("design")
+            result = next_record(study, section.t, section.limits, **section.options)
+        else:
+            progress("estimate of the declared model")
+            fit = estimate(case.model, case.free, case.train, case.likelihood)
+            progress("design")
+            result = informative_input(fit, case.likelihood, section)
+    print(result)
+    folder.mkdir()
+    write_csv(result.record, folder / "design.csv")
+    result.plot().savefig(folder / "design.png", dpi=150)
+    print(f"\nThe record to fly is {folder / 'design.csv'}")
 
 
 def _in_words(state: BatchProgress) -> str:

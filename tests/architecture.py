@@ -73,8 +73,9 @@ SOLVERS = {"diffrax", "optimistix", "lineax"}
 PUBLIC_ONLY = {"diffrax", "equinox", "jax", "jaxlib", "lineax", "optimistix"}
 
 MEMORY = "_foundation/memory.py"  # reads the memory of this process; no user's file
-STORE = "batches/store.py"  # results of a batch, in a folder that the user names
-FILE_HOMES = ("data/io*", "data/datasets*", "report/*", ENTRY, MEMORY, CONFIGURATION, STORE)
+# Results of a batch and of studies, in a folder that the user names, and the locks of that folder.
+STORES = ("batches/store.py", "batches/locks.py", "study/many/study_folder.py")
+FILE_HOMES = ("data/io*", "data/datasets*", "report/*", ENTRY, MEMORY, CONFIGURATION, *STORES)
 FILE_METHODS = {
     *(
         "open",

@@ -21,7 +21,8 @@ START = "index.md"  # stands by itself; the other pages continue its code
 PAGES = (
     START,
     *("choose.md", "recipes.md", "from_scipy.md", "from_matlab.md", "from_sidpac.md"),
-    *("from_pysindy.md", "method.md", "uncertainty.md", "input_design.md"),
+    *("from_pysindy.md", "method.md", "uncertainty.md", "input_design.md", "many_cases.md"),
+    *("advice.md", "files.md"),
 )
 RUN_ELSEWHERE = {  # page: test of its blocks
     "real_records.md": "study/test_identify_layouts.py",
@@ -161,6 +162,21 @@ def test_the_errors_of_the_3211_are_the_smallest(output, printed):
         errors = dict(zip(names, numbers(row), strict=True))
         assert min(errors, key=errors.__getitem__) == "3-2-1-1"
         assert errors["3-2-1-1"] < 0.5 * errors["step"]  # "less than half"
+
+
+def test_the_faults_of_the_record_are_found(output, printed):
+    assert printed["advice.md"].output.startswith("No finding.")
+    share, longest = numbers(output("advice.md", "missing samples"))
+    assert (share, longest) == pytest.approx((0.05, 1.1))
+    assert numbers(output("advice.md", "drift"))[0] == pytest.approx(0.01, rel=0.2)
+
+
+def test_files_and_tables_become_records(output, printed):
+    pages = printed["files.md"].output
+    assert "3 samples, 0.2 s, 33.3 % of the samples missing" in pages
+    assert numbers(output("files.md", "gyro"))[-2] == pytest.approx(1 / 10**0.5, abs=0.01)
+    moved = numbers(output("files.md", "position"))
+    assert moved[-2] == pytest.approx(0.9, abs=0.01)
 
 
 def test_a_saved_fit_is_read_back(output):

@@ -1,1 +1,1 @@
-"""Convergence of the report's fixes from many starts, beside SciPy."""
+"""Convergence of the report's fixes and of SciPy from many starts."""

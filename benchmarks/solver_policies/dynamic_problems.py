@@ -90,8 +90,8 @@ class Pendulum(AbstractModel):
 
 
 class TwoLags(AbstractModel):
-    """Two lags in series, whose order the data cannot tell, with two gains of which the product
-    counts.
+    """Two lags in series with two gains. The output is the same if the lags change places, and
+    depends on the product of the gains only.
 
     dx/dt = (gain u - x) / first,    dy/dt = (scale x - y) / second
     """

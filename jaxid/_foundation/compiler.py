@@ -47,10 +47,11 @@ def compiler_options() -> dict[str, bool | int] | None:
     """Options of `FAST` that the installed XLA knows, or None.
 
     None of them is needed for a right result. If the environment variable `XLA_FLAGS` is set, the
-    result is None: the user's choice of compiler options stands. With JAX's environment variable
+    result is None: the user's choice of compiler options stands. It is None on a GPU as well, for
+    whose programs the options were not chosen. With JAX's environment variable
     `JAX_DISABLE_MOST_OPTIMIZATIONS` the options that it sets are left out.
     """
-    if "XLA_FLAGS" in os.environ:
+    if "XLA_FLAGS" in os.environ or jax.default_backend() != "cpu":
         return None
     setting = os.environ.get("JAX_DISABLE_MOST_OPTIMIZATIONS", "").lower()
     reduced = setting not in ("", "0", "false")

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import jax
 import scipy.linalg  # noqa: F401  (loads the library whose threads are limited)
@@ -60,6 +61,15 @@ def configure(
         _use_cache(_default_folder() if cache is True else str(cache))
     if float64:
         jax.config.update("jax_enable_x64", True)
+
+
+def settings_in_use() -> dict[str, Any]:
+    """Return the arguments with which `configure` gives another process the settings of this one.
+
+    Its linear algebra has one thread.
+    """
+    in_64_bit = jax.config.jax_enable_x64  # pyright: ignore[reportAttributeAccessIssue]
+    return {"cache": _folder_in_use() or False, "float64": bool(in_64_bit)}
 
 
 def _default_folder() -> str:

@@ -91,7 +91,7 @@ def read_cases(
         InputError: when there is no case, the number of models or starts differs, a
             parameter does not exist, or every case is refused.
     """
-    groups = list(cases)
+    groups = list(jax.device_get(cases))
     require(len(groups) > 0, "There is no case to estimate. Give at least one record.")
     free = canonical(free)
     free.positions(model)  # refuses names that do not exist, before any case is read

@@ -15,8 +15,9 @@ from .._foundation.host import to_device
 from .cases import Bucket, Case
 from .iteration import CaseResult, Settings, Slots, advance, enter, finish, slot_shapes
 
-# Largest number of groups on a device, and the largest size of its slots in memory [bytes] (both
-# chosen).
+# Smallest number of groups on a device, so that cases enter while a slow one goes on; the largest
+# number, and the largest size of its slots in memory [bytes] (both chosen).
+LEAST_GROUPS = 2
 MOST_GROUPS = 4
 SLOT_BYTES = 256_000_000
 
@@ -138,9 +139,9 @@ class Chunk:
 
 
 def _group_count(shapes: Slots, width: int) -> int:
-    """Return the number of groups on a device: `MOST_GROUPS`, less if memory is short.
+    """Return the number of groups on a device: `MOST_GROUPS`, or `LEAST_GROUPS` if memory is short.
 
     It does not depend on the number of cases, so that all batches share their programs.
     """
     slot_bytes = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(shapes))
-    return int(np.clip(SLOT_BYTES // max(slot_bytes * width, 1), 1, MOST_GROUPS))
+    return int(np.clip(SLOT_BYTES // max(slot_bytes * width, 1), LEAST_GROUPS, MOST_GROUPS))

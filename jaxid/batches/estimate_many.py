@@ -1,5 +1,6 @@
 """`estimate_many`: independent estimates of many cases in one call."""
 
+import contextlib
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 from jax.sharding import Mesh
 
 from .._foundation.checks import InputError, require, require_float64
+from .._foundation.host import on_cpu
 from ..data.record import Record
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
@@ -19,16 +21,15 @@ from .cases import Case, CaseRecords, Starts, buckets, read_cases
 from .chunk import Finished, run
 from .identity import identity_of
 from .iteration import Settings
+from .parts import Part
 from .progress import Progress, listener
 from .results import SUCCESSFUL, UNFINISHED, Arrays, Layout, refuse
 from .store import BatchStore
+from .width import with_width
 
 if TYPE_CHECKING:
     import xarray as xr
 
-# Cases of a group, which one `vmap` advances: on a CPU a few vectors wide (chosen), else all.
-WIDTH = {"cpu": 16}
-WIDTH_ELSEWHERE = 256
 STEPS = 3  # steps between two looks at the cases that have ended; chosen
 Device = Any  # a jax.Device, which is no class for a type checker
 WRITE_SECONDS = 1.0  # shortest time between two writes to the store [s]; chosen
@@ -44,6 +45,7 @@ def estimate_many(
     starts: Starts | None = None,
     solver: GaussNewton | None = None,
     store: str | Path | None = None,
+    part: tuple[int, int] | None = None,
     devices: Sequence[Device] | Mesh | None = None,
     progress: bool | Callable[[Progress], object] = False,
 ) -> "xr.Dataset":
@@ -69,10 +71,14 @@ def estimate_many(
             (case, parameter) in the order of `free.shared`.
         solver: options of the iteration.
         store: folder of a Zarr store, to which the results are written as the cases finish. A call
-            with the same arguments continues a run that was stopped. Let one process at a time
-            use a store.
-        devices: devices over which the cases are distributed, or a mesh; by default JAX's default
-            device.
+            with the same arguments continues a run that was stopped, and computes again the cases
+            of a file that is lost.
+        part: number of this process, from zero, and number of processes. Each process has the same
+            arguments but for this one, estimates its own share of the cases, and writes it to the
+            common `store`; the processes exchange nothing else. The last one to end returns all
+            results, as does a further call without `part`.
+        devices: devices of this process over which the cases are distributed, or a mesh of them; by
+            default JAX's default device.
         progress: True for a bar on standard error, or a function of `Progress`.
 
     Returns:
@@ -86,23 +92,51 @@ def estimate_many(
 
     Raises:
         InputError: when there is no case, models or starts do not suit the cases, every case is
-            refused, the store belongs to another batch or cannot be written, or JAX is in 32 bit.
+            refused, the store belongs to another batch, cannot be written or is in use by another
+            process, a part has no store, or JAX is in 32 bit.
     """
     require_float64()
-    solver = solver or GaussNewton()
-    read = read_cases(model, free, cases, likelihood, models, starts)
+    solver, own_part = solver or GaussNewton(), _part(part, store)
+    with on_cpu():
+        read = read_cases(model, free, cases, likelihood, models, starts)
     _require_one_set_of_parameters(read)
     layout = Layout.of(read, solver.policy.threshold)
     attributes = identity_of(model, free, likelihood, solver, read)
     mesh = _mesh(devices)
-    settings = Settings(canonical(likelihood), solver, _width(mesh), STEPS)
-    saved = None if store is None else BatchStore(store, layout, attributes)
+    _require_own_devices(mesh)
+    settings = Settings(canonical(likelihood), solver, 1, STEPS)
+    saved = None if store is None else BatchStore(store, layout, attributes, own_part)
     arrays = layout.empty() if saved is None else saved.load()
-    pending = [case for case in read if arrays["status"][case.index] == UNFINISHED]
-    with listener(progress) as notify:
-        finished = (group for bucket in buckets(pending) for group in run(bucket, settings, mesh))
-        _gather(finished, layout, arrays, pending, saved, notify)
-    return layout.dataset(arrays, attributes)
+    own = np.arange(len(read)) if saved is None else saved.cases
+    pending = [read[index] for index in own if arrays["status"][index] == UNFINISHED]
+    if pending:
+        claim = contextlib.nullcontext() if saved is None else saved.claimed()
+        with claim, listener(progress) as notify:
+            finished = _finished(pending, settings, mesh)
+            _gather(finished, layout, arrays, pending, own, saved, notify)
+    return layout.dataset(_joined(arrays, saved), attributes)
+
+
+def _part(part: tuple[int, int] | None, store: str | Path | None) -> Part:
+    """Return the part of this process; several parts need a store."""
+    own = Part.of(part)
+    require(
+        store is not None or own.count == 1,
+        "A `part` of the cases needs a `store`, in which the parts come together. Name a folder "
+        "that all processes reach.",
+    )
+    return own
+
+
+def _finished(cases: list[Case], settings: Settings, mesh: Mesh | None) -> Iterator[Finished]:
+    """Yield the results of cases as they finish."""
+    for bucket in buckets(cases):
+        yield from run(bucket, with_width(settings, bucket, mesh), mesh)
+
+
+def _joined(arrays: Arrays, saved: BatchStore | None) -> Arrays:
+    """Return the results with those that other processes have written in the meantime."""
+    return arrays if saved is None or saved.part.count == 1 else saved.load()
 
 
 def _gather(
@@ -110,6 +144,7 @@ def _gather(
     layout: Layout,
     arrays: Arrays,
     cases: list[Case],
+    own: np.ndarray,
     saved: BatchStore | None,
     notify: Callable[[Progress], object],
 ) -> None:
@@ -120,6 +155,7 @@ def _gather(
         layout: names of cases and parameters.
         arrays: results of all cases.
         cases: the cases of this run.
+        own: indices of the cases of this process, those of an earlier run included.
         saved: the store.
         notify: function of the progress.
     """
@@ -135,15 +171,14 @@ def _gather(
                 batch, unsaved = unsaved, []
                 saved.write(batch, arrays)
                 written = time.monotonic()
-            notify(_progress(arrays, done, len(cases), time.monotonic() - begin))
+            notify(_progress(arrays["status"][own], done, len(cases), time.monotonic() - begin))
     finally:  # an interrupted run keeps its results
         if saved is not None:
             saved.write(unsaved, arrays)
 
 
-def _progress(arrays: Arrays, done: int, pending: int, seconds: float) -> Progress:
+def _progress(status: np.ndarray, done: int, pending: int, seconds: float) -> Progress:
     """Return the progress after some of the cases of this run."""
-    status = arrays["status"]
     finished = int(np.sum(status != UNFINISHED))
     failed = finished - int(np.sum(np.isin(status, SUCCESSFUL)))
     remaining = seconds / done * (pending - done) if done else float("inf")
@@ -158,10 +193,18 @@ def _mesh(devices: Sequence[Device] | Mesh | None) -> Mesh | None:
     return Mesh(np.array(devices), ("device",))
 
 
-def _width(mesh: Mesh | None) -> int:
-    """Return the number of cases of a group."""
-    platform = jax.default_backend() if mesh is None else mesh.devices.flat[0].platform
-    return WIDTH.get(platform, WIDTH_ELSEWHERE)
+def _require_own_devices(mesh: Mesh | None) -> None:
+    """Refuse devices of another process: the processes share only the store."""
+    strangers = [] if mesh is None else [d for d in mesh.devices.flat if not _is_own(d)]
+    require(
+        not strangers,
+        f"{len(strangers)} of the devices belong to another process. Give `jax.local_devices()`, "
+        "and to each process its `part`.",
+    )
+
+
+def _is_own(device: Device) -> bool:
+    return device.process_index == jax.process_index()
 
 
 def _require_one_set_of_parameters(cases: Sequence[Case]) -> None:

@@ -3,6 +3,7 @@
 import hashlib
 import importlib.metadata
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -32,13 +33,19 @@ def identity_of(
         cases: records and models.
     """
     return {
-        "version": _version(),
+        "version": version(),
         "model": f"{type(model).__name__} {_digest([eqx.tree_pformat(canonical(model))])}",
         "free": _described(free),
         "likelihood": _described(likelihood),
         "solver": _described(solver),
         "data": _digest([_bytes(case) for case in cases]),
     }
+
+
+def digest_of(tree: Any) -> str:
+    """Return a digest of the structure and the values of a tree of modules, arrays and texts."""
+    tree = canonical(tree)
+    return _digest([eqx.tree_pformat(tree, width=10_000), _leaf_bytes(tree)])
 
 
 def _described(module: eqx.Module) -> str:
@@ -67,7 +74,7 @@ def _digest(parts: Sequence[str | bytes]) -> str:
     return total.hexdigest()[:16]
 
 
-def _version() -> str:
+def version() -> str:
     """Return the version of jaxid, or "unknown" where it is not installed."""
     try:
         return importlib.metadata.version("jaxid")

@@ -2,11 +2,16 @@
 
 A file of the store is replaced as a whole, and the status of a case is written after its numbers. A
 run that is killed therefore leaves a store in which every case that has a status has its numbers.
+Every file exists from the beginning, so that the cases of a lost file count as unfinished.
+
+Several processes write to one store, each the files of its own part.
 """
 
 import contextlib
+import itertools
 import os
 import shutil
+import uuid
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,14 +19,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._foundation.checks import InputError, require
-from .results import UNFINISHED, VARIABLES, Arrays, Layout
+from .locks import locked
+from .parts import Part
+from .results import STATUSES, UNFINISHED, VARIABLES, Arrays, Layout
 
 if TYPE_CHECKING:
     import xarray as xr
 
-CASES_PER_FILE = 256  # of each variable; chosen
 # Version 2 of the format, as version 3 has no specification of strings of fixed length.
 FORMAT: dict[str, Any] = {"zarr_format": 2, "consolidated": False}
+# Files that hold only zeros or empty texts are written as well.
+WITH_EMPTY_FILES = {"array.write_empty_chunks": True}
 
 
 class BatchStore:
@@ -31,30 +39,61 @@ class BatchStore:
         path: folder of the store. It is created if it does not exist.
         layout: names of cases and parameters.
         attributes: version and settings of this run. A store with other ones is refused.
+        part: the part of this process.
+
+    Attributes:
+        rows: cases in a file of a variable.
 
     Raises:
         InputError: when the folder is not a store of a batch, belongs to another batch, or cannot
-            be written.
+            be created.
     """
 
-    def __init__(self, path: str | Path, layout: Layout, attributes: dict[str, str]) -> None:
+    def __init__(
+        self, path: str | Path, layout: Layout, attributes: dict[str, str], part: Part
+    ) -> None:
         _require_zarr()
-        self.path, self.layout = Path(path), layout
-        if self.path.exists():
-            self._check(attributes)
-            with self._writing():
-                for part in self.path.glob("*/*.partial"):  # files of a run that was killed
-                    part.unlink()
-        else:
+        self.path, self.layout, self.part = Path(path), layout, part
+        if not self.path.exists():
             self._create(attributes)
+        self._check(attributes)
+        with self._open() as dataset:
+            self.rows = max(int(dataset["status"].encoding["chunks"][0]), 1)
+
+    @property
+    def cases(self) -> np.ndarray:
+        """Indices of the cases of this process."""
+        return self.part.cases(len(self.layout.cases), self.rows)
 
     def load(self) -> Arrays:
-        """Return the results in the store as arrays."""
+        """Return the results in the store as arrays; cases of a lost file are unfinished."""
         with self._open() as dataset:
             stored = {name: dataset[name].values for name in VARIABLES}
         arrays = {name: values.astype(VARIABLES[name].type) for name, values in stored.items()}
         arrays["reason"] = np.array([str(reason) for reason in stored["reason"]], object)
+        lost = np.isin(np.arange(len(self.layout.cases)) // self.rows, self._lost_files())
+        is_complete = np.isin(arrays["status"], STATUSES) & ~lost
+        empty = self.layout.empty()
+        for name, values in arrays.items():
+            values[~is_complete] = empty[name][~is_complete]
         return arrays
+
+    @contextlib.contextmanager
+    def claimed(self) -> Iterator[None]:
+        """Reserve the cases of this process for it, and remove partial files of a killed run.
+
+        Raises:
+            InputError: when another process holds them, or the store cannot be written.
+        """
+        files = self.part.files(len(self.layout.cases), self.rows).tolist()
+        with contextlib.ExitStack() as held:
+            with self._writing():
+                if held.enter_context(locked(self.path, files)):
+                    own = {str(number) for number in files}
+                    for partial in self.path.glob("*/*.partial"):
+                        if partial.name.split(".")[0] in own:
+                            partial.unlink()
+            yield
 
     def write(self, indices: Sequence[int], arrays: Arrays) -> None:
         """Write the results of some cases.
@@ -72,7 +111,7 @@ class BatchStore:
         rows = np.sort(np.asarray(indices, int))
         if not rows.size:
             return
-        with self._writing():
+        with self._writing(), zarr.config.set(WITH_EMPTY_FILES):
             group = zarr.open_group(self.path, mode="r+", zarr_format=2)
             for name in sorted(VARIABLES, key=lambda name: name == "status"):  # status last
                 variable: Any = group[name]
@@ -85,18 +124,42 @@ class BatchStore:
 
     def _create(self, attributes: dict[str, str]) -> None:
         """Create the store without results under another name, then rename it."""
+        import zarr
+
         dataset = self.layout.dataset(self.layout.empty(), attributes)
-        partial = self.path.with_name(f"{self.path.name}.partial")
-        rows = min(CASES_PER_FILE, len(self.layout.cases))
+        partial = self.path.with_name(f"{self.path.name}.{uuid.uuid4().hex}.partial")
+        rows = self.part.rows(len(self.layout.cases))
         encoding = {
             name: {"chunks": (rows, *dataset[name].shape[1:]), "_FillValue": None}
             for name in VARIABLES
         }
-        with self._writing():
-            shutil.rmtree(partial, ignore_errors=True)
-            partial.parent.mkdir(parents=True, exist_ok=True)
-            dataset.to_zarr(partial, mode="w", encoding=encoding, **FORMAT)
+        with self._writing(), zarr.config.set(WITH_EMPTY_FILES):
+            try:
+                partial.parent.mkdir(parents=True, exist_ok=True)
+                dataset.to_zarr(partial, mode="w", encoding=encoding, **FORMAT)
+                self._rename(partial)
+            finally:
+                shutil.rmtree(partial, ignore_errors=True)
+
+    def _rename(self, partial: Path) -> None:
+        """Give the store its name, unless another process has made it in the meantime."""
+        try:
             os.rename(partial, self.path)
+        except OSError:
+            if not self.path.exists():
+                raise
+
+    def _lost_files(self) -> list[int]:
+        """Return the numbers of files that are missing for a variable."""
+        count = -(-len(self.layout.cases) // self.rows)
+        sizes = self.layout.sizes
+        lost = set()
+        for (name, variable), number in itertools.product(VARIABLES.items(), range(count)):
+            zeros = ["0"] * len(variable.dimensions)
+            is_stored = all(sizes[axis] for axis in variable.dimensions)
+            if is_stored and not (self.path / name / ".".join([str(number), *zeros])).exists():
+                lost.add(number)
+        return sorted(lost)
 
     def _check(self, attributes: dict[str, str]) -> None:
         """Refuse a store of another batch, and name the difference."""

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .results import SUCCESSFUL
+from .results import SUCCESSFUL, UNFINISHED
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,7 +37,7 @@ def summary(results: "xr.Dataset", *, failures: int = 10) -> str:
     counts = [f"{np.sum(status == name)} {name}" for name in dict.fromkeys([*SUCCESSFUL, *status])]
     present = [count for count in counts if not count.startswith("0 ")]
     lines.append(f"{status.size} cases: {', '.join(present)}")
-    failed = np.flatnonzero(~good)
+    failed = np.flatnonzero(~good & (status != UNFINISHED))
     for case in failed[:failures]:
         lines.append(f"{results.name.values[case]}: {results.reason.values[case]}")
     if failed.size > failures:

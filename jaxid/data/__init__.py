@@ -7,6 +7,8 @@ from .datasets import cascaded_tanks as cascaded_tanks
 from .datasets import emps as emps
 from .datasets import emps_closed_loop as emps_closed_loop
 from .datasets import silverbox as silverbox
+from .io.binary import read_hdf5 as read_hdf5
+from .io.binary import read_parquet as read_parquet
 from .io.columns import read_columns as read_columns
 from .io.csv import read_csv as read_csv
 from .io.csv import write_csv as write_csv
@@ -24,6 +26,8 @@ from .labelled import from_xarray as from_xarray
 from .labelled import to_xarray as to_xarray
 from .multisine import multisine as multisine
 from .record import Record as Record
+from .resample import Resampled as Resampled
+from .resample import resample as resample
 from .signals import doublet as doublet
 from .signals import full_sine as full_sine
 from .signals import half_sine as half_sine

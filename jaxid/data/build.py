@@ -1,5 +1,6 @@
 """`record`: check measured numbers, convert them to SI and return a `Record`."""
 
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -8,6 +9,8 @@ import numpy as np
 from .._foundation.checks import InputError, require, require_float64, require_known, require_unique
 from .._foundation.host import to_device
 from .._foundation.types import Array
+from .arguments import by_name, channel_names, text, texts_by_name
+from .frame import columns_of, is_frame
 from .record import Record
 from .units import to_si
 
@@ -16,11 +19,12 @@ TIME = "t"
 
 def record(
     t: Any,
-    u: Any,
-    z: Any,
+    u: Any = None,
+    z: Any = None,
     *,
     inputs: Sequence[str],
     outputs: Sequence[str],
+    time: str = TIME,
     units: Mapping[str, str] | None = None,
     name: str = "",
     constants: Mapping[str, Any] | None = None,
@@ -29,12 +33,18 @@ def record(
 
     NaN in an output marks a missing sample: its mask becomes False and its value 0.
 
+        record(t, u, z, inputs=("force",), outputs=("x",), units={"x": "mm"})
+        record(frame, inputs=("force",), outputs=("x",), time="seconds")
+
     Args:
-        t: time, shape (time,) [s, or `units["t"]`], strictly increasing.
+        t: time, shape (time,) [s, or `units["t"]`], strictly increasing; or a DataFrame with all
+            channels as columns, in place of the three arrays.
         u: inputs, shape (time, input), or (time,) for one [`units`]; None where there is no input.
         z: measured outputs, shape (time, output), or (time,) for one [`units`].
         inputs: names of the inputs.
         outputs: names of the outputs.
+        time: name of the DataFrame's column of time, or of its index. Dates become seconds from
+            the first sample.
         units: unit by name of channel or constant, or "t"; values are converted to SI with angles
             in radians.
         name: name of the record.
@@ -50,12 +60,11 @@ def record(
             is unknown, an output has no valid sample, or JAX runs in float32.
     """
     require_float64()
-    where, units, constants = (
-        f"Record {name!r}" if name else "The record",
-        units or {},
-        constants or {},
-    )
-    inputs, outputs = _names(inputs, "inputs", where), _names(outputs, "outputs", where)
+    where = f"Record {name!r}" if text(name, "name", "The record") else "The record"
+    units = texts_by_name(units, "units", where)
+    constants = by_name(constants, "constants", where)
+    inputs = channel_names(inputs, "inputs", where)
+    outputs = channel_names(outputs, "outputs", where)
     all_names = (TIME, *inputs, *outputs, *constants)
     require(
         len(outputs) > 0,
@@ -64,19 +73,25 @@ def record(
     require_unique("channel", all_names)
     require_known("channel", units, all_names)
 
-    time = _times(t, units.get(TIME, ""), where)
-    u = np.zeros((len(time), 0)) if u is None and not inputs else u
-    u_si, input_units = _channels(u, "u", inputs, time, units, where)
-    z_si, output_units = _channels(z, "z", outputs, time, units, where)
-    _require_inputs_known(u_si, inputs, time, where)
+    if is_frame(t):
+        require(
+            u is None and z is None,
+            f"{where}: a DataFrame holds all channels. Leave out `u` and `z`.",
+        )
+        t, u, z = columns_of(t, text(time, "time", where), inputs, outputs)
+    seconds = _times(t, units.get(TIME, ""), where)
+    u = np.zeros((len(seconds), 0)) if u is None and not inputs else u
+    u_si, input_units = _channels(u, "u", inputs, seconds, units, where)
+    z_si, output_units = _channels(z, "z", outputs, seconds, units, where)
+    _require_inputs_known(u_si, inputs, seconds, where)
     mask = ~np.isnan(z_si)
     for k in np.flatnonzero(~mask.any(axis=0)):
         raise InputError(
-            f"{where}: output {outputs[k]!r} has no valid sample, all {len(time)} are NaN. Leave "
-            "it out of `outputs`."
+            f"{where}: output {outputs[k]!r} has no valid sample, all {len(seconds)} are NaN. "
+            "Leave it out of `outputs`."
         )
     return Record(
-        t=to_device(np.array(time)),  # a copy: `time` may be the user's array
+        t=to_device(np.array(seconds)),  # a copy: it may be the user's array
         u=to_device(np.array(u_si)),
         z=to_device(np.where(mask, z_si, 0.0)),
         mask=to_device(mask),
@@ -90,21 +105,6 @@ def record(
         output_units=output_units,
         names=(name,),
     )
-
-
-def _names(names: Sequence[str], argument: str, where: str) -> tuple[str, ...]:
-    """Channel names as a tuple. A string is refused: it would be split into its letters."""
-    require(
-        not isinstance(names, str),
-        f"{where}: `{argument}` is the string {names!r}. Give a tuple of names, such as "
-        f"({names!r},).",
-    )
-    for name in names:
-        require(
-            isinstance(name, str) and name != "",
-            f"{where}: {name!r} in `{argument}` is not a channel name. Give a non-empty string.",
-        )
-    return tuple(names)
 
 
 def _times(t: Any, unit: str, where: str) -> np.ndarray:
@@ -218,7 +218,13 @@ def _numbers(values: Any, names: Sequence[str], where: str) -> np.ndarray:
     )
     if array.dtype.kind not in "biuf":
         _require_numbers(array, names, where)
-    return array.astype(float)
+    try:
+        return array.astype(float)
+    except OverflowError as error:  # a whole number without limit
+        raise InputError(
+            f"{where}: {', '.join(names)} holds a number beyond {sys.float_info.max:.2g}. Correct "
+            "it."
+        ) from error
 
 
 def _require_numbers(array: np.ndarray, names: Sequence[str], where: str) -> None:

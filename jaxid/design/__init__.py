@@ -1,10 +1,12 @@
 """Design of experiments: measures of information, inputs, spectra and experiment points."""
 
+from .design import Comparison, Design
 from .exchange import Allocation, allocate
 from .experiment_points import Candidates, ExperimentPoints, at_most, candidates, optimal_points
+from .explanations import Explanation, expected_chi_square
 from .frequency import OptimalSpectrum, optimal_spectrum
 from .information import PlannedInformation, compare_inputs, information_of, planned_record
-from .input_design import Comparison, Design, design_input, expected_chi_square
+from .input_design import design_input
 from .limits import Limits
 from .measures import (
     AbstractMeasure,
@@ -16,7 +18,13 @@ from .measures import (
     Trace,
     curve_width,
 )
-from .objectives import Discrimination, InformationObjective
+from .objectives import (
+    Discrimination,
+    InformationObjective,
+    MutualDiscrimination,
+    RobustObjective,
+)
+from .sensors import SensorSet, sensor_sets
 from .shapes import AbstractShape, Multisine, Spline, SquareWave, multisine, spline, square_wave
 from .signals import (
     InputSignal,
@@ -39,12 +47,16 @@ __all__ = [
     "Determinant",
     "Discrimination",
     "ExperimentPoints",
+    "Explanation",
     "InformationObjective",
     "InputSignal",
     "Limits",
     "Multisine",
+    "MutualDiscrimination",
     "OptimalSpectrum",
     "PlannedInformation",
+    "RobustObjective",
+    "SensorSet",
     "SmallestEigenvalue",
     "Spline",
     "SquareWave",
@@ -67,6 +79,7 @@ __all__ = [
     "optimal_spectrum",
     "planned_record",
     "sample_times",
+    "sensor_sets",
     "spline",
     "square_wave",
 ]

@@ -149,8 +149,8 @@ def information_of(
         record: one record, planned by `planned_record` or measured.
         likelihood: the likelihood with known noise, such as `OutputError(FixedNoise(R))`.
         initial_state: state at the first sample; by default the model's, from the record.
-        earlier: factor of the information of records already flown, such as
-            `fit.information.triangle`.
+        earlier: factor of the information of records already flown, in place of the priors, which
+            that of a fit contains (`fit.information.triangle`).
 
     Raises:
         InputError: when channels differ, the noise is unknown, or JAX is in 32 bit.
@@ -168,12 +168,9 @@ def information_of(
     factor, values = _factor(
         model, free.positions(model), flat, records.anonymous(), canonical(likelihood)
     )
-    rows = [np.asarray(factor), prior_rows(free)]
-    if earlier is not None:
-        rows.append(np.asarray(earlier, float))
-    return planned_information(
-        model, free, np.asarray(values), np.concatenate(rows), records.names[0]
-    )
+    known = prior_rows(free) if earlier is None else np.asarray(earlier, float)
+    rows = np.concatenate([np.asarray(factor), known])
+    return planned_information(model, free, np.asarray(values), rows, records.names[0])
 
 
 def planned_information(

@@ -1,32 +1,34 @@
 """Design of an input by direct optimisation through the simulation of a nonlinear model (C.3.1)."""
 
+import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require, require_float64, require_known
-from .._foundation.compiler import fast_compile_jit
-from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float, Numbers
-from ..data.record import Record
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, as_float, canonical
 from ..models.free import Free
-from ..models.names import flatten
 from ..simulation.linearise import linearise
+from .design import Comparison, Design
+from .explanations import (
+    Explanation,
+    as_explanation,
+    hypothesis_of,
+    known_information,
+    separating_task,
+    start_of,
+)
 from .information import (
-    PlannedInformation,
     planned_information,
     planned_record,
-    prior_rows,
     require_known_noise,
 )
 from .limits import Limits, ratios
 from .measures import AbstractMeasure
-from .objectives import Discrimination, Hypothesis, InformationObjective
+from .objectives import InformationObjective, RobustObjective
 from .optimisation import (
     OPTIMISED,
     Task,
@@ -38,65 +40,15 @@ from .optimisation import (
     summaries,
     within_limits,
 )
-from .shapes import AbstractShape
+from .shapes import AbstractShape, default_shape
 from .signals import InputSignal
-
-
-class Comparison(NamedTuple):
-    """Cost of a conventional input at the energy and at the peak of the design, and in its limits.
-
-    A logarithmic cost: half the difference of two is the logarithm of a ratio of standard errors
-    where the measure is a variance.
-    """
-
-    name: str
-    equal_energy: float
-    equal_peak: float
-    within_limits: float
-
-
-class Design(eqx.Module):
-    """A designed input.
-
-    Attributes:
-        signal: deviations from trim.
-        record: the noise-free record to fly.
-        information: predicted standard errors.
-        cost: cost of the objective; the logarithm of a measure that is a variance.
-        comparisons: costs of conventional inputs.
-        limits_used: share of each limit that the design uses, in a simulation at a sample rate four
-            times higher; at most 1.
-        starts: costs that the optimisation reached from its starts.
-    """
-
-    signal: InputSignal
-    record: Record
-    information: PlannedInformation
-    cost: float = eqx.field(static=True)
-    comparisons: tuple[Comparison, ...] = eqx.field(static=True)
-    limits_used: dict[str, float] = eqx.field(static=True)
-    starts: tuple[float, ...] = eqx.field(static=True)
-
-    def __str__(self) -> str:
-        width = max(len(name) for name in ("conventional", *(c.name for c in self.comparisons)))
-        lines = [str(self.information), "", f"cost of the design {self.cost:.4g}"]
-        lines.append(
-            f"{'conventional':<{width}} {'equal energy':>13} {'equal peak':>11} {'limits':>9}"
-        )
-        for name, energy, peak, within in self.comparisons:
-            lines.append(f"{name:<{width}} {energy:>13.4g} {peak:>11.4g} {within:>9.4g}")
-        used = [f"{name} {100 * share:.0f} %" for name, share in self.limits_used.items()]
-        return "\n".join([*lines, f"limits used: {', '.join(used)}"])
-
-    def _repr_html_(self) -> str:
-        return preformatted(str(self))
 
 
 def design_input(
     model: AbstractModel,
     free: Free,
     t: Float[Numbers, " time"],
-    shape: AbstractShape,
+    shape: AbstractShape | None,
     measure: AbstractMeasure,
     limits: Limits,
     likelihood: AbstractLikelihood,
@@ -105,7 +57,9 @@ def design_input(
     trim_input: Float[Numbers, " input"] | None = None,
     initial_state: Float[Numbers, " state"] | None = None,
     earlier: Float[Numbers, "row parameter"] | None = None,
-    rival: tuple[AbstractModel, Free] | None = None,
+    rival: Explanation | tuple[AbstractModel, Free] | None = None,
+    draws: Float[Numbers, "draw parameter"] | None = None,
+    worst: bool = False,
     conventional: Sequence[InputSignal] = (),
     seed: int = 0,
 ) -> Design:
@@ -122,16 +76,21 @@ def design_input(
         model: the model with declared values, whose motion must stay in the envelope.
         free: the parameters of the later estimate, with priors.
         t: sample times, uniform [s].
-        shape: parametrised input, such as `spline(t, 12)`.
+        shape: parametrised input, such as `spline(t, 12)`; None for a spline of up to 20 knots.
         measure: the measure to be minimised; with a rival it is only reported.
         limits: the limits.
         likelihood: the likelihood of the later estimate, with known noise.
         axes: inputs that move; all by default.
         trim_input: inputs at trim; zero by default.
-        initial_state: state at trim; zero by default.
-        earlier: factor of the information of records already flown.
-        rival: another model with its free parameters; the input then separates it from `model`, in
-            the sense that it loses as much chi-square as possible if `model` is true.
+        initial_state: state at trim; states beyond the given ones are zero.
+        earlier: factor of the information of records already flown, in place of the priors, which
+            that of a fit contains (`fit.information.triangle`).
+        rival: another model with its free parameters; the input then separates it from `model`: the
+            wrong one of both loses as much chi-square as possible, whichever is true. The envelope
+            holds for both.
+        draws: values of the shared free parameters, drawn from their uncertainty: the cost is then
+            its average over the draws, and the envelope holds for each of them.
+        worst: minimise the largest cost of the draws instead.
         conventional: inputs to compare, from which the search also starts.
         seed: of the random starts.
 
@@ -145,31 +104,20 @@ def design_input(
     likelihood = canonical(likelihood)
     require_known_noise(likelihood)
     t = as_float(t)
-    zero_state, zero_input = jnp.zeros(len(model.states)), jnp.zeros(len(model.inputs))
-    state = zero_state if initial_state is None else as_float(initial_state)
-    trim = zero_input if trim_input is None else as_float(trim_input)
+    state = start_of(model, initial_state)
+    trim = jnp.zeros(len(model.inputs)) if trim_input is None else as_float(trim_input)
     _require_same_samples(conventional, model, t)
     model = canonical(model)
     arrays = ratios(limits, model, axes, state, trim)
     _require_control(model, axes, state, trim)
-    hypothesis = _hypothesis(model, free, state)
-    known = np.concatenate(
-        [
-            prior_rows(free),
-            np.zeros((0, len(free.shared))) if earlier is None else np.array(earlier),
-        ]
-    )
+    hypothesis = hypothesis_of(model, free, state)
+    known = known_information(free, earlier)
     information = InformationObjective(
-        hypothesis=hypothesis,
-        measure=measure,
-        earlier=jnp.asarray(known),
-        likelihood=likelihood,
+        hypothesis=hypothesis, measure=measure, earlier=known, likelihood=likelihood
     )
-    objective = information
-    if rival is not None:
-        other = _hypothesis(canonical(rival[0]), rival[1], state)
-        objective = Discrimination(true=hypothesis, wrong=other, likelihood=likelihood)
-    task = Task(objective, hypothesis, shape, arrays, t, trim)
+    none = jnp.zeros((0, hypothesis.flat.size))
+    task = Task(information, (hypothesis,), shape or default_shape(t), arrays, t, trim, none)
+    task = _task_of(task, information, rival, draws, worst)
     starts, costs, factors = scaled_starts(task, information, seed, conventional)
     _require_shown(model, free, factors)
     order = np.argsort(costs)[:OPTIMISED]
@@ -193,43 +141,38 @@ def design_input(
         _comparisons(task, information, deviation, conventional),
         dict(zip(arrays.labels(), used.tolist(), strict=True)),
         tuple(cost for _, cost in results),
+        None if rival is None else 2.0 * float(np.exp(-cost[0])),
     )
 
 
-def expected_chi_square(
-    true: tuple[AbstractModel, Free],
-    wrong: tuple[AbstractModel, Free],
-    record: Record,
-    likelihood: AbstractLikelihood,
-    *,
-    initial_state: Float[Numbers, " state"] | None = None,
-) -> float:
-    """Return the chi-square by which a wrong hypothesis loses on an input, after its refit.
-
-    Args:
-        true: the hypothesis assumed to be true, and its free parameters.
-        wrong: the rival, with the same inputs and outputs.
-        record: a single record with the input.
-        likelihood: the likelihood with known noise.
-        initial_state: state at the first sample, to which further states of a model are added as
-            zero; by default each model reads it from the record.
-    """
-    first, second = (
-        _hypothesis(
-            canonical(model),
-            free,
-            as_float(model.initial_state(record) if initial_state is None else initial_state),
-        )
-        for model, free in (true, wrong)
+def _task_of(task: Task, information: InformationObjective, rival, draws, worst: bool) -> Task:
+    """Return the task with the objective that is requested."""
+    require(
+        rival is None or draws is None,
+        "`rival` and `draws` together have no meaning here. Give one of them.",
     )
-    objective = Discrimination(true=first, wrong=second, likelihood=canonical(likelihood))
-    return float(_chi_square(objective, record.t, record.u))
+    if draws is not None:
+        return _robust_task(task, information, draws, worst)
+    return task if rival is None else separating_task(task, as_explanation(rival))
 
 
-def _hypothesis(model: AbstractModel, free: Free, state) -> Hypothesis:
-    vector, _ = flatten(model)
-    extra = jnp.zeros(len(model.states) - state.size)
-    return Hypothesis(model, free.positions(model), jnp.concatenate([vector, state, extra]))
+def _robust_task(task: Task, information: InformationObjective, draws, worst: bool) -> Task:
+    """Return the task with the cost and the envelope over draws of the parameters."""
+    values, hypothesis = as_float(draws), information.hypothesis
+    positions = hypothesis.positions.shared
+    require(
+        values.ndim == 2 and values.shape[1] == positions.size and values.shape[0] > 0,
+        f"The draws have shape {values.shape}, and there are {positions.size} free parameters. "
+        "Give one row per draw.",
+    )
+    flat = jnp.tile(hypothesis.flat, (values.shape[0], 1)).at[:, positions].set(values)
+    objective = RobustObjective(
+        information=information,
+        draws=flat,
+        likelihood=information.likelihood,
+        worst=jnp.asarray(worst),
+    )
+    return dataclasses.replace(task, objective=objective, draws=flat)
 
 
 def _require_same_samples(conventional: Sequence[InputSignal], model: AbstractModel, t) -> None:
@@ -299,8 +242,3 @@ def _comparisons(
         Comparison(signal.name, *map(float, row))
         for signal, row in zip(conventional, costs.reshape(3, -1).T, strict=True)
     )
-
-
-@fast_compile_jit
-def _chi_square(objective: Discrimination, t, u):
-    return objective.chi_square(t, u)

@@ -1,16 +1,18 @@
 """Objectives of an input's design as functions of its samples: information, and discrimination."""
 
 import abc
+import dataclasses
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._foundation.types import Array, Float
+from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel
 from ..models.free import Positions
+from ..models.names import flatten
 from .information import whitened_sensitivities
 from .measures import AbstractMeasure
 
@@ -27,6 +29,12 @@ class Hypothesis(eqx.Module):
     model: AbstractModel
     positions: Positions
     flat: Float[Array, " flat"]
+
+    def at(self, flat: Float[Array, " flat"]) -> "Hypothesis":
+        """Return the hypothesis with other values of all parameters and another initial state."""
+        _, unflatten = flatten(self.model)
+        size = flat.size - len(self.model.states)
+        return Hypothesis(unflatten(flat[:size]), self.positions, flat)
 
     @property
     def initial_state(self) -> Float[Array, " state"]:
@@ -94,13 +102,42 @@ class InformationObjective(AbstractObjective):
         return jnp.concatenate([shared - own @ _least_squares(own, shared), self.earlier])
 
 
+class RobustObjective(AbstractObjective):
+    """The cost over a distribution of the parameters: its average, or its largest value.
+
+        cost = mean_j J(u, theta_j)    or    max_j J(u, theta_j)
+
+    The mean of a logarithmic cost is the logarithm of a geometric mean.
+
+    Args:
+        information: the cost at given parameters.
+        draws: values of all parameters and the initial state, one row per draw.
+        likelihood: the likelihood of the later estimate.
+        worst: true for the largest value; an array, so that both share a compiled program.
+    """
+
+    information: InformationObjective
+    draws: Float[Array, "draw flat"]
+    likelihood: AbstractLikelihood
+    worst: Bool[Array, ""]
+
+    def cost(self, t, u):
+        def at(flat):
+            hypothesis = self.information.hypothesis.at(flat)
+            return dataclasses.replace(self.information, hypothesis=hypothesis).cost(t, u)
+
+        costs = jax.vmap(at)(self.draws)
+        return jnp.where(self.worst, jnp.max(costs), jnp.mean(costs))
+
+
 class Discrimination(AbstractObjective):
     """T-optimality: `-log` of the expected chi-square by which the wrong hypothesis loses.
 
-        T = min_d |L^-1 (y_true - y_wrong - S_wrong d)|^2
+        T = min_d |L^-1 (y_true - y_wrong - S_wrong d)|^2 + |T_0 d|^2
 
     The minimum is the refit of the wrong hypothesis, in the linearised sense, with its initial
-    state if that is free.
+    state if that is free. It fitted earlier records at its present values, which their information
+    `T_0' T_0` holds.
 
     Source: A. C. Atkinson, V. V. Fedorov, The design of experiments for discriminating between two
     rival models, Biometrika 62(1), 1975.
@@ -108,11 +145,13 @@ class Discrimination(AbstractObjective):
     Args:
         true: hypothesis that is assumed to be true.
         wrong: its rival.
+        earlier: factor `T_0` of the information on the shared parameters of the wrong hypothesis.
         likelihood: the likelihood of the later estimate.
     """
 
     true: Hypothesis
     wrong: Hypothesis
+    earlier: Float[Array, "row parameter"]
     likelihood: AbstractLikelihood
 
     def cost(self, t, u):
@@ -123,7 +162,6 @@ class Discrimination(AbstractObjective):
     ) -> Float[Array, ""]:
         """Return the expected chi-square T."""
         own, shared = self.wrong.sensitivities(t, u, self.likelihood)
-        S = jnp.concatenate([own, shared], axis=1)
         record = _record(self.wrong.model, t, u)
         first, second = (
             self.likelihood.solve(
@@ -133,8 +171,32 @@ class Discrimination(AbstractObjective):
         )
         L = self.likelihood.noise.cholesky(jnp.zeros(record.z.shape), record.mask)
         difference = jax.scipy.linalg.solve_triangular(L, (first - second).T, lower=True).T.ravel()
+        rows = self.earlier.shape[0]
+        known = jnp.pad(self.earlier, ((0, 0), (own.shape[1], 0)))
+        S = jnp.concatenate([jnp.concatenate([own, shared], axis=1), known])
+        difference = jnp.pad(difference, (0, rows))
         refit = _least_squares(*jax.lax.stop_gradient((S, difference[:, None])))
         return jnp.sum((difference - (S @ refit)[:, 0]) ** 2)
+
+
+class MutualDiscrimination(AbstractObjective):
+    """Discrimination of two hypotheses where either may be true.
+
+        cost = log(1 / T_12 + 1 / T_21)
+
+    It follows the smaller of both chi-squares and is smooth where they are equal.
+
+    Args:
+        directions: the discrimination with the first and with the second hypothesis true.
+        likelihood: the likelihood of the later estimate.
+    """
+
+    directions: tuple[Discrimination, Discrimination]
+    likelihood: AbstractLikelihood
+
+    def cost(self, t, u):
+        first, second = (direction.chi_square(t, u) for direction in self.directions)
+        return jnp.log(1.0 / first + 1.0 / second)
 
 
 def _least_squares(columns, right):

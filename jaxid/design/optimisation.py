@@ -35,19 +35,22 @@ class Task(eqx.Module):
 
     Attributes:
         objective: cost of the samples of the input.
-        hypothesis: model for the envelope.
+        hypotheses: models whose motion must stay in the envelope.
         shape: parametrised input.
         limits: the limits.
         t: sample times [s].
         trim_input: inputs at trim.
+        draws: further values of all parameters and the initial state of the first hypothesis, for
+            which the motion must stay in the envelope too.
     """
 
     objective: AbstractObjective
-    hypothesis: Hypothesis
+    hypotheses: tuple[Hypothesis, ...]
     shape: AbstractShape
     limits: Ratios
     t: Float[Array, " time"]
     trim_input: Float[Array, " input"]
+    draws: Float[Array, "draw flat"]
 
     def deviation(self, p: Float[Array, "axis parameter"]) -> Float[Array, "time input"]:
         """Return the samples of the inputs, less their values at trim."""
@@ -59,20 +62,32 @@ class Task(eqx.Module):
         """Return the cost of an input."""
         return self.objective.cost(self.t, deviation + self.trim_input[None])
 
-    def ratios(self, deviation, largest) -> Float[Array, " ratio"]:
-        """Return the limited quantities over their limits."""
+    def ratios(self, t, deviation, largest) -> Float[Array, "hypothesis ratio"]:
+        """Return the limited quantities over their limits, under each hypothesis.
+
+        Args:
+            t: sample times [s].
+            deviation: inputs at these times, less their values at trim.
+            largest: function that returns the maximum over time.
+        """
         hold, stepper = _integration(self.objective.likelihood)
         u = deviation + self.trim_input[None]
-        model = self.hypothesis.model
-        solution = run(model, self.t, u, self.hypothesis.initial_state, hold, stepper)
-        values = quantities(model, self.limits.names, solution, u)
-        return self.limits.of(self.t, deviation, values, largest)
+
+        def of(hypothesis: Hypothesis):
+            solution = run(hypothesis.model, t, u, hypothesis.initial_state, hold, stepper)
+            values = quantities(hypothesis.model, self.limits.names, solution, u)
+            return self.limits.of(t, deviation, values, largest)
+
+        rows = [of(hypothesis)[None] for hypothesis in self.hypotheses]
+        if self.draws.shape[0]:
+            rows.append(jax.vmap(lambda flat: of(self.hypotheses[0].at(flat)))(self.draws))
+        return jnp.concatenate(rows)
 
     def scale(self, deviation: Float[Array, "time input"]) -> Float[Array, ""]:
         """Return the factor with which an input reaches its limits."""
 
         def worst(factor):
-            return jnp.max(self.ratios(factor * deviation, exact_maximum))
+            return jnp.max(self.ratios(self.t, factor * deviation, exact_maximum))
 
         def step(_, factor):
             value = worst(factor)
@@ -190,7 +205,8 @@ def _evaluate(task: Task, p):
     """Return cost and limits with their derivatives. Limits that are never reached are constant."""
 
     def limited(p):
-        return jnp.minimum(task.ratios(task.deviation(p), smooth_maximum), 1e3)
+        ratios = task.ratios(task.t, task.deviation(p), smooth_maximum)
+        return jnp.minimum(ratios.ravel(), 1e3)
 
     value, slope = jax.value_and_grad(lambda p: task.cost(task.deviation(p)))(p)
     return value, slope, limited(p), jax.jacfwd(limited)(p)
@@ -216,18 +232,13 @@ def within_limits(task: Task, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @fast_compile_jit
 def _fine_ratios(task: Task, p):
     """Return the ratios of a simulation at a higher rate, with the input as the hold gives it."""
-    hold, stepper = _integration(task.objective.likelihood)
+    hold, _ = _integration(task.objective.likelihood)
     deviation = task.deviation(p)
     path = hold.path(task.t, deviation)
     count = FINER * (task.t.size - 1)
     fine = task.t[0] + (task.t[-1] - task.t[0]) * jnp.arange(count + 1) / count
-    between = jax.vmap(path)(fine)
-    u = between + task.trim_input[None]
-    model = task.hypothesis.model
-    solution = run(model, fine, u, task.hypothesis.initial_state, hold, stepper)
-    values = quantities(model, task.limits.names, solution, u)
-    exact = task.limits.of(fine, between, values, exact_maximum)
+    exact = jnp.max(task.ratios(fine, jax.vmap(path)(fine), exact_maximum), axis=0)
     # A rate is limited from sample to sample: a zero-order hold jumps in between.
-    coarse = task.limits.of(task.t, deviation, values[::FINER], exact_maximum)
+    coarse = jnp.max(task.ratios(task.t, deviation, exact_maximum), axis=0)
     n_axes = len(task.limits.axes)
     return exact.at[n_axes : 2 * n_axes].set(coarse[n_axes : 2 * n_axes])

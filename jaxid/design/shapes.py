@@ -15,6 +15,8 @@ from .._foundation.checks import require
 from .._foundation.types import Array, Float
 from .signals import harmonics_within
 
+# Coefficients of the default spline, where the signal has four times as many samples (chosen).
+DEFAULT_KNOTS = 20
 START_PULSES = 6  # pulses of the random square wave with which a spline begins (chosen)
 
 
@@ -152,6 +154,11 @@ def spline(t: Float[Array, " time"], knots: int) -> Spline:
     full = np.concatenate([[times[0]] * 3, inner, [times[-1]] * 3])
     basis = BSpline.design_matrix(times, full, 3).toarray()[:, 1:-1]
     return Spline(jnp.asarray(basis))
+
+
+def default_shape(t: Float[Array, " time"]) -> Spline:
+    """Return a cubic spline with up to `DEFAULT_KNOTS` coefficients."""
+    return spline(t, min(DEFAULT_KNOTS, max(t.size // 4, 2)))
 
 
 def multisine(

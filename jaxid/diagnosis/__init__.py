@@ -1,6 +1,7 @@
 """Diagnosis of a fit: residual tests, statistics, prediction, localisation."""
 
 from .bands import Band, Bands, prediction_bands
+from .frequency_response import FrequencyResponse, frequency_response
 from .localise import LocalisationResult, Place, localise_residual
 from .maps import ResidualMaps, residual_maps
 from .residual_report import ResidualReport, analyse_residual
@@ -12,6 +13,7 @@ __all__ = [
     "Band",
     "Bands",
     "FitStatistics",
+    "FrequencyResponse",
     "LocalisationResult",
     "Place",
     "Prediction",
@@ -19,6 +21,7 @@ __all__ = [
     "ResidualReport",
     "ResidualTests",
     "analyse_residual",
+    "frequency_response",
     "localise_residual",
     "predict",
     "prediction_bands",

@@ -11,6 +11,7 @@ from jax.scipy.special import gammaincc
 
 from .._foundation.checks import require
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Bool, Float
 from ..estimation.coloured import score_covariance
 from .thresholds import WEAK_BIN
@@ -33,6 +34,9 @@ class ResidualMaps(eqx.Module):
     mean: Float[Array, "output variable bin"]
     deviation: Float[Array, "output variable bin"]
     p_value: Float[Array, "output variable"]
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
     def __str__(self) -> str:
         width = max(len(name) for name in (*self.variables, "variable"))

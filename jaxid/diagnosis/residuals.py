@@ -8,6 +8,7 @@ from jax.scipy.special import gammaincc
 from jax.scipy.stats import norm
 
 from .._foundation.checks import require
+from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Bool, Float, Int
 from .thresholds import BAND
 
@@ -153,6 +154,9 @@ class ResidualTests(eqx.Module):
     def passed(self) -> Bool[Array, ""]:
         """True if every channel is white and correlated with no signal."""
         return jnp.all(self.white) & ~jnp.any(self.follows)
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
     def __str__(self) -> str:
         width = max(len(name) for name in (*self.outputs, "residual"))

@@ -56,6 +56,53 @@ class Prediction(eqx.Module):
         cases, count = self.z.shape[0], int(np.sum(np.asarray(self.scored)))
         return f"Prediction of {cases} records, {count} scored samples: RMS error {errors}"
 
+    def to_dict(self, outputs: Sequence[str] = ()) -> dict[str, Any]:
+        """Return the RMS errors and the histories as plain numbers.
+
+        Args:
+            outputs: names of the outputs; "output 1" and so on by default.
+        """
+        names = self.output_names(outputs)
+        histories = {key: np.asarray(getattr(self, key)).tolist() for key in ("t", "z", "y")}
+        return {
+            "rms": dict(zip(names, np.asarray(self.rms).tolist(), strict=True)),
+            "scored": np.asarray(self.scored).tolist(),
+            **histories,
+        }
+
+    def to_xarray(self, outputs: Sequence[str] = ()) -> Any:
+        """Return measured and predicted outputs as an `xarray.Dataset` with labelled axes.
+
+        Args:
+            outputs: names of the outputs; "output 1" and so on by default.
+        """
+        import xarray as xr  # imported here because it is slow to import
+
+        axes, names = ("case", "row", "output"), list(self.output_names(outputs))
+        return xr.Dataset(
+            {
+                "measured": (axes, np.asarray(self.z)),
+                "predicted": (axes, np.asarray(self.y)),
+                "scored": (axes, np.asarray(self.scored)),
+                "rms": ("output", np.asarray(self.rms)),
+            },
+            coords={"t": (axes[:2], np.asarray(self.t)), "output": names},
+        )
+
+    def output_names(self, outputs: Sequence[str] = ()) -> tuple[str, ...]:
+        """Return the names of the outputs, numbered if none are given.
+
+        Raises:
+            InputError: when there are more or fewer names than outputs.
+        """
+        count = self.z.shape[-1]
+        names = tuple(outputs) or tuple(f"output {number + 1}" for number in range(count))
+        require(
+            len(names) == count,
+            f"There are {len(names)} names and {count} outputs. Name each output once.",
+        )
+        return names
+
     def _repr_html_(self) -> str:
         return preformatted(str(self))
 

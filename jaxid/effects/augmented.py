@@ -13,7 +13,7 @@ from .._foundation.checks import require_known, require_unique
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..models.base import AbstractModel, equations_of
-from ..models.polynomial import monomials
+from ..models.polynomial import sums_of_monomials
 from ..models.signal_dependence import with_differences
 from .base import Effect
 from .parameter import total_offsets, with_parameter_offsets
@@ -137,7 +137,7 @@ class Augmented(AbstractModel):
         incidence = np.array(
             [[equation == name for equation in equations] for name in names], float
         )
-        return jnp.asarray(incidence) @ (jnp.stack(gains) * monomials(products, signals))
+        return sums_of_monomials(incidence, jnp.stack(gains), products, signals)
 
     def output(self, t, x, u):
         return self.output_given(t, x, u, self.rhs(t, x, u))

@@ -98,6 +98,12 @@ class LoopFit:
             free = dataclasses.replace(self.estimation.free, shared=names)
         return model, free
 
+    @property
+    def information(self) -> Float[np.ndarray, "row parameter"]:
+        """Factor of the information on the free parameters, without the padding columns."""
+        factor = np.asarray(self.solution.information.factor)[:, : len(self.estimation.names)]
+        return np.asarray(np.linalg.qr(factor, mode="r"))
+
     @cached_property
     def values(self) -> Float[np.ndarray, " column"]:
         """Values of all columns; zero gains and initial shapes for absent effects."""

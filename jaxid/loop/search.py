@@ -15,7 +15,7 @@ from ..estimation.model_programs import PROGRAMS
 from ..estimation.problem import Problem
 from ..models.free import Parameters, with_values
 from .compilation import signals_of
-from .evidence import Comparison, compare, inflation, is_noise_like, worth
+from .evidence import Comparison, compare, inflation, is_noise_like, log_samples, worth
 from .fit import LoopFit, fit
 from .hypothesis import Hypothesis, RandomForces, White
 from .moves import Move, MoveKind, Proposals, localise_fit, noise_moves
@@ -92,8 +92,7 @@ class SearchTree:
             if not set(best.effects) <= set(other.effects)
             or type(other.hypothesis.noise) is not type(best.hypothesis.noise)
         ]
-        price = float(np.log(best.problem.samples))
-        worse = [2.0 * (o.cost - best.cost) + price * (o.count - best.count) for o in others]
+        worse = [_price(other) - _price(best) for other in others]
         pairs = [(o, w) for o, w in zip(others, worse, strict=True) if np.isfinite(w)]
         return sorted(pairs, key=lambda pair: pair[1])
 
@@ -165,8 +164,23 @@ def _grow(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
                     children.append((step.fit, [*path, step]))
         if not children:
             return
+        if len(beam) > 1:
+            children.sort(key=lambda child: (not _is_evident(child[1][-1]), _price(child[0])))
         beam = children[: options.beam_width]
-        tree.best, tree.path = beam[0]
+        best, path = beam[0]
+        ancestors = [tree.declared, *(step.fit for step in path)]
+        if tree.best in ancestors or _price(best) < _price(tree.best):
+            tree.best, tree.path = best, path
+
+
+def _price(fitted: LoopFit) -> float:
+    """Return chi-square on the training records, with a price for each parameter."""
+    return 2.0 * fitted.cost + log_samples(fitted) * fitted.count
+
+
+def _is_evident(step: Step) -> bool:
+    """Return True if the records show an added effect without a model."""
+    return any(map(step.fit.problem.is_evident, step.move.into))
 
 
 def _expand(tree, parent: LoopFit, path, options: LoopOptions, progress) -> list[Step]:
@@ -262,8 +276,7 @@ def _ordered(steps: list[Step]) -> list[Step]:
 
     An effect that the records show without a model goes before all others.
     """
-    problem = steps[0].fit.problem
-    evident = [s for s in steps if any(map(problem.is_evident, s.move.into))]
+    evident = [step for step in steps if _is_evident(step)]
     rest = [s for s in steps if s not in evident]
     return [*_by_evidence(evident), *_by_evidence(rest)]
 

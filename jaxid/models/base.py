@@ -25,10 +25,10 @@ class AbstractModel(eqx.Module):
     the data are defined elsewhere (`Free`, the likelihood, `Record`). Numbers given for array
     leaves are converted at the entry points.
 
-    A subclass names its channels and implements two functions. The hooks below have defaults that
-    are suitable for most models. A model without states is static (a sensor calibration, or
-    aerodynamic coefficients computed from accelerations): its `rhs` returns `x`, and its outputs
-    are its equations.
+    A subclass names its channels and implements `rhs`, and `output` unless all outputs are states.
+    The hooks below have defaults that are suitable for most models. A model without states is
+    static (a sensor calibration, or aerodynamic coefficients computed from accelerations): its
+    `rhs` returns `x`, and its outputs are its equations.
 
     Attributes:
         states, inputs, outputs: the names of the channels, in order.
@@ -44,11 +44,22 @@ class AbstractModel(eqx.Module):
     ) -> Float[Array, " state"]:
         """The time derivative of the state, in the units of the state per second."""
 
-    @abc.abstractmethod
     def output(
         self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
     ) -> Float[Array, " output"]:
-        """The outputs of perfect instruments at this instant."""
+        """The outputs of perfect instruments at this instant; by default the states of the names in
+        `outputs`.
+
+        Raises:
+            InputError: by default, if an output is no state.
+        """
+        others = [name for name in self.outputs if name not in self.states]
+        require(
+            not others,
+            f"{type(self).__name__} has no method `output`, which is needed for outputs that are "
+            f"no states: {', '.join(others)}. Write `output(t, x, u)`.",
+        )
+        return jnp.stack([x[self.states.index(name)] for name in self.outputs])
 
     # Hooks ----------------------------------------------------------------------------------------
 

@@ -99,8 +99,7 @@ class FreeModel(eqx.Module):
         self, jacobian: Float[Array, "*axes element"], subset: Sequence[int]
     ) -> Float[Array, "*axes column"]:
         """Return the columns of the free parameters from derivatives by the elements of leaves."""
-        padded = jnp.pad(jacobian, ((0, 0),) * (jacobian.ndim - 1) + ((0, 1),))
-        return padded[..., self.elements(subset)]
+        return jnp.take(jacobian, self.elements(subset), axis=-1, mode="fill", fill_value=0.0)
 
     @property
     def n_columns(self) -> int:

@@ -2,13 +2,17 @@
 splines.
 """
 
+import functools
+import math
 import re
 from collections.abc import Iterable, Mapping
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 
 from .._foundation.checks import InputError, require, require_known
 from .._foundation.types import Array, Float
@@ -22,6 +26,10 @@ FACTOR_PATTERN = re.compile(
     rf"|\((?P<cut>{NAME_PATTERN})(?P<knot>[+-](?:{NUMBER_PATTERN}))\)\+"
     rf"|\((?P<difference>{DIFFERENCE_PATTERN})\)|(?P<plain>[^\s^|()]+))(?:\^(?P<power>[1-9]\d*))?"
 )
+
+# Terms up to which products of scalars are used, which compile to fewer loops than the gathers of
+# vectors of factors (chosen).
+FEW_TERMS = 4
 
 
 class Polynomial(eqx.Module):
@@ -65,7 +73,8 @@ class Polynomial(eqx.Module):
         Raises:
             InputError: when `signals` has no signal that a term needs.
         """
-        return jnp.dot(self.coefficients, monomials(self.terms, signals, self.centre))
+        one_sum = np.ones((1, len(self.terms)))
+        return sums_of_monomials(one_sum, self.coefficients, self.terms, signals, self.centre)[0]
 
 
 def monomials(
@@ -87,16 +96,105 @@ def monomials(
     Raises:
         InputError: when a term cannot be parsed, or `signals` has no signal that a term needs.
     """
+    values, indices = _factor_values(terms, signals, centre)
+    if len(terms) <= FEW_TERMS:
+        one = values[0]
+        return jnp.stack([math.prod((values[k] for k in row if k), start=one) for row in indices.T])
+    return _products(jnp.stack(values), indices)
+
+
+def sums_of_monomials(
+    incidence: Float[np.ndarray, "sum term"],
+    weights: Float[Array, " term"],
+    terms: tuple[str, ...],
+    signals: Mapping[str, Float[Array, ""]],
+    centre: Mapping[str, Float[Array, ""]] | None = None,
+) -> Float[Array, " sum"]:
+    """Return weighted sums of terms, `s_r = sum_k incidence_rk w_k m_k`, shape (sum,).
+
+    The derivatives by the factors of all terms are added up to one small matrix first, with which
+    each direction, or each row in reverse mode, is multiplied: the cost of a further one does not
+    depend on the number of terms.
+
+    Args:
+        incidence: sums to which each term belongs, one or zero.
+        weights: weight of each term.
+        terms, signals, centre: as in `monomials`.
+    """
+    values, indices = _factor_values(terms, signals, centre)
+    incidence = np.asarray(incidence, float)
+    pairs, members = _contributions(incidence, indices, len(values))
+
+    @jax.custom_jvp
+    def sums(weights, values):
+        return jnp.asarray(incidence) @ (weights * _products(values, indices))
+
+    @functools.partial(sums.defjvp, symbolic_zeros=True)
+    def _(primals, tangents):
+        (weights, values), (d_weights, d_values) = primals, tangents
+        slopes = _slopes(values, indices)
+        products = slopes[0] * values[indices[0]] if slopes else jnp.ones(len(terms))
+        tangent = jnp.zeros(incidence.shape[0])
+        if not isinstance(d_weights, SymbolicZero):
+            tangent += jnp.asarray(incidence) @ (products * d_weights)
+        if not isinstance(d_values, SymbolicZero):
+            parts = jnp.concatenate([*(weights * slope for slope in slopes), jnp.zeros(1)])
+            totals = jnp.append(jnp.sum(parts[members], axis=1), 0.0)
+            tangent += totals[pairs] @ d_values
+        return jnp.asarray(incidence) @ (weights * products), tangent
+
+    return sums(weights, jnp.stack(values))
+
+
+def _factor_values(terms, signals, centre):
+    """Return one and the values of all factors of some terms, and the index of each factor of each
+    term among them.
+    """
     products = [[base for base, power in factors(term) for _ in range(power)] for term in terms]
     bases = sorted({base for product in products for base in product})
     used = signals_in(terms)
     signals = with_differences(_centred(signals, centre or {}), used)
     require_known("signal", used, signals)
-    values = jnp.stack([jnp.ones(()), *(_value(_parse(base), signals) for base in bases)])
-    result = jnp.ones(len(terms))
-    for indices in _factor_indices(products, bases):
-        result = result * values[indices]
+    values = [jnp.ones(()), *(_value(_parse(base), signals) for base in bases)]
+    return values, _factor_indices(products, bases)
+
+
+def _contributions(incidence: np.ndarray, indices: np.ndarray, n_values: int):
+    """Return the pairs of a sum and a factor on which it depends, as indices of shape (sum, factor)
+    into a list, and for each pair the entries of `_slopes` that contribute to it.
+
+    The index after the last one stands for nothing.
+    """
+    entries_of: dict[tuple[int, int], list[int]] = {}
+    for row, term in np.argwhere(incidence):
+        for order, factor in enumerate(indices[:, term]):
+            if factor:
+                entries_of.setdefault((row, factor), []).append(order * indices.shape[1] + term)
+    pairs = np.full((incidence.shape[0], n_values), len(entries_of))
+    members = np.full(
+        (len(entries_of), max(map(len, entries_of.values()), default=0)), indices.size
+    )
+    for number, (pair, entries) in enumerate(entries_of.items()):
+        pairs[pair] = number
+        members[number, : len(entries)] = entries
+    return pairs, members
+
+
+def _products(values: Float[Array, " factor"], indices: np.ndarray) -> Float[Array, " term"]:
+    """Return the product of the factors of each term."""
+    result = jnp.ones(indices.shape[1])
+    for factor in indices:
+        result = result * values[factor]
     return result
+
+
+def _slopes(values: Float[Array, " factor"], indices: np.ndarray) -> list[Float[Array, " term"]]:
+    """Return the derivative of each term by each of its factors: the product of the others."""
+    by_factor = [values[factor] for factor in indices]
+    ones = jnp.ones(indices.shape[1])
+    return [
+        math.prod((*by_factor[:k], *by_factor[k + 1 :]), start=ones) for k in range(len(indices))
+    ]
 
 
 def _centred(

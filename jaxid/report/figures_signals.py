@@ -108,11 +108,7 @@ def predicted_outputs(prediction: Prediction, case: int = 0, outputs: Sequence[s
     """
     cases, _, channels = prediction.z.shape
     _require_case(case, cases)
-    names = tuple(outputs) or tuple(f"output {number + 1}" for number in range(channels))
-    require(
-        len(names) == channels,
-        f"There are {len(names)} names and {channels} outputs. Name each output once.",
-    )
+    names = prediction.output_names(outputs)
     t = np.asarray(prediction.t)[case]
     rows = 1 + int(np.sum(np.diff(t) > 0))
     z, y, scored = (

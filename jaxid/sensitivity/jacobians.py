@@ -128,23 +128,6 @@ class Differentiation(NamedTuple):
             B = jnp.zeros((*A.shape[:2], self.family.n_columns))
         return Jacobians(A, B_u, B)
 
-    def columns(
-        self,
-        jacobians: Jacobians,
-        du: Float[Array, "*point input element"],
-        acting: tuple[int, ...],
-    ) -> Float[Array, "*point row column"]:
-        """Return the derivatives by the free parameters at fixed state, with those of the input.
-
-        Args:
-            jacobians: of this function.
-            du: derivatives of the input by the elements of the leaves `acting`.
-            acting: indices of the leaves that act on the input.
-        """
-        if jacobians.B_u is None:
-            return jacobians.B
-        return jacobians.B + self.family.select(jacobians.B_u @ du, acting)
-
 
 def by_elements(function: Callable[..., Any], leaves: Leaves, acting: tuple[int, ...]):
     """Return the value of a function of all leaves, and its derivatives by the elements of some.

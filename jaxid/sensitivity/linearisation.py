@@ -25,13 +25,17 @@ from ..models.free_model import FreeModel, Leaves
 from ..simulation.hold import AbstractHold
 from ..simulation.simulate import effective_input
 from ..simulation.steppers import RK4, rate, substeps_of
-from .jacobians import Differentiation, by_elements
+from .jacobians import Differentiation, Jacobians, by_elements
 
-# Samples linearised at once (chosen): the arrays of one block stay in the processor's cache.
-SAMPLES_AT_ONCE = 64
+# Samples linearised at once, and elements of the derivatives at one stage of them (chosen): the
+# arrays of one block stay in the processor's cache.
+SAMPLES_AT_ONCE, ELEMENTS_AT_ONCE = 64, 100_000
 # Groups into which the samples of a block are divided for the outputs, as the stages divide the
 # equations: a loop over them separates the linearisation from its application.
 OUTPUT_GROUPS = 4
+# Columns at once through the effects on the sampled outputs, for the same reason, and the number of
+# such groups from which the columns are divided (chosen).
+COLUMNS_AT_ONCE, MIN_GROUPS = 16, 4
 # Runge-Kutta stages: fraction of the step, weight of the rate, and index of the input in
 # `AbstractInputSignal.stages`.
 NODES, WEIGHTS, INPUTS = (0.0, 0.5, 0.5, 1.0), (1.0, 2.0, 2.0, 1.0), np.array([0, 1, 1, 2])
@@ -82,7 +86,7 @@ def trajectory_sensitivities(
     """
     leaves, t = family.leaves(theta), trajectory.t
     substeps = trajectory.stepper.substeps
-    size = min(SAMPLES_AT_ONCE, OUTPUT_GROUPS * -(-t.size // OUTPUT_GROUPS))
+    size = _block_size(t.size, trajectory.x.shape[1] * family.n_columns)
     n_blocks = -(-t.size // size)
     acting, inputs = _inputs(family, leaves, trajectory)
     begin, length = substeps_of(jnp.append(t, t[-1]), substeps)
@@ -107,6 +111,17 @@ def trajectory_sensitivities(
     y, S = jax.lax.scan(block, _initial(family, leaves), now)[1]
     y, S = (leaf.reshape(-1, *leaf.shape[2:])[: t.size] for leaf in (y, S))
     return _observed(family, leaves, t, y, S)
+
+
+def _block_size(samples: int, elements: int) -> int:
+    """Return the number of samples linearised at once, a multiple of `OUTPUT_GROUPS`.
+
+    Args:
+        samples: samples of the record.
+        elements: elements of the derivatives of the states at one sample.
+    """
+    groups = min(SAMPLES_AT_ONCE, max(ELEMENTS_AT_ONCE // elements, 1)) // OUTPUT_GROUPS
+    return OUTPUT_GROUPS * min(max(groups, 1), -(-samples // OUTPUT_GROUPS))
 
 
 def _initial(family: FreeModel, leaves: Leaves) -> Float[Array, "state column"]:
@@ -161,23 +176,24 @@ def _transition(equations: Differentiation, leaves: Leaves, x, steps, inputs: In
     rates with their derivatives by state and free parameters.
     """
 
-    def substep(carry, now):
-        x, Phi, G = carry
+    def substep(x, now):
         begin, length, u, du = now
         x, dx, jacobians = _stages(equations, leaves, x, begin, length, u[:, INPUTS, :])
-        du = jnp.moveaxis(du[:, INPUTS, :, :], 1, 0)
-        A, B = jacobians.A, equations.columns(jacobians, du, acting)
-        own_Phi, own_G = _step(A, B, length)
-        return (x, own_Phi @ Phi, own_Phi @ G + own_G), (dx, A[0], B[0])
+        A, B_u, B = jacobians
+        if B_u is None:
+            return x, (*_step(jacobians, None, length), (dx, A[0], B[0]))
+        dU = equations.family.select(jnp.moveaxis(du, 1, 0), acting)[INPUTS]
+        return x, (*_step(jacobians, dU, length), (dx, A[0], B[0] + B_u[0] @ dU[0]))
 
-    points, n = x.shape
-    identity = jnp.broadcast_to(jnp.eye(n), (points, n, n))
-    begin = (x, identity, jnp.zeros((points, n, equations.family.n_columns)))
+    def then(before, after):
+        return (after[0] @ before[0], after[0] @ before[1] + after[1]), None
+
     by_substep = jax.tree.map(
         lambda leaf: jnp.moveaxis(leaf, 1, 0), (*steps, inputs.at_stages, inputs.d_stages)
     )
-    (_, Phi, G), rates = jax.lax.scan(substep, begin, by_substep)
-    return Phi, G, jax.tree.map(lambda leaf: leaf[0], rates)
+    _, (Phi, G, rates) = jax.lax.scan(substep, x, by_substep)
+    (interval_Phi, interval_G), _ = jax.lax.scan(then, (Phi[0], G[0]), (Phi[1:], G[1:]))
+    return interval_Phi, interval_G, jax.tree.map(lambda leaf: leaf[0], rates)
 
 
 def _stages(equations: Differentiation, leaves: Leaves, x, begin, length, u):
@@ -198,16 +214,20 @@ def _stages(equations: Differentiation, leaves: Leaves, x, begin, length, u):
     return x + length[:, None] / 6 * total, k[0], jax.lax.map(equations.apply, linear)
 
 
-def _step(A, B, length):
+def _step(jacobians: Jacobians, dU, length):
     """Return `Phi` and `G` of many steps from the Jacobians at their stages.
 
-    `M_s` is the derivative of the state after the step by the rate of stage s.
+    `M_s` is the derivative of the state after the step by the rate of stage s. `dU` are the
+    derivatives of the input at the stages by the free parameters, None if it has none.
     """
+    A, B_u, B = jacobians
     h, eye = length[:, None, None], jnp.eye(A.shape[-1])[None]
     M, Phi, G = h / 6 * eye, eye, 0.0
     for stage in (3, 2, 1, 0):
         product = M @ A[stage]
         Phi, G = Phi + product, G + M @ B[stage]
+        if B_u is not None:
+            G = G + (M @ B_u[stage]) @ dU[stage]
         if stage:
             M = h / 6 * WEIGHTS[stage - 1] * eye + NODES[stage] * h * product
     return Phi, G
@@ -223,7 +243,10 @@ def _output_columns(outputs: Differentiation, leaves: Leaves, samples, inputs: I
         lambda leaf: leaf.reshape(t.size, *leaf.shape[2:]),
         (y, jax.lax.map(outputs.apply, linear)),
     )
-    return y, jacobians.A @ X + outputs.columns(jacobians, inputs.d_samples, acting)
+    S = jacobians.A @ X + jacobians.B
+    if jacobians.B_u is not None:
+        S = S + jacobians.B_u @ outputs.family.select(inputs.d_samples, acting)
+    return y, S
 
 
 def _observed(family: FreeModel, leaves: Leaves, t, y, S) -> Float[Array, "time output column"]:
@@ -234,12 +257,22 @@ def _observed(family: FreeModel, leaves: Leaves, t, y, S) -> Float[Array, "time 
 
     if returns_argument(lambda y: observe(y, *leaves), y):
         return S
-    columns = jax.vmap(
-        lambda dy: jax.jvp(lambda y: observe(y, *leaves), (y,), (dy,))[1], in_axes=-1, out_axes=-1
-    )(S)
+    columns = _in_groups(jax.linearize(lambda y: observe(y, *leaves), y)[1], S)
     _, *used = depends_on(observe, (y, *leaves))
     acting = tuple(index for index, by_leaf in enumerate(used) if by_leaf)
     if not acting:
         return columns
     _, derivatives = by_elements(lambda *leaves: observe(y, *leaves), leaves, acting)
     return columns + family.select(derivatives, acting)
+
+
+def _in_groups(function, columns: Float[Array, "*axes column"]) -> Float[Array, "*axes column"]:
+    """Return the images of columns under a function, for a few columns at a time."""
+    image = jax.vmap(function, in_axes=-1, out_axes=-1)
+    n_columns, n_groups = columns.shape[-1], -(-columns.shape[-1] // COLUMNS_AT_ONCE)
+    if n_groups < MIN_GROUPS:
+        return image(columns)
+    padding = ((0, 0),) * (columns.ndim - 1) + ((0, n_groups * COLUMNS_AT_ONCE - n_columns),)
+    groups = jnp.pad(columns, padding).reshape(*columns.shape[:-1], n_groups, COLUMNS_AT_ONCE)
+    images = jnp.moveaxis(jax.lax.map(image, jnp.moveaxis(groups, -2, 0)), 0, -2)
+    return images.reshape(*columns.shape[:-1], -1)[..., :n_columns]

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
+from .._foundation.notebook import preformatted
 from ..data.record import Record
 from ..estimation import Estimate
 from ..models.base import AbstractModel
@@ -179,6 +180,9 @@ class Consistency:
                 [values, np.asarray(self.estimate.own)[case, list(own.values())]]
             )
         return with_values(self.model, names, jnp.asarray(values)).corrected(record)
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
     def __str__(self) -> str:
         width = max(

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..data.stack import stack
@@ -179,6 +180,9 @@ class Identification:
             lambda node: node.noise, self.likelihood, FixedNoise(self.estimate.noise)
         )
         return predict(self.model, stack(prepared), known, window=window, states=states)
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
     def __str__(self) -> str:
         lines = [f"reduced: {self.reduced}"] if self.reduced else []

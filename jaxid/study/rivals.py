@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from .._foundation.checks import require
 from ..data.record import Record
 from ..data.stack import unstack
-from ..design.input_design import expected_chi_square
+from ..design.explanations import expected_chi_square
 from ..estimation.estimate import as_stack, check_channels, check_sampling
 from ..models.free import Free
 from ..models.noise import FixedNoise

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from .._foundation.location import Location
+from .._foundation.types import Float
 from ..diagnosis.validation import root_mean_square
 from ..loop.evidence import Decision
 from ..loop.fit import LoopFit
@@ -26,6 +27,8 @@ class Alternative:
         chi_square: increase of the chi-square of the training records, priced by parameters.
         model: the model of the hypothesis, with its parameters estimated again.
         free: the parameters that were estimated.
+        information: factor of the training records' information on these parameters; None if
+            unknown.
     """
 
     name: str
@@ -34,6 +37,7 @@ class Alternative:
     chi_square: float
     model: AbstractModel
     free: Free
+    information: Float[np.ndarray, "row parameter"] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -230,5 +234,9 @@ def alternatives_of(tree: SearchTree, margin: float) -> tuple[Alternative, ...]:
             effects = other.problem.effects
             description = " and ".join(effects[name].card.description for name in new)
             missing = tuple(name for name in best.effects if name not in other.effects)
-            near.append(Alternative(" + ".join(new), description, missing, worse, model, free))
+            near.append(
+                Alternative(
+                    " + ".join(new), description, missing, worse, model, free, other.information
+                )
+            )
     return tuple(near)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._foundation.checks import require_known
 from .._foundation.notebook import preformatted
 from ..data.record import Record
 from ..diagnosis.localise import LocalisationResult
@@ -149,6 +150,22 @@ class Study:
     def to_json(self) -> str:
         """Return the results as a JSON object; a number that is not finite is null."""
         return json.dumps(_finite(self.to_dict()), indent=2)
+
+    def to_xarray(self, test: str | None = None) -> Any:
+        """Return the predictions of a test set as an `xarray.Dataset` with the axis `side`, the
+        declared model ("before") and the model with the added effects ("after").
+
+        Args:
+            test: name of the test set, the first by default.
+        """
+        import xarray as xr  # imported here because it is slow to import
+
+        name = next(iter(self.tests)) if test is None else test
+        require_known("test set", [name], self.tests)
+        sides = (self.before, self.after)
+        parts = [side.tests[name].to_xarray(side.model.outputs) for side in sides]
+        together = xr.concat(parts, xr.Variable("side", ["before", "after"]))
+        return together.assign_attrs(test=name, outcome=self.outcome.value)
 
     def plot(self, test: str | None = None, case: int = 0) -> Any:
         """Return a figure of a test record and its predictions before and after, by matplotlib

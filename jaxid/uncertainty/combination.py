@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
+from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float
 from ..estimation.result import Estimate
 from ..sensitivity.spectrum import SHARE
@@ -47,6 +48,9 @@ class ParameterTable(eqx.Module):
     def standard_error(self, name: str) -> float:
         """Return the standard error of one parameter, by name."""
         return float(np.asarray(self.standard_errors)[self.names.index(name)])
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
     def __str__(self) -> str:
         width = max([len(name) for name in self.names] + [9])

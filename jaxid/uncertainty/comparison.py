@@ -7,6 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from .._foundation.checks import require
+from .._foundation.notebook import preformatted
 from .._foundation.types import Float, Numbers
 from ..estimation.result import Estimate
 from .bootstrap import Bootstrap
@@ -60,6 +61,9 @@ class ErrorComparison(eqx.Module):
         """Return the standard errors of one kind."""
         return self.table[self.kinds.index(kind)]
 
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
+
     def __str__(self) -> str:
         titles = {
             ErrorKind.CRAMER_RAO: "Cramer-Rao",
@@ -78,6 +82,20 @@ class ErrorComparison(eqx.Module):
             reasons.setdefault(advice.reason, []).append(name)
         lines += [f"{', '.join(names)}: {reason}" for reason, names in reasons.items()]
         return "\n".join(lines)
+
+
+def _require_same_parameters(
+    estimate: Estimate, considered: FixedConstants | None, bootstrap: Bootstrap | None
+) -> None:
+    """Refuse results of another estimate."""
+    for name, other in (
+        ("considered", considered and considered.parameters),
+        ("bootstrap", bootstrap and bootstrap.names),
+    ):
+        require(
+            other is None or tuple(other) == estimate.names,
+            f"`{name}` has the parameters of another estimate.",
+        )
 
 
 def compare_errors(
@@ -101,14 +119,7 @@ def compare_errors(
     Raises:
         InputError: for results of another estimate.
     """
-    for name, other in (
-        ("considered", considered and considered.parameters),
-        ("bootstrap", bootstrap and bootstrap.names),
-    ):
-        require(
-            other is None or tuple(other) == estimate.names,
-            f"`{name}` has the parameters of another estimate.",
-        )
+    _require_same_parameters(estimate, considered, bootstrap)
     coloured = np.asarray(estimate.corrected_errors)
     errors = {
         ErrorKind.CRAMER_RAO: np.asarray(estimate.standard_errors),

@@ -13,6 +13,7 @@ import numpy as np
 
 from .._foundation.checks import require, require_known
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels
@@ -52,6 +53,9 @@ class FixedConstants(eqx.Module):
     def contributions(self) -> Float[Array, "parameter constant"]:
         """Standard error of each parameter that is due to each constant alone."""
         return jnp.abs(self.gain) * self.deviations[None]
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
     def __str__(self) -> str:
         width = max(len(name) for name in (*self.parameters, "parameter"))

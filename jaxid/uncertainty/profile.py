@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
+from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels, fit_problem
@@ -56,6 +57,9 @@ class Profile(eqx.Module):
         """Ratio of the longer to the shorter side of the interval; one for a linear model."""
         low, high = self.value - self.ends[0], self.ends[1] - self.value
         return max(low, high) / min(low, high) if min(low, high) > 0 else np.inf
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
     def __str__(self) -> str:
         return (

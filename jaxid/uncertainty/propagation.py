@@ -10,6 +10,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from .._foundation.checks import require
+from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float
 from ..estimation.result import Estimate
 from ..models.names import flatten, parameter_names
@@ -70,6 +71,9 @@ class Propagated(eqx.Module):
             self.value,
             self.standard_errors,
         )
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
 
     def __str__(self) -> str:
         width = max(len(name) for name in (*self.names, "value of"))

@@ -1,4 +1,4 @@
-"""Cases of several records, distributed over two devices, equal estimates on one device."""
+"""Cases of several records, distributed over four devices, equal estimates on one device."""
 
 import os
 import subprocess
@@ -24,7 +24,7 @@ from many_lags import chosen, lag_pairs, model
 from jaxid.batches import estimate_many
 from jaxid.estimation import OutputError
 
-assert len(jax.devices()) == 2
+assert len(jax.devices()) == 4
 mesh = Mesh(np.array(jax.devices()), ("device",))
 for name, devices in (("list", jax.devices()), ("mesh", mesh)):
     many = estimate_many(model(), chosen(), lag_pairs({pairs}), OutputError(), devices=devices)
@@ -32,8 +32,8 @@ for name, devices in (("list", jax.devices()), ("mesh", mesh)):
 """
 
 
-def test_two_host_devices_give_the_results_of_one(tmp_path):
-    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"
+def test_four_host_devices_give_the_results_of_one(tmp_path):
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=4"
     environment = os.environ | {
         "XLA_FLAGS": flags,
         "JAX_PLATFORMS": "cpu",

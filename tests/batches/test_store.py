@@ -142,7 +142,7 @@ def test_store_of_another_batch_is_refused_and_unchanged(records, tmp_path, monk
     with pytest.raises(InputError, match="its data is"):
         run(few, path, starts={"p": np.full(3, 1.1)})
     identity = importlib.import_module("jaxid.batches.identity")
-    monkeypatch.setattr(identity, "_version", lambda: "9.9")
+    monkeypatch.setattr(identity, "version", lambda: "9.9")
     with pytest.raises(InputError, match=r"its version is '.*', that of this call '9.9'"):
         run(few, path)
     xr.testing.assert_identical(read(path), before)

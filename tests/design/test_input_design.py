@@ -1,5 +1,7 @@
 """Designed inputs of a spring: derivative, limits, refusals, and gain over conventional inputs."""
 
+import json
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,6 +14,7 @@ from jaxid import AbstractModel, FixedNoise, OutputError, free
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.types import Array
 from jaxid.design import (
+    Explanation,
     InformationObjective,
     Limits,
     Trace,
@@ -83,6 +86,17 @@ def test_derivative_of_objective_equals_finite_differences():
     np.testing.assert_allclose(slope, (ends[0] - ends[1]) / (2 * h), rtol=1e-6)
 
 
+def test_design_is_a_figure_and_a_dictionary_of_plain_numbers(design):
+    force, x = design.plot().axes
+    np.testing.assert_array_equal(force.lines[0].get_ydata(), design.record.u[:, 0])
+    assert x.get_ylabel() == "x"
+    content = json.loads(json.dumps(design.to_dict()))
+    assert content["inputs"]["force"] == np.asarray(design.record.u[:, 0]).tolist()
+    assert set(content["standard_errors"]) == {"k", "c"}
+    assert [row["name"] for row in content["comparisons"]] == ["doublet", "3-2-1-1", "multisine"]
+    assert "limits used" in design._repr_html_()
+
+
 def test_design_beats_conventional_inputs_within_the_limits(design):
     """A logarithmic variance lower by 0.72 is a total standard error lower by 30 %."""
     best = min(comparison.within_limits for comparison in design.comparisons)
@@ -114,9 +128,24 @@ def test_predicted_errors_are_those_of_the_record_to_fly(design):
     assert "limits used: force, amplitude" in str(design)
 
 
+def test_next_design_adds_more_than_the_first_flown_again(design, conventional):
+    """Sequential design: at better values, with the information of the first flight."""
+    better = Spring(jnp.array(2.4), jnp.array(0.3))
+    chosen = free(better, "k", "c")
+    flown = information_of(better, chosen, design.record, NOISE, initial_state=jnp.zeros(2))
+    second = design_input(
+        *(better, chosen, T, SHAPE, RELATIVE, LIMITS, NOISE),
+        earlier=flown.factor,
+        conventional=conventional,
+    )
+    repeated = np.concatenate([flown.factor, flown.factor])
+    assert second.cost < np.log(RELATIVE.cost(repeated)) - 0.1
+    variance = np.sum((second.information.standard_errors / np.array([K, C])) ** 2)
+    np.testing.assert_allclose(second.cost, np.log(variance), rtol=1e-8)
+
+
 def test_expected_chi_square_equals_least_squares_by_differences(design):
     """The linear spring against the cubic one: its refit from differences of SciPy's solutions."""
-    chosen = free(SPRING, "k", "c")
     cubic = CubicSpring(*map(jnp.array, (K, C, 0.3, 1.0)))
     record = design.record
     two = eqx.tree_at(lambda r: r.u, record, jnp.pad(record.u, ((0, 0), (0, 1))))
@@ -139,11 +168,18 @@ def test_expected_chi_square_equals_least_squares_by_differences(design):
     difference = (positions(K, C, 0.3) - positions(K, C, 0.0)) / SIGMA
     residual = np.linalg.lstsq(np.stack(S, 1) / SIGMA, difference, rcond=None)[1][0]
     linear = eqx.tree_at(lambda m: m.cubic, cubic, jnp.array(0.0))
-    expected = expected_chi_square(
-        (cubic, free(cubic, "k")), (linear, free(linear, "k", "c")), two, NOISE
-    )
+    rival = linear, free(linear, "k", "c")
+    expected = expected_chi_square((cubic, free(cubic, "k")), rival, two, NOISE)
     np.testing.assert_allclose(expected, residual, rtol=1e-3)
-    assert chosen.shared == ("k", "c")
+    # Records already flown hold the rival at its values.
+    flown = np.array([[30.0, -2.0], [0.0, 20.0]])
+    rows = np.concatenate([np.stack(S, 1) / SIGMA, flown])
+    held = np.linalg.lstsq(rows, np.pad(difference, (0, 2)), rcond=None)[1][0]
+    expected = expected_chi_square(
+        (cubic, free(cubic, "k")), Explanation(*rival, flown), two, NOISE
+    )
+    np.testing.assert_allclose(expected, held, rtol=1e-3)
+    assert held > 1.05 * residual
 
 
 def test_impossible_designs_are_refused():

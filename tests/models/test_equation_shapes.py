@@ -146,6 +146,28 @@ def test_one_structure_is_traced_once_whatever_its_numbers():
     assert len(count) == 1
 
 
+class Measured(Oscillator):
+    """An oscillator with outputs that are states, in another order, without a method for them."""
+
+    outputs = ("v", "x")
+    output = AbstractModel.output
+
+
+def test_outputs_that_are_states_need_no_method():
+    t = 0.1 * np.arange(20)
+    y = simulate(Measured(), t, np.sin(t)[:, None], np.ones(2)).y
+    x = simulate(Oscillator(), t, np.sin(t)[:, None], np.ones(2)).x
+    np.testing.assert_array_equal(y, x[:, ::-1])
+
+
+def test_other_outputs_without_a_method_are_refused_by_name():
+    class Accelerometer(Measured):
+        outputs = ("x", "acceleration")
+
+    with pytest.raises(InputError, match=r"no method `output`.*no states: acceleration\. Write"):
+        check_equations(Accelerometer())
+
+
 def test_right_models_pass():
     check_equations(Oscillator())
     static = {"states": (), "inputs": ("u",), "outputs": ("y",)}

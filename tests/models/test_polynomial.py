@@ -7,7 +7,14 @@ import pytest
 
 from jaxid._foundation.checks import InputError
 from jaxid.models.names import parameter_names
-from jaxid.models.polynomial import Polynomial, factors, monomials, next_powers, signals_in
+from jaxid.models.polynomial import (
+    Polynomial,
+    factors,
+    monomials,
+    next_powers,
+    signals_in,
+    sums_of_monomials,
+)
 
 ALPHA, BETA = 0.37, -0.11
 TERMS = {  # value by term without a centre
@@ -65,6 +72,40 @@ def test_derivatives_are_finite_at_kinks_and_correct_elsewhere():
     np.testing.assert_allclose(slope(-0.5), [-1.0, -1.0, 0.0, 0.0], rtol=1e-14)
     assert np.isfinite(slope(0.0)).all()
     np.testing.assert_array_equal(slope(0.2)[2:], 0.0)
+
+
+def sums_and_reference(terms):
+    """Two sums of weighted terms as functions of weights and signals, and their definition."""
+    incidence = np.random.default_rng(1).integers(0, 2, (2, len(terms))).astype(float)
+
+    def sums(weights, alpha, beta):
+        return sums_of_monomials(incidence, weights, terms, {"alpha": alpha, "beta": beta})
+
+    def reference(weights, alpha, beta):
+        values = monomials(terms, {"alpha": alpha, "beta": beta})
+        return jnp.asarray(incidence, float) @ (weights * values)
+
+    return sums, reference
+
+
+@pytest.mark.parametrize("terms", [tuple(TERMS), ("alpha^2 beta",), ("1",)])
+def test_sums_of_terms_have_derivatives_of_their_definition(terms):
+    sums, reference = sums_and_reference(terms)
+    at = (jnp.linspace(-1.0, 2.0, len(terms)), jnp.array(ALPHA), jnp.array(BETA))
+    np.testing.assert_allclose(sums(*at), reference(*at), rtol=1e-14, atol=1e-16)
+    derivatives = (
+        lambda function: jax.jacfwd(function, (0, 1, 2)),
+        lambda function: jax.jacrev(function, (0, 1, 2)),
+        lambda function: jax.jacfwd(function, 0),
+        lambda function: jax.jacrev(function, (1, 2)),
+        lambda function: jax.jacfwd(jax.jacfwd(function, (0, 1, 2)), (0, 1, 2)),
+    )
+    for derivative in derivatives:
+        expected = jax.tree.leaves(jax.jit(derivative(reference))(*at))
+        for got, right in zip(
+            jax.tree.leaves(jax.jit(derivative(sums))(*at)), expected, strict=True
+        ):
+            np.testing.assert_allclose(got, right, rtol=1e-12, atol=1e-14)
 
 
 def test_next_powers_have_one_more_factor():

@@ -1,5 +1,6 @@
 """Records, estimates and predictions in a notebook: figures, HTML, dictionaries, datasets."""
 
+import importlib
 import json
 
 import jax.numpy as jnp
@@ -147,3 +148,39 @@ def test_an_estimate_is_a_labelled_dataset(fit):
     assert float(dataset["noise"].sel(output="x", output_2="x")) == float(fit.noise[0, 0])
     table = dataset[["values", "standard_errors"]].to_dataframe()
     assert table.loc["k", "standard_errors"] == fit.standard_error("k")
+
+
+def test_a_prediction_is_a_dictionary_and_a_labelled_dataset(prediction):
+    content = json.loads(json.dumps(prediction.to_dict(("height",))))
+    assert content["rms"] == {"height": 0.5}
+    assert content["y"][1][3] == [8.0]
+    dataset = prediction.to_xarray(("height",))
+    assert dataset["measured"].sel(output="height").isel(case=0, row=4) == 4.5
+    assert dataset["t"].values.tolist() == prediction.t.tolist()
+    assert int(dataset["scored"].sum()) == 5
+    assert list(prediction.to_xarray()["output"].values) == ["output 1"]
+
+
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [
+        ("jaxid.study.identification", "Identification"),
+        ("jaxid.study.consistency_result", "Consistency"),
+        ("jaxid.diagnosis.residuals", "ResidualTests"),
+        ("jaxid.diagnosis.maps", "ResidualMaps"),
+        ("jaxid.uncertainty.propagation", "Propagated"),
+        ("jaxid.uncertainty.comparison", "ErrorComparison"),
+        ("jaxid.uncertainty.profile", "Profile"),
+        ("jaxid.uncertainty.fixed_constants", "FixedConstants"),
+        ("jaxid.uncertainty.combination", "ParameterTable"),
+    ],
+)
+def test_results_with_a_table_show_it_in_a_notebook(module, name):
+    """The method prints the object, whatever it holds."""
+
+    class Shown:
+        def __str__(self):
+            return "a < b"
+
+    result = getattr(importlib.import_module(module), name)
+    assert "a &lt; b" in result._repr_html_(Shown())

@@ -77,6 +77,18 @@ def quick(monkeypatch):
     monkeypatch.setattr(gallery, "_saved", lambda figure, kind, **options: kind.encode())
 
 
+def test_a_study_is_a_labelled_dataset(study):
+    dataset = study.to_xarray()
+    after = study.after.tests["quick"]
+    np.testing.assert_array_equal(dataset["predicted"].sel(side="after"), after.y)
+    assert list(dataset["output"].values) == ["x", "tilt"]
+    rms = dataset["rms"].sel(output="x")
+    assert float(rms.sel(side="after")) < float(rms.sel(side="before"))
+    assert dataset.attrs == {"test": "quick", "outcome": study.outcome.value}
+    with pytest.raises(InputError, match="There is no test set 'none'"):
+        study.to_xarray("none")
+
+
 def lines(figure):
     return [line for ax in figure.axes for line in ax.lines]
 

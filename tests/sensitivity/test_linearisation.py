@@ -20,7 +20,7 @@ from jaxid.estimation.problem import Problem
 from jaxid.models import Free, Parameters, free
 from jaxid.models.free_model import FreeModel
 from jaxid.models.names import parameter_names
-from jaxid.sensitivity import jacobians
+from jaxid.sensitivity import jacobians, linearisation
 from jaxid.simulation import RK4, BandLimited, Cubic, Linear, ZeroOrder
 
 TOLERANCE = 1e-10  # of the largest entry of each column
@@ -92,8 +92,11 @@ PLACES = {
     ("hold", "places"),
     [("linear", "dynamics"), *((hold, "signals") for hold in HOLDS)],
 )
-def test_library_equals_forward_mode(hold, places):
-    """All parameters of the library are free: the equations are differentiated in reverse."""
+def test_library_equals_forward_mode(monkeypatch, hold, places):
+    """All parameters of the library are free: the equations are differentiated in reverse, and the
+    columns pass the sensors in groups.
+    """
+    monkeypatch.setattr(linearisation, "COLUMNS_AT_ONCE", 5)
     model = with_effects(PLACES[places])
     errors = difference(
         model, parameter_names(model), OutputError(hold=HOLDS[hold]), a_record(model, 70)
@@ -106,6 +109,7 @@ def test_library_equals_forward_mode(hold, places):
 @pytest.mark.parametrize("samples", [10, 64, 130])
 def test_modes_substeps_and_blocks_equal_forward_mode(monkeypatch, samples, reverse_from, substeps):
     monkeypatch.setattr(jacobians, "REVERSE_FROM", reverse_from)
+    monkeypatch.setattr(linearisation, "ELEMENTS_AT_ONCE", 100 if samples == 130 else 10**6)
     model = TwoSensors(1.5, 0.2)
     rec = a_record(model, samples)
     errors = difference(model, ["k", "c"], OutputError(stepper=RK4(substeps)), rec)

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxid._foundation.compiler import compiler_options
 from jaxid._foundation.evicting_jit import EvictingJit, compile_together
 from jaxid._foundation.memory import memory_maps, release_compiled_programs_if_needed
 
@@ -109,6 +110,13 @@ def test_unknown_compiler_options_are_omitted(user_environment):
         environment,
         f"options.items() >= {known}.items() and 'xla_option_of_no_version' not in options",
     )
+
+
+def test_no_options_are_set_on_a_gpu(monkeypatch):
+    """Its programs are compiled with XLA's defaults."""
+    monkeypatch.delenv("XLA_FLAGS", raising=False)
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    assert compiler_options() is None
 
 
 def test_no_options_are_set_where_the_user_sets_xla_flags(user_environment):

@@ -3,6 +3,7 @@ makes the record.
 """
 
 import hashlib
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..._foundation.checks import require
+from ..arguments import texts_by_name
 from ..build import TIME, record
 from ..record import Record
 
@@ -44,10 +46,20 @@ def sha256(path: Path) -> str:
 
 def clock(sample_time: float | int, samples: int, path: Path) -> np.ndarray:
     """Time from zero at a constant rate [s]."""
+    is_number = isinstance(sample_time, int | float | np.number)
     require(
-        sample_time > 0, f"{path.name}: `sample_time` is {sample_time}. Give a positive number [s]."
+        is_number and not isinstance(sample_time, bool) and _is_positive(sample_time),
+        f"{path.name}: `sample_time` is {repr(sample_time)[:60]}. Give a positive number [s].",
     )
     return sample_time * np.arange(samples)
+
+
+def _is_positive(number: Any) -> bool:
+    """True for a positive number within the range of floats."""
+    try:
+        return 0 < float(number) <= sys.float_info.max
+    except (OverflowError, TypeError):
+        return False
 
 
 def assemble(
@@ -70,7 +82,9 @@ def assemble(
             f"Record {name!r}: channel {n!r} has {len(columns[n])} samples and time "
             f"{len(columns[time])}. Resample them to the same times.",
         )
-    chosen = {n: unit for n, unit in file_units.items() if n in columns} | dict(units or {})
+    chosen = {n: unit for n, unit in file_units.items() if n in columns} | texts_by_name(
+        units, "units", f"Record {name!r}"
+    )
     if time in chosen:
         chosen[TIME] = chosen.pop(time)
     return record(

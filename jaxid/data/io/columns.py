@@ -44,7 +44,7 @@ def read_columns(
     name: str | None = None,
     constants: Mapping[str, Any] | None = None,
 ) -> Record:
-    """Read one record from a file of numbers without names: text, or `.mat` up to version 7.
+    """Read one record from a file of numbers without names: text or `.mat`.
 
     The flight data of DLR are such files.
 
@@ -134,6 +134,7 @@ def text_grid(path: Path, *, skip: int, delimiter: str | None) -> Grid:
         InputError: when it is not text, has no numbers, a cell is not a number, or a line has not
             as many numbers as the first line.
     """
+    _require_delimiter(path, delimiter)
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
@@ -155,6 +156,15 @@ def text_grid(path: Path, *, skip: int, delimiter: str | None) -> Grid:
             f"{len(rows[0])}. Correct the line, or give `delimiter`.",
         )
     return Grid(path.name, np.array(rows), lambda k: f"line {texts[k][0]}")
+
+
+def _require_delimiter(path: Path, delimiter: str | None) -> None:
+    """Refuse a delimiter that is not one character."""
+    require(
+        delimiter is None or (len(delimiter) == 1 and delimiter not in "\r\n"),
+        f"{path.name}: the delimiter is {delimiter!r}. Give one character, such as ',', or "
+        "leave it out for blanks.",
+    )
 
 
 def column(grid: Grid, columns: Columns, name: str) -> np.ndarray:

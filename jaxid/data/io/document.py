@@ -34,14 +34,29 @@ def write_document(
     Raises:
         InputError: when the file exists, the folder does not, or it cannot be written to.
     """
+    document = {"format": kind, "version": version, **_encoded(content)}
+    return write_new(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
+
+
+def write_new(path: str | Path, text: str) -> Path:
+    """Write a new file under a temporary name, and rename it when it is complete.
+
+    Args:
+        path: path of the new file, in an existing folder.
+        text: its content.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: when the file exists, the folder does not, or it cannot be written to.
+    """
     path = Path(path)
     require(
         not path.exists(),
         f"{path} exists already and is not overwritten. Choose another name, or remove it.",
     )
     require(path.parent.is_dir(), f"The folder {path.parent} does not exist. Create it first.")
-    document = {"format": kind, "version": version, **_encoded(content)}
-    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with temporary.open("x", encoding="utf-8") as file:

@@ -17,7 +17,7 @@ from ..._foundation.checks import (
 from ..._foundation.types import Array, Float
 from ..units import convert, to_si
 from .assemble import clock, existing
-from .csv import named_columns
+from .csv import Layout, named_columns
 
 Hold = Literal["zero_order", "linear"]
 
@@ -86,7 +86,7 @@ def read_inputs(
     _require_names(inputs, path)
     wanted = tuple(inputs) if sample_time is not None else (time, *inputs)
     columns, file_units, lines = named_columns(
-        path, wanted, units_row=units_row, delimiter=delimiter
+        path, wanted, units_row=units_row, layout=Layout(delimiter)
     )
     require(len(lines) > 0, f"{path.name} has no row below its header. Give at least one.")
     given_units = dict(units or {})

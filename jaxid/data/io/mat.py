@@ -10,6 +10,8 @@ from ..._foundation.checks import InputError, require, require_known
 from ..build import TIME
 from ..record import Record
 from .assemble import assemble, clock, existing
+from .binary import mat73_variables
+from .mat_structure import require_intact
 
 
 def read_mat(
@@ -23,7 +25,7 @@ def read_mat(
     name: str | None = None,
     constants: Mapping[str, Any] | None = None,
 ) -> Record:
-    """Read one record from the variables of a MATLAB file (up to version 7).
+    """Read one record from the variables of a MATLAB file; version 7.3 needs h5py (`jaxid[files]`).
 
     Args:
         path: the file.
@@ -40,7 +42,7 @@ def read_mat(
 
     Raises:
         InputError: when the file or a variable is missing, a variable is not a vector, the file is
-            of version 7.3, neither or both of `time` and `sample_time` are given, or `record`
+            damaged, neither or both of `time` and `sample_time` are given, or `record`
             refuses the values.
     """
     path = existing(path)
@@ -73,35 +75,39 @@ def mat_variables(path: str | Path) -> dict[str, np.ndarray]:
     """The variables of a MATLAB file by name.
 
     Args:
-        path: the file, of version 4 to 7.
+        path: the file, of version 4 to 7.3.
 
     Returns:
         Its variables, as arrays with two axes.
 
     Raises:
-        InputError: when the file does not exist, is of version 7.3 or is not a MATLAB file.
+        InputError: when the file does not exist, is not a MATLAB file or is damaged.
     """
     from scipy.io import loadmat  # imported here because it is slow to import
 
     path = existing(path)
+    require_intact(path.read_bytes(), path.name)
     try:
         return {k: v for k, v in loadmat(path).items() if not k.startswith("__")}
-    except NotImplementedError as error:
+    except NotImplementedError:
+        return mat73_variables(path)
+    except MemoryError as error:
         raise InputError(
-            f"{path.name} is a MATLAB file of version 7.3, which is HDF5 and not supported. In "
-            f"MATLAB: load it, then save('{path.name}', '-v7')."
+            f"{path.name} is damaged: it names an array that does not fit the memory. Export it "
+            "again, or as CSV."
         ) from error
-    except (ValueError, TypeError, OSError) as error:
+    except Exception as error:  # a damaged file makes the reader fail in many ways
         raise InputError(
-            f"{path.name} is not a MATLAB file: {error}. Export it again, or read it as CSV."
+            f"{path.name} is not a MATLAB file, or is damaged: {error}. Export it again, or read "
+            "it as CSV."
         ) from error
 
 
 def _vector(values: np.ndarray, name: str, path: Path) -> np.ndarray:
     """A MATLAB vector as an array with one axis."""
     require(
-        values.ndim == 2 and min(values.shape) == 1,
-        f"{path.name}: variable {name!r} has shape {values.shape}, and a channel is a vector. Save "
-        "each column as a variable.",
+        np.ndim(values) == 2 and min(values.shape) == 1 and values.dtype.kind in "biuf",
+        f"{path.name}: variable {name!r} has shape {np.shape(values)}, and a channel is a vector "
+        "of numbers. Save each column as a variable.",
     )
     return values.reshape(-1)

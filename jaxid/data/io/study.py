@@ -30,6 +30,7 @@ class StudyFile(NamedTuple):
         noise: known standard deviations by output, numbers in SI or texts such as "0.05 deg".
         loop: the section [loop].
         library: the section [library].
+        design: the section [design].
     """
 
     path: Path
@@ -42,6 +43,7 @@ class StudyFile(NamedTuple):
     noise: dict[str, float | str]
     loop: dict[str, Any]
     library: dict[str, Any]
+    design: dict[str, Any]
 
     def at(self, section: str, key: str = ""):
         """Return a context whose error messages name this file, the section and the key."""
@@ -100,6 +102,7 @@ TEXTS_BY_NAME = Kind(
     "a table of lists of texts", '{ Cm = ["alpha", "qhat"] }', _table_of(TEXTS.fits)
 )
 NUMBER = Kind("a number", "0.5", _is_number)
+LINES = Kind("a number of lines", "2", lambda value: type(value) is int and value >= 0)
 COUNT = Kind("a whole number, at least 1", "2", lambda value: type(value) is int and value >= 1)
 NUMBERS_BY_NAME = Kind("a table of numbers", "{ mass = 12.0 }", _table_of(_is_number))
 BOUNDS = Kind("a table of pairs", "{ k = [0.0, inf] }", _table_of(_list_of(_is_number, 2)))
@@ -128,10 +131,18 @@ SECTIONS: dict[str, dict[str, Kind]] = {
             "units": TEXT_BY_NAME,
             "units_row": SWITCH,
             "delimiter": TEXT,
+            "decimal": TEXT,
+            "encoding": TEXT,
+            "skip": LINES,
         },
         **{"constants": NUMBERS_BY_NAME, "derivatives": TEXT_BY_NAME, "cut": NUMBER},
     },
     "library": {"effects": TEXTS, "leave_out": TEXTS, "general": SWITCH},
+    "design": {
+        **{"duration": NUMBER, "sample_time": NUMBER, "knots": COUNT, "axes": TEXTS},
+        **{"amplitude": NUMBERS_BY_NAME, "rate": NUMBERS_BY_NAME, "energy": NUMBER},
+        **{"envelope": BOUNDS, "trim_input": NUMBERS_BY_NAME, "initial_state": NUMBERS_BY_NAME},
+    },
 }
 # Sections whose keys are names of the model or the loop: they are checked where the model is built.
 BY_NAME = {"noise": DEVIATION, "loop": NUMBER}
@@ -144,6 +155,9 @@ READING = (
     "units",
     "units_row",
     "delimiter",
+    "decimal",
+    "encoding",
+    "skip",
     "constants",
 )
 

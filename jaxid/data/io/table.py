@@ -10,7 +10,7 @@ import numpy as np
 from ..._foundation.checks import InputError, require
 from ..units import to_si
 from .assemble import existing, parse_number
-from .csv import _cells
+from .csv import Layout, cells_of
 
 ORIGIN = "origin"
 
@@ -60,7 +60,7 @@ def read_table(
             and remedy.
     """
     path = existing(path)
-    header, *rows = _cells(path, delimiter)
+    header, *rows = cells_of(path, Layout(delimiter))
     require(
         len(rows) > 0,
         f"{path.name} has a header and no row below it. Give one row for each point of the grid.",

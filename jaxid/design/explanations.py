@@ -1,0 +1,133 @@
+"""Explanations of records already flown, and the expected chi-square between two of them."""
+
+import dataclasses
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.checks import require
+from .._foundation.compiler import fast_compile_jit
+from .._foundation.types import Array, Float, Numbers
+from ..data.record import Record
+from ..estimation.likelihoods import AbstractLikelihood
+from ..models.base import AbstractModel, as_float, canonical
+from ..models.free import Free
+from ..models.names import flatten
+from .information import prior_rows
+from .objectives import Discrimination, Hypothesis, InformationObjective, MutualDiscrimination
+from .optimisation import Task
+
+
+class Explanation(NamedTuple):
+    """A model of records already flown.
+
+    Attributes:
+        model: the model, with the values of its estimate.
+        free: its free parameters.
+        earlier: factor of the information of these records on its shared parameters
+            (`fit.information.triangle`); None if it was not fitted to any.
+    """
+
+    model: AbstractModel
+    free: Free
+    earlier: Float[Numbers, "row parameter"] | None = None
+
+
+def as_explanation(given: Explanation | tuple[AbstractModel, Free]) -> Explanation:
+    """Return a model with its free parameters as an explanation."""
+    return given if isinstance(given, Explanation) else Explanation(*given)
+
+
+def expected_chi_square(
+    true: tuple[AbstractModel, Free],
+    wrong: Explanation | tuple[AbstractModel, Free],
+    record: Record,
+    likelihood: AbstractLikelihood,
+    *,
+    initial_state: Float[Numbers, " state"] | None = None,
+) -> float:
+    """Return the chi-square by which a wrong hypothesis loses on an input, after its refit.
+
+    Args:
+        true: the hypothesis assumed to be true, and its free parameters.
+        wrong: the rival, with the same inputs and outputs, and the information of its earlier
+            records if it is an `Explanation`.
+        record: a single record with the input.
+        likelihood: the likelihood with known noise.
+        initial_state: state at the first sample, to which further states of a model are added as
+            zero; by default each model reads it from the record.
+    """
+    rival = as_explanation(wrong)
+
+    def hypothesis(model: AbstractModel, free: Free) -> Hypothesis:
+        state = model.initial_state(record) if initial_state is None else initial_state
+        return hypothesis_of(canonical(model), free, start_of(model, state))
+
+    first, second = hypothesis(*true), hypothesis(rival.model, rival.free)
+    objective = Discrimination(
+        true=first,
+        wrong=second,
+        earlier=known_information(rival.free, rival.earlier),
+        likelihood=canonical(likelihood),
+    )
+    return float(_chi_square(objective, record.t, record.u))
+
+
+def separating_task(task: Task, rival: Explanation) -> Task:
+    """Return the task of separating the model of a task from a rival, within the limits of both."""
+    information, (first,) = task.objective, task.hypotheses
+    assert isinstance(information, InformationObjective)
+    model = canonical(rival.model)
+    require(
+        (model.inputs, model.outputs) == (first.model.inputs, first.model.outputs),
+        f"The rival has the inputs ({', '.join(model.inputs)}) and the outputs "
+        f"({', '.join(model.outputs)}), and the model other ones. Compare models of one record.",
+    )
+    trim = dict(zip(first.model.states, first.initial_state, strict=True))
+    state = jnp.stack([trim.get(name, jnp.zeros(())) for name in model.states])
+    second = hypothesis_of(model, rival.free, state)
+    likelihood = information.likelihood
+    known = known_information(rival.free, rival.earlier)
+    directions = (
+        Discrimination(true=first, wrong=second, earlier=known, likelihood=likelihood),
+        Discrimination(
+            true=second, wrong=first, earlier=information.earlier, likelihood=likelihood
+        ),
+    )
+    objective = MutualDiscrimination(directions=directions, likelihood=likelihood)
+    return dataclasses.replace(task, objective=objective, hypotheses=(first, second))
+
+
+def known_information(free: Free, earlier) -> Float[Array, "row parameter"]:
+    """Return the triangle of the information of records already flown, else of the priors."""
+    flown = prior_rows(free) if earlier is None else np.array(earlier, float)
+    require(
+        flown.shape[1:] == (len(free.shared),),
+        f"The information of earlier records has shape {flown.shape}, and there are "
+        f"{len(free.shared)} free parameters. Take `fit.information.triangle` of a fit with the "
+        "same parameters.",
+    )
+    count = len(free.shared)  # rows of a triangle: one shape, one compiled program
+    return jnp.asarray(np.linalg.qr(np.pad(flown, ((0, count), (0, 0))), mode="r"))
+
+
+def hypothesis_of(model: AbstractModel, free: Free, state) -> Hypothesis:
+    vector, _ = flatten(model)
+    return Hypothesis(model, free.positions(model), jnp.concatenate([vector, state]))
+
+
+def start_of(model: AbstractModel, state) -> Float[Array, " state"]:
+    """Return the state at the first sample; states beyond the given ones are zero."""
+    given = jnp.zeros(0) if state is None else as_float(state)
+    require(
+        given.size <= len(model.states),
+        f"`initial_state` has {given.size} values, and the model has {len(model.states)} states "
+        f"({', '.join(model.states)}).",
+    )
+    return jnp.pad(given, (0, len(model.states) - given.size))
+
+
+@fast_compile_jit
+def _chi_square(objective: Discrimination, t, u):
+    return objective.chi_square(t, u)

@@ -1,0 +1,1 @@
+"""Many studies in processes of one host, continued from a folder."""

@@ -1,0 +1,1 @@
+"""Findings on records before a model is fitted to them."""

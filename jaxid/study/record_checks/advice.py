@@ -1,0 +1,103 @@
+"""`advice`: findings on records before a model is fitted to them."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..._foundation.checks import InputError, require, require_float64
+from ...data.record import Record
+from ...models.base import AbstractModel, canonical
+from ...models.equation_shapes import check_equations
+from ...models.free import Free
+from .channels import Measured, longest_piece, measured, single_channels, time_base
+from .determination import determination, selection, undetermined
+from .findings import Advice, Finding, FindingKind
+from .frequencies import excitations, modes
+from .relations import collinear_inputs, delay_and_drift, feedback, offset_at_rest
+from .response import Response, response
+from .unit_checks import units_of_channels
+
+
+def advice(
+    records: Record | Sequence[Record], model: AbstractModel, free: Free | None = None
+) -> Advice:
+    """Return findings on records before a model is fitted to them.
+
+    They concern the time base, missing samples, units, coarse steps, saturation, offsets, drift,
+    delays, feedback, the frequencies of the inputs, and the parameters that all records together
+    determine. Delays, drift and feedback are tested in linear regressions of each output on its
+    past and on the inputs; strong nonlinearity can be taken for one of them. Of a record with a
+    hole in time the longest piece is examined. Nothing is changed, and nothing is fitted.
+
+    Args:
+        records: one record, several records, or a stack.
+        model: the model at its present values: its modes, response and sensitivities are compared
+            with the records.
+        free: the parameters of the later fit; by default all of a model with at most 40.
+
+    Returns:
+        The findings as data; `print` shows them as a table.
+
+    Raises:
+        InputError: when a record lacks a channel of the model, or JAX is in 32 bit.
+    """
+    require_float64()
+    model = canonical(model)
+    check_equations(model)
+    singles = [_selected(model, record) for record in _single_records(records)]
+    findings: list[Finding] = []
+    excitation = []
+    finite = True
+    pieces = []
+    for number, record in enumerate(singles):
+        findings += time_base(measured(record, number))
+        piece = longest_piece(record)
+        arrays = measured(piece, number)
+        at = response(model, piece, arrays)
+        finite = finite and bool(np.isnan(at.ends))
+        findings += _findings(arrays, model, at)
+        excitation += excitations(arrays)
+        pieces.append(piece)
+    chosen = selection(model, free) if finite else None
+    information = None if chosen is None else determination(model, chosen, pieces)
+    if information is not None:
+        findings += undetermined(information)
+    return Advice(tuple(findings), tuple(excitation), information)
+
+
+def _findings(record: Measured, model: AbstractModel, at: Response) -> list[Finding]:
+    """Return the findings on one record but for its time base, in the order of `FindingKind`."""
+    observed = [*single_channels(record), *collinear_inputs(record)]
+    observed += units_of_channels(record, model.units(), at)
+    observed += modes(record, at)
+    if not np.isnan(at.ends):
+        numbers = {"seconds": at.ends - float(record.t[0])}
+        observed.append(Finding(FindingKind.DIVERGENCE, record.name, (), numbers))
+    observed += _dynamic(record, at) if model.states and record.inputs else []
+    order = list(FindingKind)
+    return sorted(observed, key=lambda finding: order.index(finding.kind))
+
+
+def _dynamic(record: Measured, at: Response) -> Iterator[Finding]:
+    """Findings that need equal steps and the linear response of the model."""
+    if record.is_uniform and np.isfinite(at.A).all():
+        yield from offset_at_rest(record, at)
+        yield from delay_and_drift(record, at)
+        yield from feedback(record, at)
+
+
+def _single_records(records: Record | Sequence[Record]) -> list[Record]:
+    """Return single records; those of a stack without their padding."""
+    given = [records] if isinstance(records, Record) else list(records)
+    require(len(given) > 0, "There is no record to advise on. Give at least one.")
+    return [single for record in given for single in (record if record.is_stack else (record,))]
+
+
+def _selected(model: AbstractModel, record: Record) -> Record:
+    """Return a record with the channels of the model in its order."""
+    if (record.inputs, record.outputs) == (model.inputs, model.outputs):
+        return record
+    try:
+        return model.prepared(record)
+    except InputError as error:
+        raise InputError(f"Record {record.names[0]!r} does not fit the model: {error}") from error

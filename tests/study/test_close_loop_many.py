@@ -1,0 +1,133 @@
+"""Many studies in processes: each finds its effect, fails alone, and is not repeated."""
+
+import importlib
+import pickle
+
+import jax.numpy as jnp
+import pytest
+from small_spring import SIGMA, Spring, fly
+
+from jaxid import LoopOptions, OutputError, free
+from jaxid._foundation.checks import InputError
+from jaxid.effects import Term
+from jaxid.models import FixedNoise
+from jaxid.study import close_loop_many
+from jaxid.study.many.close_loop_many import run_study
+from jaxid.study.many.studies import Studies, StudyResult
+from jaxid.study.many.study_folder import StudyFolder
+
+CUBE = Term("v", "x^3", gain=jnp.array(-0.3))
+OPTIONS = LoopOptions(max_rounds=1, swap_limit=0, beam_width=1)
+
+
+def arguments(seed):
+    """Return the smallest study: one candidate, 200 samples."""
+    model = Spring(jnp.array(1.5), jnp.array(0.2))
+    records = [fly(seed + i, CUBE, samples=200)[0] for i in range(3)]
+    return {
+        "model": model,
+        "free": free(model, "k", "c"),
+        "likelihood": OutputError(FixedNoise(jnp.array([SIGMA**2]))),
+        "train": records[0],
+        "check": records[1],
+        "test": records[2],
+        "effects": (Term("v", "x^3"),),
+        "options": OPTIONS,
+    }
+
+
+@pytest.fixture(scope="module")
+def studies():
+    """A study, one that is refused, and one that another process cannot read."""
+
+    class Local(Spring):
+        pass
+
+    good = arguments(1)
+    local = good | {"model": Local(jnp.array(1.5), jnp.array(0.2))}
+    return {"flight 1": good, "no/channel": good | {"effects": (Term("v", "y"),)}, "local": local}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("studies") / "results"
+
+
+@pytest.fixture(scope="module")
+def many(studies, folder):
+    return close_loop_many(studies, folder=folder, processes=1)
+
+
+def test_study_in_a_process_finds_planted_effect_and_its_gain(many):
+    result = many["flight 1"]
+    assert result.effects == ("x^3 in v",)
+    gain = result.content["parameters"]["x^3 in v.gain"]
+    assert abs(gain["value"] + 0.3) < 5 * gain["standard_error"] < 0.2
+
+
+def test_failed_studies_carry_their_reasons(many):
+    assert list(many.failures) == ["no/channel", "local"]
+    assert "'y'" in many.failures["no/channel"]
+    assert "cannot be sent to another process" in many.failures["local"]
+
+
+def test_table_has_one_row_per_study(many):
+    table = many.to_dataframe()
+    assert list(table.index) == ["flight 1", "no/channel", "local"]
+    assert list(table.outcome) == [many["flight 1"].outcome.value, "failed", "failed"]
+    assert table.before.iloc[0] > 2 * table.after.iloc[0] > SIGMA
+    lines = str(many).splitlines()
+    assert lines[1].startswith("flight 1    ")
+    assert lines[1].endswith("x^3 in v")
+
+
+def test_second_call_repeats_failed_studies_only(many, studies, folder):
+    repeated = []
+    failing = {name: studies[name] for name in ("flight 1", "local")}
+    again = close_loop_many(failing, folder=folder, processes=1, progress=repeated.append)
+    assert [result.name for result in repeated] == ["local"]
+    assert again["flight 1"] == many["flight 1"]
+
+
+def test_folder_of_other_studies_is_refused(studies, folder, many):
+    other = {"flight 1": studies["flight 1"] | {"options": LoopOptions(max_rounds=2)}}
+    with pytest.raises(InputError, match=r"flight 1.json' belongs to another study"):
+        close_loop_many(other, folder=folder)
+
+
+def test_folder_that_cannot_be_read_or_written_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="cannot be written"):
+        StudyFolder(tmp_path / "file", {})
+    (tmp_path / "a.json").write_text("{")
+    with pytest.raises(InputError, match="is not the result of a study"):
+        StudyFolder(tmp_path, {"a": {}})
+
+
+def test_wrong_input_is_refused_in_words(studies):
+    good = studies["flight 1"]
+    with pytest.raises(InputError, match="no study"):
+        close_loop_many({})
+    with pytest.raises(InputError, match="'a' has no train"):
+        close_loop_many({"a": {name: good[name] for name in good if name != "train"}})
+    with pytest.raises(InputError, match="has `progress`"):
+        close_loop_many({"a": good | {"progress": print}})
+    with pytest.raises(InputError, match="`processes` is 0"):
+        close_loop_many({"a": good}, processes=0)
+
+
+def test_error_of_a_study_is_returned_with_its_traceback(studies, monkeypatch):
+    def fail(**arguments):
+        raise ZeroDivisionError("planted")
+
+    module = importlib.import_module("jaxid.study.many.close_loop_many")
+    monkeypatch.setattr(module, "close_loop", fail)
+    result = run_study("a", pickle.dumps(studies["flight 1"]))
+    assert "ZeroDivisionError: planted" in result.failure
+    assert str(Studies((result,))).endswith("ZeroDivisionError: planted")
+
+
+def test_prediction_that_diverges_has_infinite_error_in_the_table():
+    errors = {"before": {"x": None}, "after": {"x": 1.0}}
+    content = {"outcome": "explained", "effects": [], "noise": {"x": 1.0}, "tests": {"t": errors}}
+    assert StudyResult("a", 1.0, content).row()["before"] == float("inf")

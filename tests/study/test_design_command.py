@@ -1,0 +1,78 @@
+"""`python -m jaxid design`: the next record as CSV and a figure, and the section [design]."""
+
+import contextlib
+import importlib
+import io
+
+import numpy as np
+import pytest
+from many_lags import lag_records
+
+from jaxid import read_csv
+from jaxid._foundation.checks import InputError
+
+# The command as a function; typer converts its arguments.
+COMMAND = importlib.import_module("jaxid.__main__").design
+
+STUDY = """
+[model]
+use = "many_lags:Hardening"
+parameters = { p = 1.0, b = 0.7, cubic = 0.05 }
+
+[free]
+parameters = ["p", "b"]
+
+[records]
+inputs = ["u"]
+outputs = ["x"]
+train = ["lag.csv"]
+
+[design]
+duration = 6.0
+sample_time = 0.1
+knots = 8
+amplitude = { u = 1.0 }
+rate = { u = 5.0 }
+envelope = { x = [-0.5, 0.5] }
+"""
+
+
+def write_study(folder, text=STUDY):
+    (one,) = lag_records(1, seed=21)
+    columns = np.column_stack([one.t, one.u[:, 0], one.z[:, 0]])
+    np.savetxt(folder / "lag.csv", columns, delimiter=",", header="t,u,x", comments="")
+    (folder / "study.toml").write_text(text)
+    return folder / "study.toml"
+
+
+def test_record_to_fly_keeps_the_limits(tmp_path):
+    study, out = write_study(tmp_path), tmp_path / "next"
+    with contextlib.redirect_stdout(io.StringIO()) as output:
+        COMMAND(study, out=out)
+    assert "limits used: u, amplitude" in output.getvalue()
+    flown = read_csv(out / "design.csv", inputs=("u",), outputs=("x",))
+    np.testing.assert_allclose(flown.t, 0.1 * np.arange(61), atol=1e-9)
+    assert np.max(np.abs(flown.u)) <= 1.0
+    assert 0.3 < np.max(np.abs(flown.z)) <= 0.5 * (1 + 1e-4)
+    assert (out / "design.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("duration = 6.0", "", "duration must be given"),
+        ("amplitude = { u = 1.0 }", "amplitude = { v = 1.0 }", "no input 'v'"),
+        ("knots = 8", "knots = 80", "80 knots for 61 samples"),
+        ("knots = 8", "trim_input = { w = 1.0 }", "no trim input 'w'"),
+        ("knots = 8", "colour = 1", "no key 'colour'"),
+    ],
+)
+def test_section_is_checked_before_the_estimate(tmp_path, old, new, match):
+    study = write_study(tmp_path, STUDY.replace(old, new))
+    with pytest.raises(InputError, match=match):
+        COMMAND(study, out=tmp_path / "next")
+
+
+def test_existing_folder_is_refused(tmp_path):
+    with pytest.raises(InputError, match="exists"):
+        COMMAND(write_study(tmp_path), out=tmp_path)

@@ -1,0 +1,155 @@
+"""Forty typical mistakes of users: each message names the thing, and the remedy."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from small_spring import Spring
+
+import jaxid
+from jaxid import InputError, OutputError
+
+T = 0.1 * np.arange(30)
+U, X = np.sin(T), np.cos(T)
+NAMES = {"inputs": ("force",), "outputs": ("x",)}
+MODEL = Spring(jnp.array(1.0), jnp.array(0.1))
+
+
+def record(t=T, u=U, x=X, **options):
+    return jaxid.record(t, u, x, **NAMES | options)
+
+
+def changed(values, row, value):
+    values = np.array(values, object if isinstance(value, str) else float)
+    values[row] = value
+    return values
+
+
+def csv(folder, text, **options):
+    path = folder / "log.csv"
+    path.write_text(text)
+    return jaxid.read_csv(path, **NAMES | options)
+
+
+class NoRhsShape(Spring):
+    def rhs(self, t, x, u):
+        return x[1]
+
+
+class NumpyModel(Spring):
+    def rhs(self, t, x, u):
+        return np.array([x[1], u[0] - self.k * x[0]])
+
+
+class Branching(Spring):
+    def rhs(self, t, x, u):
+        return x if x[0] > 0 else -x
+
+
+class Accelerometer(Spring):
+    outputs = ("a",)
+    output = jaxid.AbstractModel.output
+
+
+def other(inputs=("force",), outputs=("x",)):
+    return jaxid.record(T, U, X, inputs=inputs, outputs=outputs)
+
+
+def fit(model=MODEL, free=None, records=None, **options):
+    free = jaxid.free(model, "k", "c") if free is None else free
+    return jaxid.estimate(model, free, records or record(), OutputError(), **options)
+
+
+RECORDS = {
+    "names as one string": (lambda: record(inputs="force"), "`inputs` is the string.*tuple"),
+    "a name for two columns": (
+        lambda: record(outputs=("x", "v")),
+        r"`z` has shape \(30,\).*2 outputs.*one column",
+    ),
+    "other length": (lambda: record(x=X[:-1]), "29 rows and time 't' has 30.*Resample"),
+    "channels in rows": (lambda: record(u=U[None]), r"shape \(1, 30\).*one column per name"),
+    "time backwards": (lambda: record(t=T[::-1]), "does not increase at row 1.*sort by time"),
+    "time twice": (lambda: record(t=changed(T, 3, T[2])), "row 3.*Remove repeated rows"),
+    "time in minutes by unit": (
+        lambda: record(units={"t": "m"}),
+        "'m' of 't' is not a unit of time",
+    ),
+    "NaN in an input": (lambda: record(u=changed(U, 4, np.nan)), "'force' is NaN at row 4.*interp"),
+    "infinite output": (lambda: record(x=changed(X, 5, np.inf)), "'x' is infinite at row 5.*NaN"),
+    "dead output": (lambda: record(x=np.full(30, np.nan)), "'x' has no valid sample.*Leave it out"),
+    "text in a channel": (
+        lambda: record(x=changed(X, 6, "off")),
+        "'x' holds 'off'.*row 6.*Convert",
+    ),
+    "complex channel": (lambda: record(x=X + 1j), "x is complex.*two channels"),
+    "misspelt unit": (lambda: record(units={"x": "degre"}), "'x'.*'degre'"),
+    "unit of another name": (lambda: record(units={"y": "m"}), "no channel 'y'.*names are"),
+    "g for gravity": (lambda: record(units={"x": "g"}), "ambiguous.*'g0'"),
+    "a cut outside": (lambda: jaxid.data.split_at(record(), 1.5), "cut at 1.5.*inside the record"),
+    "one name twice": (lambda: record(outputs=("force",)), "'force' occurs twice.*Rename"),
+    "no output": (lambda: record(outputs=(), x=np.zeros((30, 0))), "no output.*Name at least one"),
+    "one sample": (lambda: record(t=T[:1], u=U[:1], x=X[:1]), "1 samples.*at least 2"),
+    "stack in a stack": (lambda: jaxid.stack([jaxid.stack([record()])]), "a stack already"),
+    "records with other channels": (
+        lambda: jaxid.stack([record(), other(outputs=("y",))]),
+        "outputs differ in 'x', 'y'.*same channels",
+    ),
+    "a window past the end": (lambda: record().window(0, 99), "outside its 30 samples.*Choose"),
+    "a channel that is not there": (lambda: record().channel("y"), "no channel 'y'.*names are"),
+}
+MODELS = {
+    "misspelt parameter": (lambda: jaxid.free(MODEL, "kk"), "no parameter 'kk'.*names are"),
+    "no parameter": (lambda: jaxid.free(MODEL), "No parameter is free.*Name at least one"),
+    "parameter twice": (lambda: jaxid.free(MODEL, "k", "k"), "'k' occurs twice"),
+    "bounds without the start": (
+        lambda: jaxid.free(MODEL, "k", bounds={"k": (2.0, 3.0)}),
+        "'k'.*bounds",
+    ),
+    "negative deviation": (lambda: jaxid.free(MODEL, "k", prior={"k": (1.0, -1.0)}), "prior.*'k'"),
+    "rhs of one value": (lambda: fit(NoRhsShape(*[jnp.array(1.0)] * 2)), "`rhs`.*2 states.*stack"),
+    "NumPy in rhs": (lambda: fit(NumpyModel(*[jnp.array(1.0)] * 2)), "`rhs`.*NumPy.*`jax.numpy`"),
+    "a branch in rhs": (
+        lambda: fit(Branching(*[jnp.array(1.0)] * 2)),
+        "`rhs`.*branch.*`jnp.where",
+    ),
+    "an output without a method": (
+        lambda: fit(Accelerometer(*[jnp.array(1.0)] * 2), records=other(outputs=("a",))),
+        "no method `output`.*no states: a",
+    ),
+    "records of another model": (
+        lambda: fit(records=other(inputs=("torque",))),
+        r"model's inputs are \(force\), the records' are \(torque\).*Name and order",
+    ),
+    "no record": (
+        lambda: jaxid.estimate(MODEL, jaxid.free(MODEL, "k"), [], OutputError()),
+        "no rec",
+    ),
+    "a hole in time": (
+        lambda: fit(records=record(t=T + 9 * (T > 1))),
+        "1 hole: rows 10 to 11.*Split",
+    ),
+}
+FILES = {
+    "no such column": ("t,force,y\n0,1,2\n", {}, "no column in log.csv 'x'.*names are"),
+    "decimal comma": ("t;force;x\n0;1,5;2\n", {"delimiter": ";"}, "line 2.*'1,5' is not a number"),
+    "forgotten units row": ("t,force,x\ns,N,m\n0,1,2\n", {}, "'s' is not a number.*units_row=True"),
+    "other delimiter": ("t;force;x\n0;1;2\n", {}, "no column in log.csv 't'.*t;force;x"),
+    "a row too short": ("t,force,x\n0,1\n", {}, "line 2: 2 cells, and the header has 3"),
+}
+
+
+@pytest.mark.parametrize("mistake", [*RECORDS, *MODELS])
+def test_mistake_has_a_message_with_its_remedy(mistake):
+    function, words = (RECORDS | MODELS)[mistake]
+    with pytest.raises(InputError, match=f"(?s){words}"):
+        function()
+
+
+@pytest.mark.parametrize("mistake", FILES)
+def test_mistake_in_a_file_has_a_message_with_its_remedy(mistake, tmp_path):
+    text, options, words = FILES[mistake]
+    with pytest.raises(InputError, match=f"(?s){words}"):
+        csv(tmp_path, text, **options)
+
+
+def test_there_are_forty():
+    assert len(RECORDS) + len(MODELS) + len(FILES) >= 40

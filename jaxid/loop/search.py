@@ -202,11 +202,17 @@ def _expand(tree, parent: LoopFit, path, options: LoopOptions, progress) -> list
         stages.append(lambda: (_noises(tree, parent, options, progress), 1))
     for stage in stages:
         moves, candidates = stage()
-        steps = _refits(tree, parent, moves, candidates, options, progress)
+        report = _of_round(rounds + 1, progress)
+        steps = _refits(tree, parent, moves, candidates, options, report)
         accepted = [step for step in steps if step.comparison.accepted]
         if accepted:
             return _ordered(accepted)
     return []
+
+
+def _of_round(number: int, progress: Progress) -> Progress:
+    """Return a progress function whose texts name the round."""
+    return lambda text: progress(f"round {number}: {text}")
 
 
 def _changes(proposals: Proposals) -> list[Move]:

@@ -70,7 +70,7 @@ def memory(fitted: LoopFit) -> float:
 def is_drift(fitted: LoopFit) -> bool:
     """Return True if the noise of a fit is so slow that it is as well a constant or a drift."""
     t = np.asarray(fitted.problem.train.t)
-    return memory(fitted) > LONGEST_MEMORY * float(np.max(t[:, -1] - t[:, 0]))
+    return bool(memory(fitted) > LONGEST_MEMORY * float(np.max(t[:, -1] - t[:, 0])))
 
 
 def followed_signals(best: LoopFit, signals: Signals, level: float) -> tuple[str, ...]:

@@ -127,11 +127,11 @@ def test_damaged_columns_are_refused_or_read(tmp_path):
 def test_damaged_matlab_files_are_refused_or_read(tmp_path):
     rng, path = random.Random(3), tmp_path / "a.mat"
     t = 0.1 * np.arange(12)
-    scipy.io.savemat(path, {"t": t, "u": t, "x": np.stack([t, t]), "s": "text", "c": {"a": 1}})
+    scipy.io.savemat(path, {"y": t, "u": t, "x": np.stack([t, t]), "s": "text", "c": {"a": 1}})
     content, read = path.read_bytes(), 0
     for _ in range(300):
         path.write_bytes(mutated(content, rng))
-        options = {"inputs": ("u",), "outputs": ("t",), "sample_time": 0.1}
+        options = {"inputs": ("u",), "outputs": ("y",), "sample_time": 0.1}
         read += attempt(lambda options=options: jaxid.read_mat(path, **options)) is not None
     assert 5 < read < 280
 

@@ -14,6 +14,7 @@ from .fit import LoopFit, triangular_factor
 from .force_innovations import FUNCTIONS
 from .hypothesis import RandomForces, White
 from .linear import falls, reduce
+from .thresholds import SETTLED
 
 # Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
 # five times in a record, and is as well a constant or a drift.
@@ -117,5 +118,6 @@ def _followed(best: LoopFit, signals: Signals, level: float) -> tuple[str, ...]:
     labels = {f"{name}.gain": name for name in problem.effects}
     labels |= dict(zip(columns, followers, strict=True))
     scores = falls(reduce(triangle), np.array([[k] for k in triangle.at(list(labels))]))
-    significant = scores > float(chi2.isf(level / len(labels), 1))
+    # The linear model along the motion without forces is an approximation: a small score is none.
+    significant = scores > max(float(chi2.isf(level / len(labels), 1)), SETTLED)
     return tuple(dict.fromkeys(np.array(list(labels.values()))[significant].tolist()))

@@ -71,7 +71,7 @@ def test_evident_effect_is_added_while_residual_is_coloured():
     exclude it.
     """
     flown = flights(5)
-    level = 0.8 * max(float(jnp.max(record.z)) for record in flown[:3])
+    level = 0.5 * max(float(jnp.max(record.z)) for record in flown[:3])
     stopped = [
         eqx.tree_at(lambda record: record.z, record, jnp.minimum(record.z, level))
         for record in flown

@@ -6,8 +6,9 @@ The coupled flight of `python -m jaxid` (six degrees of freedom, 26 free paramet
 number of candidates, samples and records. Each size runs twice in a separate process, without a
 compilation cache, as in a user's notebook: the first study is a cold start except for the imports,
 the second is warm. The table shows the seconds, their split over the steps, the number of
-compilations of the sensitivity pass (for all rounds one of the records and one of the window in
-which a check record's initial state is fitted) and the added effects; the JSON also has
+compilations of the sensitivity pass (for all rounds one of the records, one of the window in which
+a check record's initial state is fitted, and one of the effects found with the shapes next to them)
+and the added effects; the JSON also has
 the largest error on the test records over the realised noise of these records.
 """
 

@@ -38,9 +38,11 @@ def test_loop_adds_only_planted_effect_and_reaches_noise_level(benchmark, costs)
 
 
 def test_sensitivity_pass_is_compiled_once_for_all_rounds(benchmark, costs):
-    """Once for the records, and once for the window of a check record."""
+    """Once for the records, once for the window of a check record, and once for the effects of the
+    result with the shapes next to them.
+    """
     assert costs["cold"]["rounds"] >= 2
-    assert costs["cold"]["passes_compiled"] == 2
+    assert costs["cold"]["passes_compiled"] == 3
     assert costs["warm"]["passes_compiled"] == 0
 
 
@@ -53,4 +55,4 @@ def test_steps_are_timed_without_overlap(benchmark, costs):
 def test_table_has_one_line_per_size(benchmark, costs):
     lines = benchmark.table([costs, costs]).splitlines()
     assert sum(line.split()[:3] == [str(COUNT), "501", "3"] for line in lines) == 2
-    assert "2 in 2 rounds" in lines[2]
+    assert "3 in 2 rounds" in lines[2]

@@ -62,7 +62,7 @@ def passes(samples: int):
 
 
 def measure(samples: int, repeats: int, clock: str) -> list[dict]:
-    """Return the time of a pass of each likelihood and its ratio to that of output error."""
+    """Return the time of a pass of each likelihood, and its ratio to a pass of output error."""
     made = passes(samples)
     functions = {name: evaluate for name, (evaluate, _) in made.items()}
     for evaluate in functions.values():

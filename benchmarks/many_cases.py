@@ -8,7 +8,7 @@ of the slow cases alone is divided by the time of the other cases alone.
 
 `--devices N` distributes the cases over N host devices, and compares the wall time with one device.
 
-`--gpu` compares the wall time per case of JAX's default device with that of the CPU, by number of
+`--gpu` compares the wall time per case on JAX's default device and on the CPU, by number of
 cases; its options stand in `many_cases_gpu`.
 """
 

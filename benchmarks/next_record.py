@@ -5,8 +5,8 @@ doublet, a step or a sine, is simulated with one of the two as the truth, and bo
 The input of the next flight is designed from these two fits alone (`jaxid.study.separating_input`,
 as used by `next_record` for a study) and flown with the same truth. Both are then fitted to the two
 flights together, by SciPy. The decision is right if the wrong explanation loses 6 or more of
-chi-square, wrong if the true one does, else open. Beside it the same with a 3-2-1-1 of the same
-peak, reduced where it would leave the envelope. Goal: 9 of 10 pairs right, with either truth,
+chi-square, wrong if the true one does, else open. For comparison a 3-2-1-1 of the same peak,
+reduced where it would leave the envelope. Goal: 9 of 10 pairs right, with either truth,
 within the envelope.
 """
 

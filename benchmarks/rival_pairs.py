@@ -49,7 +49,7 @@ class ShortPeriod(AbstractModel):
         d(alpha)/dt = q - lift,    lift = L alpha - bend alpha^3 + Ld elevator
         dq/dt = Ma alpha + Mq q + Md elevator
 
-    The signal `load` is the normal force with that of trim, in units of `lift`.
+    The signal `load` is the normal force, trim included, in units of `lift`.
     """
 
     L: Array

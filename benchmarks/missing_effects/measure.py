@@ -114,13 +114,15 @@ def search_summary(
         [list(other.effects), type(other.hypothesis.noise).__name__, worse]
         for other, worse in tree.alternatives()[:3]
     ]
-    findings = [[f.check.name, list(f.names), list(f.numbers)] for f in found.assessment.findings]
+    objections = [
+        [f.check.name, list(f.names), list(f.numbers)] for f in found.assessment.objections
+    ]
     return {
         "outcome": found.outcome.value,
         "effects": list(found.effects),
         "noise": type(found.hypothesis.noise).__name__,
         "alternatives": others,
-        "findings": findings,
+        "objections": objections,
         "first_right": bool(first) and all(map(is_right, first)),
         "top_three": [
             any(one.accepts(name, name) for name in (*leading, *(families[n] for n in first)))

@@ -150,7 +150,7 @@ def shortfall(one: Result, unseen: bool = False) -> str:
 
 
 def _leading(one: Result) -> str:
-    """Return the true fall of chi-square, and the nearest alternatives with what they lack."""
+    """Return the true fall of chi-square, and the nearest alternatives with their distance."""
     others = [
         f"{' + '.join(names) or 'none'} {worse:.0f}" for names, _, worse in one["alternatives"]
     ]

@@ -186,7 +186,7 @@ def _common(times: Sequence[np.ndarray]) -> tuple[float, float]:
 
 
 def _is_faster(t: np.ndarray, step: float) -> bool:
-    """True if the step of a signal is clearly below that of the clock."""
+    """True if a signal is sampled clearly faster than the clock."""
     return len(t) > 1 and bool(np.median(np.diff(t)) < FASTER * step)
 
 

@@ -30,8 +30,6 @@ from ..models.free_model import insert
 from ..simulation.simulate import effective_input
 from ..simulation.steppers import rate
 
-# kinds of places at which a random force can act
-FORCES = (LocationKind.EQUATION, LocationKind.AIR)
 # names by kind, hashable, so that programs can be compiled for them
 Places = tuple[tuple[LocationKind, tuple[str, ...]], ...]
 
@@ -189,33 +187,23 @@ def spline_basis(
     return jnp.clip(1.0 - jnp.abs(t[:, None] - grid[None]) / (grid[1] - grid[0]), 0.0), grid
 
 
-def answers(linear: Linear, splines) -> Float[Array, "time output place knot"]:
-    """Return the response of the outputs to every B-spline at every place."""
-    dx = _carried(
-        linear.Phi,
-        jnp.einsum("tsp,tk->tspk", linear.P, splines[:-1])
-        + jnp.einsum("tsp,tk->tspk", linear.Q, splines[1:]),
-    )
-    return jnp.einsum("tos,tspk->topk", linear.C, dx) + jnp.einsum(
-        "top,tk->topk", linear.D, splines
-    )
+def answers(
+    linear: Linear, disturbances: Float[Array, "time shape"]
+) -> Float[Array, "time output place shape"]:
+    """Return the response of the outputs to each disturbance at every place.
+
+    Args:
+        linear: linear model along a trajectory.
+        disturbances: disturbances at the samples, in straight lines between them.
+    """
+    pushed = jnp.einsum("tsp,tk->tspk", linear.P, disturbances[:-1])
+    pushed += jnp.einsum("tsp,tk->tspk", linear.Q, disturbances[1:])
+    dx = _states_under(linear.Phi, pushed)
+    direct = jnp.einsum("top,tk->topk", linear.D, disturbances)
+    return jnp.einsum("tos,tspk->topk", linear.C, dx) + direct
 
 
-def answer(linear: Linear, disturbance: Float[Array, "time place"]) -> Float[Array, "time output"]:
-    """Return the response of the outputs to one disturbance at all places together."""
-    dx = response(linear, disturbance)
-    return jnp.einsum("tos,ts->to", linear.C, dx) + jnp.einsum("top,tp->to", linear.D, disturbance)
-
-
-def response(linear: Linear, disturbance: Float[Array, "time place"]) -> Float[Array, "time state"]:
-    """Return the response of the states to one disturbance at all places together."""
-    pushed = jnp.einsum("tsp,tp->ts", linear.P, disturbance[:-1]) + jnp.einsum(
-        "tsp,tp->ts", linear.Q, disturbance[1:]
-    )
-    return _carried(linear.Phi, pushed)
-
-
-def _carried(Phi: Float[Array, "step state state"], pushed: Float[Array, "step state *place"]):
+def _states_under(Phi: Float[Array, "step state state"], pushed: Float[Array, "step state *place"]):
     """State at every sample, from rest, under an increment in every step."""
 
     def step(dx, now):

@@ -59,23 +59,6 @@ def score_covariance_under(
     return jnp.einsum("cfjp,cfjq->pq", weighted, jnp.conj(transformed)).real
 
 
-def colour_inflation(
-    column: Float[Array, "case time output"],
-    v: Float[Array, "case time output"],
-    mask: Bool[Array, "case time output"],
-) -> Float[Array, ""]:
-    """Return the ratio of the variance of `sum column * v` to its value for white, unit `v`.
-
-    Args:
-        column: a whitened sensitivity, zero at missing samples.
-        v: a whitened residual, zero at missing samples.
-        mask: valid samples.
-    """
-    variance = jnp.sum(tapered_covariance(v, mask) * _sums_of_products(column))
-    length = jnp.sum(column**2)
-    return jnp.where(length > 0, variance / jnp.where(length > 0, length, 1.0), 1.0)
-
-
 def tapered_covariance(
     v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]
 ) -> Float[Array, "lag output"]:

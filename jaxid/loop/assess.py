@@ -50,7 +50,7 @@ class Check(enum.Enum):
     BORNE_OUT = enum.auto()
 
 
-class Finding(NamedTuple):
+class Objection(NamedTuple):
     """Objection of one check to the effects as the cause.
 
     Attributes:
@@ -70,12 +70,12 @@ class Assessment:
 
     Attributes:
         outcome: the outcome.
-        findings: objections of the checks.
+        objections: objections of the checks.
         where: location of the residual of the declared model; None if nothing is missing.
     """
 
     outcome: Outcome
-    findings: tuple[Finding, ...]
+    objections: tuple[Objection, ...]
     where: LocalisationResult | None
 
 
@@ -92,20 +92,20 @@ def assess(tree: SearchTree, tests: Mapping[str, Record], options: LoopOptions) 
         return _assess_noise(tree, more)
     where, best = _where(tree), tree.best
     effects = [best.problem.effects[name] for name in best.effects]
-    objections = [more, one_function(effects), in_place(effects, where), unit_gain(best)]
-    if not any(objections):
-        objections.append(alternative(tree))
-    objections.append(carries_over(tree, tests))
-    findings = tuple(finding for finding in objections if finding is not None)
-    return Assessment(Outcome.PROXIES if findings else Outcome.EXPLAINED, findings, where)
+    results = [more, one_function(effects), in_place(effects, where), unit_gain(best)]
+    if not any(results):
+        results.append(alternative(tree))
+    results.append(carries_over(tree, tests))
+    objections = tuple(result for result in results if result is not None)
+    return Assessment(Outcome.PROXIES if objections else Outcome.EXPLAINED, objections, where)
 
 
-def _assess_noise(tree: SearchTree, more: Finding | None) -> Assessment:
+def _assess_noise(tree: SearchTree, more: Objection | None) -> Assessment:
     """Return the verdict of a search that ended without effects.
 
     Args:
         tree: the search.
-        more: finding of `noise_like`.
+        more: objection of `noise_like`.
     """
     if more is not None:
         return Assessment(Outcome.UNEXPLAINED, (more,), _where(tree))
@@ -114,8 +114,8 @@ def _assess_noise(tree: SearchTree, more: Finding | None) -> Assessment:
     return Assessment(tree.best.hypothesis.noise.outcome, (), _where(tree))
 
 
-def noise_like(tree: SearchTree, options: LoopOptions) -> Finding | None:
-    """Return a finding if the residual of the best hypothesis is more than noise.
+def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
+    """Return an objection if the residual of the best hypothesis is more than noise.
 
     It is if its past predicts it, if it is larger than a given noise, if a refused candidate lowers
     the cost significantly, if a free-form disturbance at some place explains it, if it depends on a
@@ -127,26 +127,26 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Finding | None:
     """
     best, level = tree.best, options.level
     if not is_noise_like(best, options) or above_known_noise(best, level):
-        return Finding(Check.NOISE_LIKE)
+        return Objection(Check.NOISE_LIKE)
     if refused := _significant_refusals(tree):
-        return Finding(Check.NOISE_LIKE, refused)
+        return Objection(Check.NOISE_LIKE, refused)
     if not isinstance(best.hypothesis.noise, White):
         return _noise_model(tree, level)
     if best.effects and stands_out(localise_fit(best, _where(tree).splines), level):
-        return Finding(Check.NOISE_LIKE)
+        return Objection(Check.NOISE_LIKE)
     return None
 
 
-def _noise_model(tree: SearchTree, level: float) -> Finding | None:
-    """Return a finding if the noise model of the best hypothesis is no noise."""
+def _noise_model(tree: SearchTree, level: float) -> Objection | None:
+    """Return an objection if the noise model of the best hypothesis is no noise."""
     best = tree.best
     signals = followed_signals(best, tree.signals, level)
     moved = isinstance(best.hypothesis.noise, RandomForces) and bool(best.effects)
-    return Finding(Check.NOISE_LIKE, signals) if signals or moved or is_drift(best) else None
+    return Objection(Check.NOISE_LIKE, signals) if signals or moved or is_drift(best) else None
 
 
-def one_function(effects: Sequence[Effect]) -> Finding | None:
-    """Return a finding if effects of different shapes together make up one function of one signal.
+def one_function(effects: Sequence[Effect]) -> Objection | None:
+    """Return an objection if effects of different shapes make up one function of one signal.
 
     Terms of one series are one function; a kink, a friction and a cubic of the same signal at one
     place are not three causes.
@@ -164,11 +164,11 @@ def one_function(effects: Sequence[Effect]) -> Finding | None:
         for effect in group
         if len({type(member) for member in group}) > 1 and not all(member.terms for member in group)
     )
-    return Finding(Check.ONE_FUNCTION, names) if names else None
+    return Objection(Check.ONE_FUNCTION, names) if names else None
 
 
-def in_place(effects: Sequence[Effect], where: LocalisationResult) -> Finding | None:
-    """Return a finding if most effects act where the residual of the declared model is not.
+def in_place(effects: Sequence[Effect], where: LocalisationResult) -> Objection | None:
+    """Return an objection if most effects act where the residual of the declared model is not.
 
     Only equations, inputs and sensors count: a coefficient or a parameter may move more equations
     than one, and so does an action between two parts.
@@ -185,7 +185,7 @@ def in_place(effects: Sequence[Effect], where: LocalisationResult) -> Finding | 
         return None
     near = _near_best(where, NEAR_PLACE if len(set(locations)) == 1 else NEAR_PLACE_OF_TWO)
     elsewhere = tuple(e.name for e, at in zip(effects, locations, strict=True) if at not in near)
-    return Finding(Check.IN_PLACE, elsewhere) if 2 * len(elsewhere) > len(effects) else None
+    return Objection(Check.IN_PLACE, elsewhere) if 2 * len(elsewhere) > len(effects) else None
 
 
 def _near_best(where: LocalisationResult, within: float) -> set[Location]:
@@ -205,8 +205,8 @@ def act_between(effects: Sequence[Effect]) -> bool:
     return of_difference and in_equations and len(locations) == len(effects) > 1
 
 
-def unit_gain(best: LoopFit) -> Finding | None:
-    """Return a finding if the gain of an effect that is absent or present is not shown to be one.
+def unit_gain(best: LoopFit) -> Objection | None:
+    """Return an objection if the gain of an all-or-nothing effect is not shown to be one.
 
     It alone decides when a related effect takes a gain without a meaning: a lag of another gain
     than one for a delay (`test_lag_of_partial_gain_is_proxy`).
@@ -219,11 +219,11 @@ def unit_gain(best: LoopFit) -> Finding | None:
         allowed = max(UNIT_GAIN_DEVIATION * error, UNIT_GAIN_ERROR)
         if not (error <= UNIT_GAIN_ERROR and abs(gain - 1.0) <= allowed):
             partial[name] = gain
-    return Finding(Check.UNIT_GAIN, tuple(partial), tuple(partial.values())) if partial else None
+    return Objection(Check.UNIT_GAIN, tuple(partial), tuple(partial.values())) if partial else None
 
 
-def alternative(tree: SearchTree) -> Finding | None:
-    """Return a finding if another shape fits nearly as well as an effect.
+def alternative(tree: SearchTree) -> Objection | None:
+    """Return an objection if another shape fits nearly as well as an effect.
 
     Refitted alternatives of no more parameters, and shapes next to those of the effects that the
     library need not hold, such as the next higher power.
@@ -242,11 +242,11 @@ def alternative(tree: SearchTree) -> Finding | None:
         near = {
             n: w for n, w in neighbours(best).items() if w < margin / SETTLED * SETTLED_NEIGHBOUR
         }
-    return Finding(Check.ALTERNATIVE, tuple(near), tuple(near.values())) if near else None
+    return Objection(Check.ALTERNATIVE, tuple(near), tuple(near.values())) if near else None
 
 
-def carries_over(tree: SearchTree, tests: Mapping[str, Record]) -> Finding | None:
-    """Return a finding if test records are predicted worse with the effects than without.
+def carries_over(tree: SearchTree, tests: Mapping[str, Record]) -> Objection | None:
+    """Return an objection if test records are predicted worse with the effects than without.
 
     It alone decides when an effect holds only in the range of the train and check records
     (`test_effect_that_does_not_carry_over_is_proxy`).
@@ -257,7 +257,7 @@ def carries_over(tree: SearchTree, tests: Mapping[str, Record]) -> Finding | Non
         rise = mean_log(after) - mean_log(before)
         if rise > DETERMINED * difference_error(before, after):
             worse[name] = rise
-    return Finding(Check.CARRIES_OVER, tuple(worse), tuple(worse.values())) if worse else None
+    return Objection(Check.CARRIES_OVER, tuple(worse), tuple(worse.values())) if worse else None
 
 
 def _where(tree: SearchTree) -> LocalisationResult:

@@ -15,7 +15,7 @@ from ..models.free import Free, Parameters
 
 
 class Columns:
-    """The columns of a search, without those of the per-record parameters, which precede them.
+    """The columns of a search. The columns of the per-record parameters precede them.
 
     Attributes:
         names: dotted, the declared parameters first.

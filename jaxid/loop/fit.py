@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.evicting_jit import compile_together
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from .._foundation.results import RESULTS
@@ -273,13 +274,31 @@ def fit(
         likelihood, solver = estimation.problem.likelihood, problem.solver
         if not isinstance(likelihood, OutputError):
             solver = dataclasses.replace(solver, chord=False)  # its rows are no residuals
-        solution = fit_by_steps(estimation.problem, estimation.parameters, solver)
+        S = None
+        if solution is None:  # a continuation starts elsewhere
+            S = _known_sensitivities(parent, estimation, hypothesis, values)
+        solution = fit_by_steps(estimation.problem, estimation.parameters, solver, S)
         shared = np.asarray(solution.parameters.shared)
         known = {name: float(shared[k]) for k, name in enumerate(estimation.names)}
         chosen = problem.columns.chosen(hypothesis.effects)
         values[chosen] = shared[: len(chosen)]
         rows, costs = solution.parameters.rows, [*costs, float(solution.cost)]
     return LoopFit(problem, hypothesis, estimation, solution)
+
+
+def compile_programs(problem: LoopProblem) -> None:
+    """Compile the programs of the declared fit and of a prediction of the check records at once."""
+    start = estimation_of(problem, Hypothesis(), problem.initial_values, {}, None)
+    case = FlatProblem.of(start.problem)
+    predictor = Predictor(problem.likelihood, problem.window, problem.starts, problem.train.n_cases)
+    model = problem.model_at(problem.initial_values)
+    compile_together(
+        [
+            (PROGRAMS.outputs, case.outputs_arguments(start.parameters)),
+            (PROGRAMS.sensitivities, case.sensitivities_arguments(start.parameters)),
+            *predictor.programs(model, problem.check),
+        ]
+    )
 
 
 def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None, start):
@@ -292,6 +311,22 @@ def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None,
         values[index[name]] = known[name]
     values[[gains[name] for name in set(gains) - set(hypothesis.effects)]] = 0.0
     return values, known
+
+
+def _known_sensitivities(
+    parent: LoopFit | None, estimation: Estimation, hypothesis: Hypothesis, values
+) -> Array | None:
+    """Return the sensitivities at the start of a fit, known if it starts at its parent's values."""
+    if parent is None or not isinstance(estimation.problem.likelihood, OutputError):
+        return None
+    problem, parameters = parent.problem, estimation.parameters
+    same = problem.train is estimation.problem.records and np.array_equal(values, parent.values)
+    if not same or parameters.rows is not parent.solution.parameters.rows:
+        return None
+    own, chosen = len(problem.free.per_record), problem.columns.chosen(hypothesis.effects)
+    S = np.asarray(parent.linearised[1])[..., np.r_[np.arange(own), own + np.array(chosen, int)]]
+    padding = parameters.shared.size - len(chosen)
+    return to_device(np.pad(S, ((0, 0), (0, 0), (0, 0), (0, padding))))
 
 
 def worth_continuing(costs: list[float], creeping: float) -> bool:

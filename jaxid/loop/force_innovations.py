@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Bool, Float
-from ..diagnosis.free_form import Linear, Places, linear_model
+from ..diagnosis.free_form import Linear, Places, answers, linear_model
 from ..estimation.problem import Problem
 from ..models.free import Parameters
 
@@ -67,8 +67,8 @@ def force_innovations(
     def of_one(own, case, v, S, probes):
         _, record = case
         linear = linear_model(problem, own, parameters.shared, case, places)
-        answers = _responses(linear, probes)
-        columns = jnp.concatenate([v[..., None], S, answers], axis=-1)
+        forced = answers(linear, probes).reshape(*v.shape, -1)
+        columns = jnp.concatenate([v[..., None], S, forced], axis=-1)
         white = _filtered(linear, record.t, record.mask, columns, noise)
         return white[..., 0], white[..., 1 : 1 + S.shape[-1]], white[..., 1 + S.shape[-1] :]
 
@@ -83,25 +83,6 @@ def _functions(signals):
     s = centred / jnp.where(size > 0, size, 1.0)[None, None]
     functions = [s**2, s**3, jnp.abs(s) * s, jnp.tanh(SIGN_STEEPNESS * s)]
     return jnp.stack(functions, axis=-1).reshape(*s.shape[:2], -1)
-
-
-def _responses(linear: Linear, probes: Float[Array, "time probe"]):
-    """Return the outputs under each probe as the force at each place."""
-    places, count = linear.P.shape[-1], probes.shape[-1]
-    pushed = jnp.einsum("tsp,tq->tspq", linear.P, probes[:-1])
-    pushed += jnp.einsum("tsp,tq->tspq", linear.Q, probes[1:])
-    pushed = pushed.reshape(*pushed.shape[:2], places * count)
-
-    def step(dx, now):
-        Phi, push = now
-        dx = Phi @ dx + push
-        return dx, dx
-
-    start = jnp.zeros(pushed.shape[1:])
-    _, later = jax.lax.scan(step, start, (linear.Phi, pushed))
-    states = jnp.concatenate([start[None], later])
-    direct = jnp.einsum("top,tq->topq", linear.D, probes)
-    return linear.C @ states + direct.reshape(*direct.shape[:2], places * count)
 
 
 def _filtered(

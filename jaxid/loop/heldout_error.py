@@ -4,7 +4,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.host import to_device
 from .._foundation.types import Bool, Float
 from ..diagnosis.validation import Prediction
 from ..estimation.coloured import score_covariance, tapered_covariance, valid_pairs
@@ -29,13 +28,6 @@ def mean_log_of(rms: Float[np.ndarray, " output"]) -> float:
 def observed_channels(prediction: Prediction) -> Bool[np.ndarray, " output"]:
     """Return a mask of the channels with a scored sample."""
     return np.any(np.asarray(prediction.scored), axis=(0, 1))
-
-
-def of_channel(prediction: Prediction, index: int) -> Prediction:
-    """Return a prediction in which one channel is scored alone."""
-    scored = np.array(prediction.scored)
-    scored[..., np.arange(scored.shape[-1]) != index] = False
-    return eqx.tree_at(lambda node: node.scored, prediction, to_device(scored))
 
 
 def difference_error(before: Prediction, after: Prediction) -> float:

@@ -27,7 +27,7 @@ def check_finite(declared: LoopFit) -> None:
     names = " and of ".join(map(repr, _spoiling(declared, tuple(problem.effects))))
     raise InputError(
         f"On the training records the derivative at zero gain of {names} is not finite, so that "
-        "nothing can be scored beside it. "
+        "no other candidate can be scored. "
         "Keep it finite (a root of zero needs a floor), or leave the candidate out."
     )
 

@@ -16,7 +16,7 @@ from ..estimation.problem import Problem
 from ..models.free import Parameters, with_values
 from .compilation import signals_of
 from .evidence import Comparison, compare, inflation, is_noise_like, log_samples, worth
-from .fit import LoopFit, fit
+from .fit import LoopFit, compile_programs, fit
 from .hypothesis import Hypothesis, RandomForces, White
 from .moves import Move, MoveKind, Proposals, localise_fit, noise_moves
 from .not_finite import check_finite
@@ -111,6 +111,8 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
         options: levels and limits.
         progress: function that receives a short text at every step.
     """
+    progress("compilation of the model with its candidates")
+    compile_programs(problem)
     progress("estimate of the declared model")
     declared = fit(problem, Hypothesis())
     if not np.isfinite(declared.cost):

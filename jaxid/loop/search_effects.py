@@ -24,7 +24,7 @@ class EffectSearch:
 
     Attributes:
         tree: all fits of the search.
-        assessment: outcome, findings and location of the residual.
+        assessment: outcome, objections and location of the residual.
         tests: test records by name of set.
     """
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..effects.augmented import split_effects
-from .assess import Assessment, Check, Finding
+from .assess import Assessment, Check, Objection
 from .evidence import Decision
 from .fit import LoopFit
 from .heldout_error import mean_log
@@ -52,7 +52,7 @@ def verdict_words(best: LoopFit, assessment: Assessment) -> str:
         Outcome.COLOURED_NOISE: NO_EFFECT.format(noise),
         Outcome.PROCESS_NOISE: NO_EFFECT.format(noise),
     }[assessment.outcome]
-    return " ".join([sentence, *map(finding_words, assessment.findings)])
+    return " ".join([sentence, *map(objection_words, assessment.objections)])
 
 
 def effect_words(best: LoopFit) -> str:
@@ -85,12 +85,12 @@ def place_words(assessment: Assessment) -> str:
     return " or ".join(place.location.label for place in assessment.where.near_best())
 
 
-def finding_words(finding: Finding) -> str:
+def objection_words(objection: Objection) -> str:
     """Return the objection of a check as a sentence."""
-    names = ", ".join(finding.names)
+    names = ", ".join(objection.names)
     numbers = ", ".join(
         f"{name} ({number:.3g})"
-        for name, number in zip(finding.names, finding.numbers, strict=False)
+        for name, number in zip(objection.names, objection.numbers, strict=False)
     )
     return {
         Check.NOISE_LIKE: "The residual that remains is more than noise"
@@ -103,7 +103,7 @@ def finding_words(finding: Finding) -> str:
         f"{numbers}.",
         Check.BORNE_OUT: f"On the complete training records it is insignificant: {names}.",
         Check.CARRIES_OVER: f"The error of test records grows, by the logarithm: {numbers}.",
-    }[finding.check]
+    }[objection.check]
 
 
 def next_best_words(tree: SearchTree) -> str:

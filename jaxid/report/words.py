@@ -24,7 +24,7 @@ OUTCOMES = {
     Outcome.PROCESS_NOISE: "The residual of the declared model is larger than measurement noise, "
     "but nothing predicts it. The innovations of a filter that models random forces in the "
     "equations, or gusts, are noise, and depend on none of the signals. These records therefore "
-    "show no missing effect. The estimates after are those of this filter.",
+    "show no missing effect. The estimates after come from this filter.",
     Outcome.COLOURED_NOISE: "The residual of the declared model can be predicted from its past, "
     "but from nothing else. Noise of the sensors that is correlated in time explains it, and what "
     "is left depends on none of the signals. These records therefore show no missing effect. The "

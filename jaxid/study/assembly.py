@@ -15,7 +15,7 @@ from ..effects.augmented import split_effects
 from ..estimation.estimate import Fit
 from ..estimation.likelihoods import OutputError
 from ..estimation.result import Estimate
-from ..loop.assess import Assessment, Check, Finding
+from ..loop.assess import Assessment, Check, Objection
 from ..loop.fit import LoopFit, fit
 from ..loop.moves import Proposals, localise_fit
 from ..loop.options import LoopOptions
@@ -72,7 +72,7 @@ def assemble_study(
     return Study(
         verdict=" ".join(words),
         outcome=assessment.outcome,
-        findings=assessment.findings,
+        objections=assessment.objections,
         effects=best.effects,
         descriptions=tuple(estimated[name].card.description for name in best.effects),
         noise_model=best.hypothesis.noise,
@@ -133,16 +133,16 @@ def without(
     """Return the assessment after effects turned out insignificant on the complete records.
 
     Args:
-        assessment: that of the search.
+        assessment: the assessment of the search.
         effects: names of the effects that remain.
         dropped: names of the insignificant effects.
     """
     if not dropped:
         return assessment
     outcome = Outcome.PROXIES if effects else Outcome.UNEXPLAINED
-    finding = Finding(Check.BORNE_OUT, dropped)
+    objection = Objection(Check.BORNE_OUT, dropped)
     return dataclasses.replace(
-        assessment, outcome=outcome, findings=(*assessment.findings, finding)
+        assessment, outcome=outcome, objections=(*assessment.objections, objection)
     )
 
 

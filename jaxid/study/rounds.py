@@ -19,7 +19,7 @@ from ..models.free import Free
 
 @dataclasses.dataclass(frozen=True)
 class Alternative:
-    """A hypothesis that fits the records about as well as that of the study.
+    """A hypothesis that fits the records about as well as the study's own.
 
     Attributes:
         name, description: names and descriptions of the effects that replace others.

@@ -16,7 +16,7 @@ from ..diagnosis.residual_report import ResidualReport
 from ..diagnosis.validation import Prediction
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
-from ..loop.assess import Finding
+from ..loop.assess import Objection
 from ..loop.hypothesis import NoiseHypothesis
 from ..loop.outcome import Outcome
 from ..loop.wording import noise_words
@@ -53,13 +53,13 @@ class Study:
     Attributes:
         verdict: the result in words.
         outcome: the result as one of six states.
-        findings: objections to the effects as the cause, as data.
+        objections: objections to the effects as the cause, as data.
         effects: names of the effects that were added and kept, in the order of their addition.
         descriptions: descriptions of these effects.
         noise_model: the noise that the records show: white, coloured, or random forces, whose
             parameters stand in `after.estimate` with standard errors.
         rounds: history of the search.
-        alternatives: hypotheses that fit about as well as that of the study; `discrimination`
+        alternatives: hypotheses that fit about as well as the study's own; `discrimination`
             rates another record by its power to distinguish them.
         next_best: the next best hypothesis and how much worse it is, in words.
         localisation: location of the training residual of the declared model (`before`) and of the
@@ -79,7 +79,7 @@ class Study:
 
     verdict: str
     outcome: Outcome
-    findings: tuple[Finding, ...]
+    objections: tuple[Objection, ...]
     effects: tuple[str, ...]
     descriptions: tuple[str, ...]
     noise_model: NoiseHypothesis
@@ -128,9 +128,9 @@ class Study:
             "noise": self.noise,
             "noise_known": self.noise_known,
             "noise_model": noise_words(self.noise_model),
-            "findings": [
+            "objections": [
                 {"check": one.check.name, "names": one.names, "numbers": one.numbers}
-                for one in self.findings
+                for one in self.objections
             ],
             "next_best": self.next_best,
             "tests": {

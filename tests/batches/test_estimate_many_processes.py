@@ -1,4 +1,4 @@
-"""Two processes of `jax.distributed` share a batch through its store; the result is that of one."""
+"""Two processes of `jax.distributed` share a batch through its store, with the results of one."""
 
 import os
 import socket

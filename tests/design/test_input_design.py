@@ -87,9 +87,9 @@ def test_derivative_of_objective_equals_finite_differences():
 
 
 def test_design_is_a_figure_and_a_dictionary_of_plain_numbers(design):
-    force, x = design.plot().axes
+    force, x, _ = design.plot().axes
     np.testing.assert_array_equal(force.lines[0].get_ydata(), design.record.u[:, 0])
-    assert x.get_ylabel() == "x"
+    assert x.get_title(loc="left") == "x"
     content = json.loads(json.dumps(design.to_dict()))
     assert content["inputs"]["force"] == np.asarray(design.record.u[:, 0]).tolist()
     assert set(content["standard_errors"]) == {"k", "c"}

@@ -15,16 +15,16 @@ FAINT = Term("v", "x^3", jnp.array(-0.01))
 
 
 def checks(found):
-    return [finding.check for finding in found.assessment.findings]
+    return [objection.check for objection in found.assessment.objections]
 
 
 def test_shapes_of_one_function():
     """A cubic and a dead band of one signal are one cause; two terms, or two signals, are not."""
     cubic, square = Term("v", "v^3"), Term("v", "v^2")
     kink = DeadBand(Placement.equation("v"), "v")
-    finding = one_function((cubic, kink))
-    assert finding is not None
-    assert set(finding.names) == {cubic.name, kink.name}
+    objection = one_function((cubic, kink))
+    assert objection is not None
+    assert set(objection.names) == {cubic.name, kink.name}
     assert one_function((cubic, square)) is None
     assert one_function((Term("v", "x^3"), kink)) is None
 
@@ -61,7 +61,7 @@ def test_effect_that_does_not_carry_over_is_proxy():
     found = search_effects(problem(14, CUBIC), test={"new spring": fly(150, size=2.0)})
     assert found.effects == ("x^3 in v",)
     assert checks(found) == [Check.CARRIES_OVER]
-    assert found.assessment.findings[0].names == ("new spring",)
+    assert found.assessment.objections[0].names == ("new spring",)
     assert found.outcome is Outcome.PROXIES
 
 

@@ -39,7 +39,7 @@ def test_absent_effect_is_not_named():
     """`assess.noise_like` decides alone: no other candidate imitates a scale of the sensor."""
     found = search_effects(problem(3, SCALED).without("scale of v"))
     assert found.outcome in (Outcome.UNEXPLAINED, Outcome.PROXIES)
-    assert [finding.check for finding in found.assessment.findings] == [Check.NOISE_LIKE]
+    assert [objection.check for objection in found.assessment.objections] == [Check.NOISE_LIKE]
 
 
 @pytest.mark.parametrize("effect", [LATE, BIASED])

@@ -20,7 +20,7 @@ from jaxid.effects import (
 )
 from jaxid.estimation.estimate import as_stack
 from jaxid.loop import Hypothesis, LoopProblem, Outcome
-from jaxid.loop.assess import Assessment, Check, Finding, neighbours
+from jaxid.loop.assess import Assessment, Check, Objection, neighbours
 from jaxid.loop.fit import fit
 from jaxid.models import FixedNoise
 from jaxid.study.assembly import without
@@ -129,6 +129,6 @@ def test_effect_removed_by_complete_records_is_no_cause():
     explained = Assessment(Outcome.EXPLAINED, (), None)
     some = without(explained, ("x^2 in v",), ("bias of x",))
     assert some.outcome is Outcome.PROXIES
-    assert some.findings == (Finding(Check.BORNE_OUT, ("bias of x",)),)
+    assert some.objections == (Objection(Check.BORNE_OUT, ("bias of x",)),)
     assert without(explained, (), ("bias of x",)).outcome is Outcome.UNEXPLAINED
     assert without(explained, ("x^2 in v",), ()) == explained

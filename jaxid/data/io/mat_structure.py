@@ -31,7 +31,7 @@ class Element(NamedTuple):
 
 
 class _DamageError(Exception):
-    """The structure of a file is not that of a MATLAB file."""
+    """A file is not structured as a MATLAB file."""
 
 
 def require_intact(content: bytes, name: str) -> None:

@@ -127,7 +127,7 @@ def delay(
 def impulse_response(fit: Regression, channel: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the impulse response of a regression, and its covariance.
 
-    g_k = b_k + sum_(i=1..k) a_i g_(k-i); the covariance is that of b, which is exact where g is
+    g_k = b_k + sum_(i=1..k) a_i g_(k-i); its covariance is the covariance of b, exact where g is
     zero, before the response.
     """
     count = fit.input.shape[1]

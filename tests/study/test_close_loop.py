@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxid.loop.noise_checks import stands_out
 from small_spring import SIGMA, Spring, fly
 
 from jaxid import AbstractModel, LoopOptions, OutputError, close_loop, free, record, simulate
@@ -43,6 +42,7 @@ from jaxid.loop import Coloured, Hypothesis, LoopProblem, Outcome, RandomForces
 from jaxid.loop.assess import in_place, one_function
 from jaxid.loop.evidence import Decision, is_degenerate
 from jaxid.loop.fit import fit
+from jaxid.loop.noise_checks import stands_out
 from jaxid.models import FixedNoise
 from jaxid.study.candidates import candidates
 from jaxid.study.caveats import inputs_beyond

@@ -6,10 +6,9 @@ The coupled flight of `python -m jaxid` (six degrees of freedom, 26 free paramet
 number of candidates, samples and records. Each size runs twice in a separate process, without a
 compilation cache, as in a user's notebook: the first study is a cold start except for the imports,
 the second is warm. The table shows the seconds, their split over the steps, the number of
-compilations of the sensitivity pass (for all rounds one of the records, one of the window in which
-a check record's initial state is fitted, and one of the effects found with the shapes next to them)
-and the added effects; the JSON also has
-the largest error on the test records over the realised noise of these records.
+compilations of the sensitivity pass (for all rounds one of the records, and one of the window in
+which a check record's initial state is fitted) and the added effects; the JSON also has the largest
+error on the test records over the realised noise of these records.
 """
 
 import argparse
@@ -35,7 +34,7 @@ from jaxid.diagnosis.validation import Predictor
 from jaxid.effects.base import Effect
 from jaxid.estimation.estimate import as_stack
 from jaxid.loop import fit as loop_fit
-from jaxid.loop import moves
+from jaxid.loop import linear_motion, moves
 from jaxid.study import assembly
 from jaxid.study.candidates import candidates
 
@@ -45,7 +44,7 @@ WINDOW = 50  # samples in which a flight's initial state is fitted
 # Steps of a study, none within another, and where the function of each is looked up.
 STEPS: dict[str, tuple[Any, str]] = {
     "fit": (loop_fit, "fit_by_steps"),
-    "columns": (loop_fit.LoopFit, "all_columns"),
+    "columns": (linear_motion.LinearMotion, "columns_of"),
     "localise": (moves, "localise"),
     "predict": (Predictor, "predict"),
     "analyse_residual": (assembly, "analyse_residual"),

@@ -7,13 +7,15 @@ from the linear model along a trajectory,
 
 so that every place costs a linear recursion and no simulation. P and Q are the effect over one step
 of a disturbance that is linear in time, from `d_i` at the start of the step to `d_(i+1)` at its
-end.
+end. `linear_models` is the only program here that holds the model; what uses its arrays is compiled
+once for each shape.
 """
 # Pyright counts the arguments of functions that equinox and jaxtyping wrap in its own way; the
 # tests execute them.
 # pyright: reportCallIssue=false
 
 import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -21,11 +23,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from .._foundation.types import Array, Float
 from ..estimation.likelihoods import OutputError
 from ..estimation.problem import Problem
 from ..models.base import AbstractModel
+from ..models.free import Parameters
 from ..models.free_model import insert
 from ..simulation.simulate import effective_input
 from ..simulation.steppers import rate
@@ -35,18 +40,54 @@ Places = tuple[tuple[LocationKind, tuple[str, ...]], ...]
 
 
 class Linear(NamedTuple):
-    """Linear model along one trajectory: the trajectory, transition, output and disturbance
-    matrices.
+    """Linear model along the trajectory of one record, or of each of some records.
+
+    Attributes:
+        x, y: the trajectory.
+        Phi, C: transition and output matrices.
+        P, Q, D: matrices of the disturbances.
     """
 
-    x: Float[Array, "time state"]
-    y: Float[Array, "time output"]
+    x: Float[Array, "*case time state"]
+    y: Float[Array, "*case time output"]
+    Phi: Float[Array, "*case step state state"]
+    P: Float[Array, "*case step state place"]
+    Q: Float[Array, "*case step state place"]
+    C: Float[Array, "*case time output state"]
+    D: Float[Array, "*case time output place"]
 
-    Phi: Float[Array, "step state state"]
-    P: Float[Array, "step state place"]
-    Q: Float[Array, "step state place"]
-    C: Float[Array, "time output state"]
-    D: Float[Array, "time output place"]
+    def at(self, places: Places, chosen: Places) -> "Linear":
+        """Return the linear model with disturbances at some of its places.
+
+        Args:
+            places: its places.
+            chosen: those to keep, in their new order.
+        """
+        known = [(kind, name) for kind, names in places for name in names]
+        columns = [known.index((kind, name)) for kind, names in chosen for name in names]
+        P, Q, D = (to_device(np.asarray(part)[..., columns]) for part in (self.P, self.Q, self.D))
+        return self._replace(P=P, Q=Q, D=D)
+
+    def first(self, rows: int) -> "Linear":
+        """Return the linear models of the first rows of each record."""
+        Phi, P, Q = (part[:, : rows - 1] for part in (self.Phi, self.P, self.Q))
+        x, y, C, D = (part[:, :rows] for part in (self.x, self.y, self.C, self.D))
+        return Linear(x, y, Phi, P, Q, C, D)
+
+    def of_states(self, kept: Sequence[int]) -> "Linear":
+        """Return the linear model of some of its states; the others must not act on these.
+
+        Args:
+            kept: positions of the states.
+        """
+        at = [*kept]
+        return self._replace(
+            x=to_device(np.asarray(self.x)[..., at]),
+            Phi=to_device(np.asarray(self.Phi)[..., at, :][..., at]),
+            P=to_device(np.asarray(self.P)[..., at, :]),
+            Q=to_device(np.asarray(self.Q)[..., at, :]),
+            C=to_device(np.asarray(self.C)[..., at]),
+        )
 
 
 class DisturbedModel(AbstractModel):
@@ -94,6 +135,20 @@ class DisturbedModel(AbstractModel):
             self.length > 0, (t - self.begin) / jnp.where(self.length > 0, self.length, 1.0), 0.0
         )
         return jnp.split(self.first + share * (self.last - self.first), [len(self.states)])
+
+
+@fast_compile_jit
+def linear_models(problem: Problem, parameters: Parameters, places: Places) -> Linear:
+    """Return the linear model along the trajectory of each record (jitted).
+
+    Args:
+        problem: estimation problem whose likelihood is output error.
+        parameters: its parameters.
+        places: as for `linear_model`.
+    """
+    return jax.vmap(lambda own, case: linear_model(problem, own, parameters.shared, case, places))(
+        parameters.rows, problem.cases()
+    )
 
 
 def linear_model(problem: Problem, own, shared, case, places: Places) -> Linear:
@@ -185,6 +240,14 @@ def spline_basis(
     """Return linear B-splines over one record, and the times of their knots."""
     grid = jnp.linspace(t[0], t[-1], knots)
     return jnp.clip(1.0 - jnp.abs(t[:, None] - grid[None]) / (grid[1] - grid[0]), 0.0), grid
+
+
+@fast_compile_jit
+def responses(
+    linear: Linear, disturbances: Float[Array, "case time shape"]
+) -> Float[Array, "case time output place shape"]:
+    """Return `answers` for each record (jitted)."""
+    return jax.vmap(answers)(linear, disturbances)
 
 
 def answers(

@@ -10,7 +10,6 @@ reproduce is projected out.
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +19,7 @@ from .._foundation.compiler import fast_compile_jit
 from .._foundation.grid import typical_step
 from .._foundation.host import to_device
 from .._foundation.location import Location, LocationKind
-from .._foundation.types import Array, Float, Int
+from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
 from ..effects.library import uncertain_equations
 from ..estimation.estimate import as_stack, check_channels
@@ -29,7 +28,7 @@ from ..estimation.problem import Problem
 from ..estimation.result import Estimate
 from ..models.free import Parameters
 from .autoregression import white_noise_variance
-from .free_form import Places, answers, gusts_of, linear_model, spline_basis
+from .free_form import Linear, answers, gusts_of, linear_models, spline_basis
 from .thresholds import FEW_KNOTS, LARGEST_WEIGHT, MANY_KNOTS, WEAK_DIRECTION
 
 KINDS = (LocationKind.EQUATION, LocationKind.INPUT, LocationKind.SENSOR, LocationKind.AIR)
@@ -192,7 +191,8 @@ def localise_residual(
     requested = {kind: places[kind] for kind in kinds if places[kind]}
     words = " or ".join(kind.label for kind in kinds)
     require(len(requested) > 0, f"The model has no place of the kind {words}. Name another kind.")
-    return localise(problem, fit.parameters, linearised, fit.noise, splines, requested)
+    linear = linear_models(problem, fit.parameters, tuple(requested.items()))
+    return localise(problem, linear, linearised, fit.noise, splines, requested)
 
 
 def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[int, int]:
@@ -245,7 +245,7 @@ class LocalisationArrays(NamedTuple):
 
 def localise(
     problem: Problem,
-    parameters: Parameters,
+    linear: Linear,
     linearised: tuple[Float[Array, "case time output"], Float[Array, "case time output column"]],
     noise: Float[Array, "output output"],
     splines: tuple[int, int],
@@ -254,7 +254,8 @@ def localise(
     """Localise the residual of a problem at its solution; see `localise_residual`.
 
     Args:
-        problem, parameters: the estimation problem and its solution.
+        problem: the estimation problem.
+        linear: its linear models at the solution, with these places.
         linearised: residuals and sensitivities to the free parameters (`Problem.sensitivities`).
         noise: R; if it was estimated, its diagonal is limited to the variance of the white part of
             the residual.
@@ -267,7 +268,9 @@ def localise(
         # An estimated R contains the model error, and would hide the channel with the largest one.
         white, R = white_noise_variance(linearised[0], problem.records.mask), np.diagonal(noise)
         noise = to_device(np.diag(np.clip(np.asarray(white), 1e-6 * R, R)))
-    arrays = search(problem, parameters, linearised, noise, *splines, tuple(places.items()))
+    records, own = problem.records, problem.positions.rows.size
+    signals = records.t, records.u, records.mask
+    arrays = search(linear, signals, linearised, noise, own, *splines)
     squares, samples = float(arrays.squares), float(arrays.samples)
     most = float(np.max(np.asarray(arrays.score) - np.asarray(arrays.dof)))
     power = max(squares - samples if noise_known else squares, most)
@@ -292,37 +295,43 @@ def localise(
 
 @fast_compile_jit
 def search(
-    problem: Problem,
-    parameters: Parameters,
+    linear: Linear,
+    signals: tuple[
+        Float[Array, "case time"], Float[Array, "case time input"], Bool[Array, "case time output"]
+    ],
     linearised: tuple[Float[Array, "case time output"], Float[Array, "case time output column"]],
     noise: Float[Array, "output output"],
+    own: int,
     knots: int,
     rows: int,
-    places: Places,
 ) -> LocalisationArrays:
-    """Array computation of `localise_residual`, on the first rows of each record."""
-    parts = {name: getattr(problem.records, name)[:, :rows] for name in ("t", "u", "z", "mask")}
-    problem = eqx.tree_at(
-        lambda node: [getattr(node.records, name) for name in parts], problem, list(parts.values())
-    )
-    v, S = (array[:, :rows] for array in linearised)
-    scaled = problem.records.mask / jnp.sqrt(jnp.diagonal(noise))[None, None]
+    """Array computation of `localise_residual`, on the first rows of each record.
 
-    def responses(own, case, weight):
-        t, u = case[1].t, case[1].u
-        linear = linear_model(problem, own, parameters.shared, case, places)
+    Args:
+        linear: linear model of each record, with a disturbance at each place.
+        signals: times, inputs and valid samples.
+        linearised: residuals and sensitivities, those to the per-record parameters first.
+        noise: R, of which the diagonal is used.
+        own: number of per-record parameters.
+        knots, rows: number of splines in each record, and of the rows that they cover.
+    """
+    t, u, mask = (part[:, :rows] for part in signals)
+    v, S = (part[:, :rows] for part in linearised)
+    scaled = mask / jnp.sqrt(jnp.diagonal(noise))[None, None]
+
+    def responses(linear, t, u, weight):
         splines, grid = spline_basis(t, knots)
         at = jnp.clip(jnp.searchsorted(t, grid), 0, rows - 1)
         variables = jnp.concatenate([linear.x, u, linear.y], axis=-1)[at]
         return weight[..., None, None] * answers(linear, splines), grid, variables
 
-    G, grid, variables = jax.vmap(responses)(parameters.rows, problem.cases(), scaled)
+    G, grid, variables = jax.vmap(responses)(linear.first(rows), t, u, scaled)
     white, columns = v * scaled, S * scaled[..., None]
-    basis = _basis(columns, problem.positions.rows.size)
+    basis = _basis(columns, own)
     cases = G.shape[0]
     G = jnp.moveaxis(G.reshape(cases, -1, *G.shape[-2:]), 2, 0)
     directions, white = basis.reshape(cases, G.shape[2], -1), white.reshape(cases, -1)
-    samples = jnp.sum(problem.records.mask) - jnp.sum(jnp.any(basis != 0, axis=0))
+    samples = jnp.sum(mask) - jnp.sum(jnp.any(basis != 0, axis=0))
     squares = jnp.sum(
         (white - jnp.einsum("crd,d->cr", directions, jnp.einsum("crd,cr->d", directions, white)))
         ** 2

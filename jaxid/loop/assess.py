@@ -15,7 +15,7 @@ from .heldout_error import difference_error, mean_log
 from .hypothesis import RandomForces, White
 from .linear import fall
 from .moves import MoveKind, localise_fit
-from .noise_checks import above_known_noise, followed_signals, is_drift, stands_out
+from .noise_checks import above_known_noise, followed_signals, is_drift, memory, stands_out
 from .options import LoopOptions
 from .outcome import Outcome
 from .search import SearchTree
@@ -127,7 +127,7 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
     """
     best, level = tree.best, options.level
     if not is_noise_like(best, options) or above_known_noise(best, level):
-        return Objection(Check.NOISE_LIKE)
+        return Objection(Check.NOISE_LIKE, tree.followed)
     if refused := _significant_refusals(tree):
         return Objection(Check.NOISE_LIKE, refused)
     if not isinstance(best.hypothesis.noise, White):
@@ -142,7 +142,11 @@ def _noise_model(tree: SearchTree, level: float) -> Objection | None:
     best = tree.best
     signals = followed_signals(best, tree.signals, level)
     moved = isinstance(best.hypothesis.noise, RandomForces) and bool(best.effects)
-    return Objection(Check.NOISE_LIKE, signals) if signals or moved or is_drift(best) else None
+    return (
+        Objection(Check.NOISE_LIKE, signals)
+        if signals or moved or is_drift(best, memory(best))
+        else None
+    )
 
 
 def one_function(effects: Sequence[Effect]) -> Objection | None:
@@ -283,27 +287,28 @@ def _significant_refusals(tree: SearchTree) -> tuple[str, ...]:
 
 
 def neighbours(best: LoopFit) -> dict[str, float]:
-    """Return how much worse each neighbouring shape fits, in chi-square of the linear model.
+    """Return how much worse each neighbouring shape fits in place of its effect, in chi-square of
+    the linear model.
 
-    The fit is linearised with a library of its own effects and their neighbours.
+    A shape is a sum of terms in equations, and its column the response of the linear model to them.
     """
     problem = best.problem
-    inside = [e for e in problem.library if e.name in best.effects]
     known = {effect.name for effect in problem.library}
     pairs = {
-        shape.name: (effect.name, shape)
-        for effect in inside
-        for shape in effect.neighbouring_shapes()
+        shape.name: (effect, shape)
+        for effect in problem.library
+        for shape in (effect.neighbouring_shapes() if effect.name in best.effects else ())
         if shape.name not in known
     }
     if not pairs:
         return {}
-    library = (*inside, *(shape for _, shape in pairs.values()))
-    wide = dataclasses.replace(problem, library=library, excluded=frozenset())
-    triangle = dataclasses.replace(best, problem=wide).triangle
+    columns = {
+        f"{name}.gain": best.motion.response(shape.terms) for name, (_, shape) in pairs.items()
+    }
+    triangle = best.triangle_with(columns)
     worse = {}
     for name, (effect, _) in pairs.items():
-        out = triangle.at(wide.columns.own[effect])
+        out = triangle.at(problem.columns.own[effect.name])
         worse[name] = -fall(triangle, out, triangle.at([f"{name}.gain"]))
     return worse
 

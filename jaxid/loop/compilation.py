@@ -4,12 +4,11 @@ import jax
 import jax.numpy as jnp
 
 from .._foundation.compiler import fast_compile_jit
-from .._foundation.types import Array, Bool
+from .._foundation.types import Array, Float
+from ..data.record import Record
 from ..effects.augmented import Augmented
 from ..effects.shape_initialisation import RECORD
-from ..estimation.problem import Problem
 from ..models.base import AbstractModel
-from ..models.free import Parameters
 from ..simulation.steppers import rate
 from .thresholds import COMPILE_COST, COMPILE_COST_PER_OPERATION
 
@@ -59,19 +58,15 @@ def _count(program) -> int:
 
 @fast_compile_jit
 def signals_of(
-    problem: Problem, parameters: Parameters
-) -> tuple[dict[str, Array], Bool[Array, "case time"]]:
-    """Return every signal of the model at every sample, with time and record number, and a mask of
-    the samples that are not padding.
+    model: AbstractModel, records: Record, x: Float[Array, "case time state"]
+) -> dict[str, Float[Array, "case time"]]:
+    """Return every signal of a model along a motion, with time and record number (jitted).
+
+    Args:
+        model: the model.
+        records: a stack.
+        x: states at every sample.
     """
-
-    def of_one(own, case, number):
-        solution, model = problem.solve_one(own, parameters.shared, case)
-        when = {"t": solution.t, RECORD: jnp.full_like(solution.t, number)}
-        return when | jax.vmap(model.signals)(solution.t, solution.x, case[1].u)
-
-    signals = jax.vmap(of_one)(
-        parameters.rows, problem.cases(), jnp.arange(problem.records.n_cases)
-    )
-    moving = jnp.diff(problem.records.t, axis=1) > 0
-    return signals, jnp.concatenate([jnp.ones((moving.shape[0], 1), bool), moving], axis=1)
+    signals = jax.vmap(jax.vmap(model.signals))(records.t, x, records.u)
+    number = jnp.broadcast_to(jnp.arange(records.n_cases)[:, None], records.t.shape)
+    return {"t": records.t, RECORD: number} | signals

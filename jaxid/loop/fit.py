@@ -11,7 +11,6 @@ import numpy as np
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.evicting_jit import compile_together
 from .._foundation.host import to_device
-from .._foundation.location import LocationKind
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Float
 from ..diagnosis.autoregression import autoregressive_r2
@@ -21,15 +20,16 @@ from ..estimation.estimate import Fit
 from ..estimation.host_iteration import fit_by_steps
 from ..estimation.likelihoods import OutputError
 from ..estimation.model_programs import PROGRAMS, FlatProblem
-from ..estimation.problem import Problem
 from ..models.base import AbstractModel
-from ..models.free import Free, Parameters, with_values
+from ..models.free import Free, with_values
 from ..models.noise import AbstractNoise, FixedNoise
 from ..sensitivity.information import gather, record_triangles
-from .estimation_problem import Estimation, estimation_of, free_of, padded_problem, padded_values
+from .estimation_problem import Estimation, estimation_of, free_of
+from .force_fit import forced_motion
 from .force_innovations import ForceNoise, force_innovations
-from .hypothesis import Hypothesis, RandomForces, force_in
+from .hypothesis import Hypothesis, RandomForces
 from .linear import Triangle
+from .linear_motion import LinearMotion
 from .problem import LoopProblem, regular
 from .thresholds import MAX_CONTINUATIONS, MIN_CONTINUATION_SHARE, MIN_COST_FALL
 
@@ -114,80 +114,51 @@ class LoopFit:
         return values
 
     @cached_property
-    def linearised(self) -> tuple[Array, Array, tuple[str, ...]]:
-        """Residuals of the simulation, sensitivities to all columns, and the columns' names.
-
-        Under a noise with a likelihood of its own, those of the motion without that noise.
-        """
-        rows, S = self.all_columns()
-        S[..., ~np.all(np.isfinite(S), axis=(0, 1, 2))] = 0.0
-        return rows, to_device(S), self.problem.columns.names
-
-    def all_columns(self) -> tuple[Array, np.ndarray]:
-        """Return residuals and sensitivities to all columns, in blocks as wide as a fit."""
-        problem, solution = self.problem, self.solution
-        shared = to_device(self.values[: problem.columns.declared])
-        likelihood = self.estimation.problem.likelihood
-        if not isinstance(likelihood, OutputError):
-            likelihood = problem.likelihood
-        base = padded_problem(problem, problem.model_at(self.values), likelihood, (), shared)
-        case = FlatProblem.of(base)
-        parameters = Parameters(padded_values(shared, base), solution.parameters.rows)
-        arguments = case.outputs_arguments(parameters)
-        width, at = case.at.size, np.r_[np.asarray(problem.row_positions), problem.positions]
-        padded = np.r_[at, np.full(-at.size % width, len(problem.names))]
-        blocks = [
-            PROGRAMS.sensitivities(*arguments, to_device(block), problem.leaves)
-            for block in padded.reshape(-1, width)
-        ]
-        S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : at.size]
-        return blocks[0][0], S
-
-    def under_forces(self, signals: Float[Array, "case time signal"]):
-        """Return innovations of residuals, of all columns, and of forces that follow signals.
-
-        Args:
-            signals: signals that a force might follow.
-        """
-        noise, rows = self.hypothesis.noise, self.solution.parameters.rows
-        assert isinstance(noise, RandomForces), "a fit with random forces"
-        names = [*map(force_in, noise.equations), *noise.air]
-        estimates = {name: value for name, (value, _) in self.estimates.items()}
-        forces = ForceNoise(
-            jnp.array([estimates[f"process.{name}"] for name in names]),
-            jnp.array([estimates[f"correlation_time.{name}"] for name in names]),
-            jnp.array([estimates[f"sensor.{name}"] for name in self.problem.model.outputs]),
-        )
-        kinds = {LocationKind.EQUATION: noise.equations, LocationKind.AIR: noise.air}
-        places = tuple((kind, names) for kind, names in kinds.items() if names)
-        v, S, _ = self.linearised
-        parameters = Parameters(to_device(np.zeros(0)), rows)
-        return force_innovations(self.fixed, parameters, places, forces, v, S, signals)
+    def motion(self) -> LinearMotion:
+        """Motion of the fit without its random forces, and its linear model."""
+        rows = self.solution.parameters.rows
+        return LinearMotion(self.problem, self.effects, self.values, rows)
 
     @property
-    def fixed(self) -> Problem:
-        """The problem at the values of the fit, with its effects alone, and free initial states."""
-        problem = self.problem
-        model = problem.model_at(self.values)
-        if problem.uses_reduced_model or not isinstance(
-            self.estimation.problem.likelihood, OutputError
-        ):
-            model = model.only(self.effects)
-        free = Free((), problem.free.per_record)
-        return Problem.of(model, free, problem.train, problem.likelihood)
+    def force_noise(self) -> ForceNoise:
+        """Random forces of the fit and its sensor noise, at their estimates."""
+        noise = self.hypothesis.noise
+        assert isinstance(noise, RandomForces), "a fit with random forces"
+        values = {name: value for name, (value, _) in self.estimates.items()}
+        return noise.at(values, self.problem.model.outputs)
 
     @cached_property
     def triangle(self) -> Triangle:
         """Triangular factor of the sensitivities to all columns, and of the residual."""
-        rows, S, names = self.linearised
-        likelihood, mask = self.estimation.problem.likelihood, self.problem.train.mask
-        own = len(self.problem.free.per_record)
-        if isinstance(likelihood, OutputError):
-            factor = _white_factor(likelihood.noise, rows, S, likelihood.row_mask(mask), own)
+        v, S = self.motion.sensitivities
+        noise, own = self.hypothesis.noise, len(self.problem.free.per_record)
+        if isinstance(noise, RandomForces):
+            nothing = jnp.zeros((*v.shape[:2], 0))
+            motion = forced_motion(self.motion, noise)
+            factor = triangular_factor(
+                *force_innovations(motion, self.force_noise, nothing)[:2], own
+            )
         else:
-            nothing = jnp.zeros((*mask.shape[:2], 0))
-            factor = triangular_factor(*self.under_forces(nothing)[:2], own)
-        return self.triangle_of(np.asarray(factor), names)
+            factor = self._white_factor(S)
+        return self.triangle_of(np.asarray(factor), self.problem.columns.names)
+
+    def triangle_with(self, columns: Mapping[str, Float[np.ndarray, "case time output"]]):
+        """Return the triangular factor of the sensitivities to the free parameters, and of columns.
+
+        Args:
+            columns: further columns, by name.
+        """
+        own = np.asarray(self.motion.columns_of(self.estimation.names)[1])
+        S = np.concatenate([own, np.stack([*columns.values()], axis=-1)], axis=-1)
+        factor = np.asarray(self._white_factor(to_device(S)))
+        return self.triangle_of(factor, (*self.estimation.names, *columns))
+
+    def _white_factor(self, S: Float[Array, "case time output column"]):
+        """Return the triangle of some columns and the residual, without the noise's memory."""
+        likelihood, v = self.estimation.problem.likelihood, self.motion.sensitivities[0]
+        mask = likelihood.row_mask(self.problem.train.mask)
+        own = len(self.problem.free.per_record)
+        return _white_factor(likelihood.noise, v, S, mask, own)
 
     def triangle_of(self, factor, names: tuple[str, ...]) -> Triangle:
         """Return a factor with names, free columns and values of the gains.
@@ -324,7 +295,9 @@ def _known_sensitivities(
     if not same or parameters.rows is not parent.solution.parameters.rows:
         return None
     own, chosen = len(problem.free.per_record), problem.columns.chosen(hypothesis.effects)
-    S = np.asarray(parent.linearised[1])[..., np.r_[np.arange(own), own + np.array(chosen, int)]]
+    S = np.asarray(parent.motion.sensitivities[1])[
+        ..., np.r_[np.arange(own), own + np.array(chosen, int)]
+    ]
     padding = parameters.shared.size - len(chosen)
     return to_device(np.pad(S, ((0, 0), (0, 0), (0, 0), (0, padding))))
 

@@ -1,28 +1,36 @@
-"""Innovations of residuals and sensitivities under random forces: generalised least squares along
-the motion without forces.
+"""Random forces along the motion without forces: innovations, and the most probable forces.
 
     dx_(i+1) = Phi_i dx_i + P_i d_i + Q_i d_(i+1),    v_i = C_i dx_i + D_i d_i + e_i
     d_(i+1) = a d_i + sqrt(1 - a^2) s w_i,    a = exp(-h / T)
 
 (Kalman, J. Basic Engineering 82, 1960.) The filter that whitens the residual whitens the
 sensitivity to every candidate as well, and the response to a force that follows a signal. A random
-force follows none.
+force follows none. Deviation `s` and time `T` of each force, and the sensor noise, are those of the
+largest likelihood, the free parameters eliminated:
+
+    J = min_d sum_i 1/2 |L_i^-1 (v - S d)_i|^2 + log det L_i
+
+with `L_i L_i'` the covariance of innovation i.
 """
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import minimize
 
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import to_device
 from .._foundation.types import Array, Bool, Float
-from ..diagnosis.free_form import Linear, Places, answers, linear_model
-from ..estimation.problem import Problem
-from ..models.free import Parameters
+from ..diagnosis.free_form import Linear, answers
+from ..sensitivity.information import gather, record_triangles
 
 # Chosen: steepness of the function that stands for the sign of a signal, in its range.
 SIGN_STEEPNESS = 10.0
 FUNCTIONS = ("square", "cube", "signed square", "sign")
+# Chosen: factor by which a deviation or a time may differ from its starting value.
+WIDEST = 1e4
 
 
 class ForceNoise(NamedTuple):
@@ -38,15 +46,44 @@ class ForceNoise(NamedTuple):
     sensors: Float[Array, " output"]
 
 
+class ForcedMotion(NamedTuple):
+    """Linear models of the records along the motion without forces, with a disturbance at each
+    place of a force.
+
+    Attributes:
+        linear: the linear models.
+        t: sample times.
+        mask: valid samples.
+        v, S: residuals, and sensitivities to the per-record parameters and then to the others.
+    """
+
+    linear: Linear
+    t: Float[Array, "case time"]
+    mask: Bool[Array, "case time output"]
+    v: Float[Array, "case time output"]
+    S: Float[Array, "case time output column"]
+
+
+class ForceEstimate(NamedTuple):
+    """The most probable forces along one motion.
+
+    Attributes:
+        noise: their parameters, and those of the sensor noise.
+        cost: negative log-likelihood at the parameters of the motion.
+        expected: the same after the step, in the linear model.
+        own, shared: step of the per-record parameters and of the others.
+    """
+
+    noise: ForceNoise
+    cost: float
+    expected: float
+    own: Float[np.ndarray, "case own"]
+    shared: Float[np.ndarray, " column"]
+
+
 @fast_compile_jit
 def force_innovations(
-    problem: Problem,
-    parameters: Parameters,
-    places: Places,
-    noise: ForceNoise,
-    v: Float[Array, "case time output"],
-    S: Float[Array, "case time output column"],
-    signals: Float[Array, "case time signal"],
+    motion: ForcedMotion, noise: ForceNoise, signals: Float[Array, "case time signal"]
 ) -> tuple[
     Float[Array, "case time output"],
     Float[Array, "case time output column"],
@@ -56,24 +93,74 @@ def force_innovations(
     follow signals, place by place, signal by signal, function by function.
 
     Args:
-        problem: model with the effects of a fit and free per-record parameters, output error.
-        parameters: its parameters.
-        places: where the forces act.
+        motion: residuals and sensitivities along the motion without forces.
         noise: forces and sensor noise.
-        v, S: residuals and sensitivities along the motion without forces.
         signals: signals that a force might follow.
     """
+    forced = jax.vmap(answers)(motion.linear, _functions(signals))
+    columns = forced.reshape(*motion.v.shape, -1)
+    white, _ = _filtered(motion, jnp.concatenate([motion.S, columns], axis=-1), noise)
+    at = motion.S.shape[-1]
+    return white[..., 0], white[..., 1 : at + 1], white[..., at + 1 :]
 
-    def of_one(own, case, v, S, probes):
-        _, record = case
-        linear = linear_model(problem, own, parameters.shared, case, places)
-        forced = answers(linear, probes).reshape(*v.shape, -1)
-        columns = jnp.concatenate([v[..., None], S, forced], axis=-1)
-        white = _filtered(linear, record.t, record.mask, columns, noise)
-        return white[..., 0], white[..., 1 : 1 + S.shape[-1]], white[..., 1 + S.shape[-1] :]
 
-    probes = _functions(signals)
-    return jax.vmap(of_one)(parameters.rows, problem.cases(), v, S, probes)
+def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceEstimate:
+    """Return the most probable forces and sensor noise, by L-BFGS-B on logarithms.
+
+    Args:
+        motion: residuals and sensitivities along the motion without forces.
+        own: number of per-record parameters.
+        start: starting values.
+    """
+    sizes = np.cumsum([part.size for part in start])[:-1]
+    begin = np.log(np.concatenate([np.asarray(part) for part in start]))
+
+    def objective(logarithms):
+        noise = ForceNoise(*map(to_device, np.split(logarithms, sizes)))
+        (cost, _), slope = _cost_and_slope(noise, motion, own)
+        slope = np.concatenate([np.asarray(part) for part in slope])
+        return (float(cost), slope) if np.isfinite(float(cost)) else (np.inf, np.zeros_like(slope))
+
+    widest = np.log(WIDEST)
+    bounds = [(value - widest, value + widest) for value in begin]
+    end = minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds)
+    noise = ForceNoise(*map(to_device, np.split(end.x, sizes)))
+    (expected, rest), _ = _cost_and_slope(noise, motion, own)
+    noise = ForceNoise(*(to_device(np.exp(np.asarray(part))) for part in noise))
+    cost, own_step, shared = (np.asarray(part) for part in rest)
+    return ForceEstimate(noise, float(cost), float(expected), own_step, shared)
+
+
+@fast_compile_jit
+def _cost_and_slope(logarithms: ForceNoise, motion: ForcedMotion, own: int):
+    """Return the cost with the free parameters eliminated, the cost and the step of these, and the
+    derivatives of the first by the logarithms of the noise parameters.
+    """
+
+    def cost(logarithms: ForceNoise):
+        noise = jax.tree.map(jnp.exp, logarithms)
+        white, scale = _filtered(motion, motion.S, jax.lax.stop_gradient(noise))
+        here = 0.5 * jnp.sum(white[..., 0] ** 2) + jnp.sum(scale)
+        # At the best step the derivative by the step is zero, so that it counts as constant.
+        steps = jax.lax.stop_gradient(_step(white, own))
+        left = motion.v - jnp.einsum("ctjp,cp->ctj", motion.S, steps)
+        white, scale = _filtered(motion._replace(v=left), motion.S[..., :0], noise)
+        total = 0.5 * jnp.sum(white**2) + jnp.sum(scale)
+        return total, (here, steps[:, :own], steps[0, own:])
+
+    return jax.value_and_grad(cost, has_aux=True)(logarithms)
+
+
+def _step(white: Float[Array, "case time output column"], own: int):
+    """Return the step of all parameters for each record, from whitened residuals and columns."""
+    v, S = white[..., 0], white[..., 1:]
+    triangles = record_triangles(S[..., :own], S[..., own:], v)
+    shared = S.shape[-1] - own
+    held = jnp.zeros((v.shape[0], own), bool), jnp.zeros(shared, bool)
+    information = gather(triangles, jnp.zeros((1, shared + 1)), *held)
+    d = jnp.linalg.lstsq(information.triangle, information.rhs)[0]
+    every = jnp.broadcast_to(d, (v.shape[0], shared))
+    return jnp.concatenate([information.own.solve(d), every], axis=-1)
 
 
 def _functions(signals):
@@ -86,13 +173,28 @@ def _functions(signals):
 
 
 def _filtered(
+    motion: ForcedMotion, columns: Float[Array, "case time output column"], noise: ForceNoise
+):
+    """Return the whitened innovations of residuals and columns, zero for samples that are not
+    valid, and the logarithm of the determinant of each innovation's factor.
+    """
+
+    def of_one(linear, t, mask, v, columns):
+        return _filtered_record(
+            linear, t, mask, jnp.concatenate([v[..., None], columns], axis=-1), noise
+        )
+
+    return jax.vmap(of_one)(motion.linear, motion.t, motion.mask, motion.v, columns)
+
+
+def _filtered_record(
     linear: Linear,
     t: Float[Array, " time"],
     valid: Bool[Array, "time output"],
     columns: Float[Array, "time output column"],
     noise: ForceNoise,
 ):
-    """Return the whitened innovations of columns; zero for samples that are not valid."""
+    """Return `_filtered` of one record."""
     h = jnp.append(jnp.diff(t), 0.0)
     n, p = linear.P.shape[1:]
     H = jnp.where(valid[..., None], jnp.concatenate([linear.C, linear.D], axis=-1), 0.0)
@@ -117,7 +219,8 @@ def _filtered(
         white = jax.scipy.linalg.solve_triangular(L, y - H @ state, lower=True)
         K = jax.scipy.linalg.solve_triangular(L, cross.T, lower=True)
         state, covariance = state + K.T @ white, covariance - K.T @ K
-        return (F @ state, F @ covariance @ F.T + W), white
+        scale = jnp.sum(jnp.log(jnp.diagonal(L)))
+        return (F @ state, F @ covariance @ F.T + W), (white, scale)
 
     start = jnp.diag(jnp.concatenate([jnp.zeros(n), noise.deviation**2]))
     first = jnp.zeros((n + p, columns.shape[-1]))

@@ -12,13 +12,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require
+from .._foundation.host import to_device
+from .._foundation.types import Array, Float
 from ..estimation.autoregressive_noise import AutoregressiveNoise
 from ..estimation.filter.filter_error import FilterError
 from ..estimation.filter.noise_options import FirstOrder
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
 from ..models.base import AbstractModel
 from ..simulation.steppers import rate
+from .force_innovations import ForceNoise
 from .outcome import Outcome
+from .problem import regular
 
 
 class NoiseHypothesis(eqx.Module):
@@ -118,10 +122,43 @@ class RandomForces(NoiseHypothesis):
         """Disturbance inputs that are gusts."""
         return tuple(name for name, _ in self.gusts)
 
+    @property
+    def sizes(self) -> dict[str, float]:
+        """Starting values of the standard deviations, by disturbance input."""
+        return {force_in(state): size for state, size in self.forces} | dict(self.gusts)
+
+    def first(self, covariance: Float[Array, "output output"]) -> ForceNoise:
+        """Return the starting values of forces and sensor noise.
+
+        Args:
+            covariance: covariance of the sensor noise.
+        """
+        floor = np.diagonal(np.asarray(regular(covariance)))
+        sizes = np.array([*self.sizes.values()])
+        parts = sizes, np.full(sizes.size, self.time), np.sqrt(floor)
+        return ForceNoise(*map(to_device, parts))
+
+    def parameters(self, outputs: tuple[str, ...]) -> tuple[list[str], list[str], list[str]]:
+        """Return the names of the parameters: deviations, times and sensors."""
+        return (
+            [f"process.{name}" for name in self.sizes],
+            [f"correlation_time.{name}" for name in self.sizes],
+            [f"sensor.{name}" for name in outputs],
+        )
+
+    def named(self, noise: ForceNoise, outputs: tuple[str, ...]) -> dict[str, float]:
+        """Return the values of the parameters by name."""
+        groups = zip(self.parameters(outputs), noise, strict=True)
+        return {n: float(v) for names, part in groups for n, v in zip(names, part, strict=True)}
+
+    def at(self, values: Mapping[str, float], outputs: tuple[str, ...]) -> ForceNoise:
+        """Return the parameters at values by name."""
+        groups = self.parameters(outputs)
+        return ForceNoise(*(to_device(np.array([values[n] for n in group])) for group in groups))
+
     def likelihood(self, declared):
         assert isinstance(declared, OutputError), "proposed for output error alone"
-        sizes = [(force_in(state), size) for state, size in self.forces] + [*self.gusts]
-        process = {name: FirstOrder(size, self.time) for name, size in sizes}
+        process = {name: FirstOrder(size, self.time) for name, size in self.sizes.items()}
         return FilterError(process, hold=declared.hold)
 
     def count(self, outputs):

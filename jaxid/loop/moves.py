@@ -8,26 +8,19 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.stats import chi2
 
-from .._foundation.grid import typical_step
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
-from ..diagnosis.free_form import gusts_of
 from ..diagnosis.localise import LocalisationResult, localise, resolution
 from ..effects.base import Effect
-from ..estimation.autoregressive_noise import select_order
-from ..models.free import Parameters
 from .evidence import log_samples
 from .fit import LoopFit
-from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces
+from .hypothesis import Hypothesis
 from .linear import Reduced, falls, gains, reduce
 from .options import LoopOptions
 from .problem import regular
-from .thresholds import INSEPARABLE
 
 # Chosen: overlap from which two candidates are the same to the records.
 COLLINEAR_OVERLAP = 0.9999
-# Chosen: starting value of the correlation time of a random force [samples].
-FORCE_TIME = 5.0
 
 
 class MoveKind(enum.Enum):
@@ -246,54 +239,6 @@ class Proposals:
         return Move(kind, self.fit.hypothesis.changed(out, into), into, expected, start, estimated)
 
 
-def noise_moves(fit: LoopFit, where: LocalisationResult | None) -> list[Move]:
-    """Return the noise models that should explain the residual of a fit with white noise.
-
-    Autoregressive noise of order p should lower twice the cost of channel j by `-N_j log(1 - r_j)`,
-    with r the share of the residual that its past explains. Forces in an equation should lower it
-    by `d (s/d - 1 - log(s/d))`, with s the chi-square of d spline coefficients of a free-form force
-    (all of one variance). Each is proposed with the effects of the fit and without any.
-
-    Args:
-        fit: the fit.
-        where: location of its residual; None without random forces.
-    """
-    proposals: list[tuple[NoiseHypothesis, float]] = []
-    problem, outputs = fit.problem, len(fit.problem.model.outputs)
-    counts = np.sum(np.asarray(problem.train.mask), axis=(0, 1))
-    shares = np.clip(list(fit.predictable.values()), 0.0, 1.0 - 1e-12)
-    order = select_order(fit.white_residuals, problem.train.mask)
-    if order:
-        proposals.append((Coloured(order), float(np.sum(-counts * np.log1p(-shares)))))
-    if where is not None:
-        proposals += _forces(fit, where)
-    moves = []
-    for noise, expected in proposals:
-        if expected > log_samples(fit) * noise.count(outputs) + INSEPARABLE:
-            for effects in dict.fromkeys((fit.effects, ())):
-                hypothesis = Hypothesis(effects, noise)
-                moves.append(Move(MoveKind.NOISE, hypothesis, (), expected, {}, {}))
-    return moves
-
-
-def _forces(fit: LoopFit, where: LocalisationResult) -> list[tuple[NoiseHypothesis, float]]:
-    """Return random forces in the equations, and gusts, near the best place, with their expected
-    fall.
-    """
-    time = FORCE_TIME * float(typical_step(fit.problem.train.t))
-    proposals: list[tuple[NoiseHypothesis, float]] = []
-    for kind in (LocationKind.EQUATION, LocationKind.AIR):
-        places = [place for place in where.near_best() if place.location.kind is kind]
-        if not places:
-            continue
-        first, sizes = places[0], {p.location.name: max(p.size, 1e-9) for p in places}
-        ratio = max(first.score / max(first.dof, 1), 1.0)
-        expected = first.dof * (ratio - 1.0 - float(np.log(ratio)))
-        forces, gusts = (sizes, {}) if kind is LocationKind.EQUATION else ({}, sizes)
-        proposals.append((RandomForces(forces, gusts, time), expected))
-    return proposals
-
-
 def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> LocalisationResult:
     """Return the location of the residual of a fit with output error.
 
@@ -301,24 +246,14 @@ def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> Locali
         fit: the fit.
         splines: number of splines and rows of an earlier result.
     """
-    problem = fit.problem
-    rows, S, names = fit.linearised
-    rest = fit.fixed
-    model = rest.model
-    places = {
-        LocationKind.EQUATION: problem.equations,
-        LocationKind.INPUT: model.inputs,
-        LocationKind.SENSOR: model.outputs,
-    }
-    if gusts := gusts_of(model):
-        places[LocationKind.AIR] = gusts
-    own = len(problem.free.per_record)
-    chosen = [own + names.index(name) for name in fit.estimation.names]
-    columns = np.asarray(S)[..., np.r_[np.arange(own), chosen]]
-    padding = problem.width(len(chosen)) - len(chosen)
-    columns = np.pad(columns, ((0, 0), (0, 0), (0, 0), (0, padding)))
+    problem, motion = fit.problem, fit.motion
+    places = motion.places | {LocationKind.EQUATION: problem.equations}
+    places = {kind: names for kind, names in places.items() if names}
+    names = fit.estimation.names
+    v, S = motion.columns_of([name for name in names if name in problem.columns.index])
+    padding = problem.width(len(names)) - len(names)
+    S = np.pad(np.asarray(S), ((0, 0), (0, 0), (0, 0), (0, padding)))
     splines = splines or resolution(problem.train, fit.solution.residuals)
-    parameters = Parameters(to_device(np.zeros(0)), fit.solution.parameters.rows)
-    linearised = (rows, to_device(columns))
     R = regular(fit.noise_covariance)
-    return localise(rest, parameters, linearised, R, splines, places)
+    linear = motion.linear_at(places)
+    return localise(motion.fixed, linear, (v, to_device(S)), R, splines, places)

@@ -11,9 +11,11 @@ from ..diagnosis.localise import LocalisationResult
 from ..diagnosis.residual_report import analyse_residual
 from ..estimation.autoregressive_noise import AutoregressiveNoise
 from .fit import LoopFit, triangular_factor
-from .force_innovations import FUNCTIONS
+from .force_fit import forced_motion
+from .force_innovations import FUNCTIONS, ForceNoise, force_innovations
 from .hypothesis import RandomForces, White
 from .linear import falls, reduce
+from .linear_motion import LinearMotion
 from .thresholds import SETTLED
 
 # Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
@@ -68,10 +70,15 @@ def memory(fitted: LoopFit) -> float:
     return max(times, default=0.0)
 
 
-def is_drift(fitted: LoopFit) -> bool:
-    """Return True if the noise of a fit is so slow that it is as well a constant or a drift."""
+def is_drift(fitted: LoopFit, memory: float) -> bool:
+    """Return True if a noise is so slow that it is as well a constant or a drift.
+
+    Args:
+        fitted: a fit, for its records.
+        memory: correlation time of the noise [s].
+    """
     t = np.asarray(fitted.problem.train.t)
-    return bool(memory(fitted) > LONGEST_MEMORY * float(np.max(t[:, -1] - t[:, 0])))
+    return bool(memory > LONGEST_MEMORY * float(np.max(t[:, -1] - t[:, 0])))
 
 
 def followed_signals(best: LoopFit, signals: Signals, level: float) -> tuple[str, ...]:
@@ -82,8 +89,10 @@ def followed_signals(best: LoopFit, signals: Signals, level: float) -> tuple[str
         signals: states, inputs and time of the declared fit.
         level: probability of a false alarm, over all of them.
     """
-    forces = isinstance(best.hypothesis.noise, RandomForces)
-    return (_followed if forces else _dependence)(best, signals, level)
+    noise = best.hypothesis.noise
+    if isinstance(noise, RandomForces):
+        return followed_by_forces(best, best.motion, noise, best.force_noise, signals, level)
+    return _dependence(best, signals, level)
 
 
 def _dependence(best: LoopFit, signals: Signals, level: float) -> tuple[str, ...]:
@@ -99,22 +108,37 @@ def _dependence(best: LoopFit, signals: Signals, level: float) -> tuple[str, ...
     return tuple(dict.fromkeys(dependent))
 
 
-def _followed(best: LoopFit, signals: Signals, level: float) -> tuple[str, ...]:
+def followed_by_forces(
+    fitted: LoopFit,
+    motion: LinearMotion,
+    noise: RandomForces,
+    values: ForceNoise,
+    signals: Signals,
+    level: float,
+) -> tuple[str, ...]:
     """Return the candidates and the signals that random forces follow.
 
     A force that is a function of a signal is no random one. Each candidate, and simple functions
     of each signal as a force at each place, are scored in the innovations of the filter.
+
+    Args:
+        fitted: a fit, for its free parameters.
+        motion: motion without the forces.
+        noise: the forces.
+        values: their parameters, and the sensor noise.
+        signals: states, inputs and time of the declared fit.
+        level: probability of a false alarm, over all of them.
     """
-    problem, names = best.problem, [name for name in signals if name != "t"]
+    problem, names = fitted.problem, [name for name in signals if name != "t"]
     stacked = jnp.stack([jnp.asarray(signals[name]) for name in names], axis=-1)
-    v, S, probes = best.under_forces(stacked)
+    v, S, probes = force_innovations(forced_motion(motion, noise), values, stacked)
     factor = triangular_factor(
         v, jnp.concatenate([S, probes], axis=-1), len(problem.free.per_record)
     )
     functions = [name for name in names for _ in FUNCTIONS]
     followers = functions * (probes.shape[-1] // len(functions))
     columns = [f"force {k}" for k in range(len(followers))]
-    triangle = best.triangle_of(np.asarray(factor), (*problem.columns.names, *columns))
+    triangle = fitted.triangle_of(np.asarray(factor), (*problem.columns.names, *columns))
     labels = {f"{name}.gain": name for name in problem.effects}
     labels |= dict(zip(columns, followers, strict=True))
     scores = falls(reduce(triangle), np.array([[k] for k in triangle.at(list(labels))]))

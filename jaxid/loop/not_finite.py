@@ -22,7 +22,7 @@ def check_finite(declared: LoopFit) -> None:
         InputError: if no candidate has a finite sensitivity.
     """
     problem = declared.problem
-    if not problem.effects or bool(np.any(declared.linearised[1])):
+    if not problem.effects or bool(np.any(np.asarray(declared.motion.sensitivities[1]))):
         return
     names = " and of ".join(map(repr, _spoiling(declared, tuple(problem.effects))))
     raise InputError(
@@ -37,7 +37,7 @@ def _spoiling(declared: LoopFit, names: tuple[str, ...]) -> tuple[str, ...]:
     problem, own = declared.problem, len(declared.problem.free.per_record)
     library = tuple(problem.effects[name] for name in names)
     alone = dataclasses.replace(problem, library=library, excluded=frozenset())
-    S = dataclasses.replace(declared, problem=alone).linearised[1]
+    S = dataclasses.replace(declared, problem=alone).motion.sensitivities[1]
     if bool(np.any(np.asarray(S)[..., own:])):
         return ()
     half = len(names) // 2

@@ -6,19 +6,16 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from .._foundation.grid import typical_step
-from .._foundation.host import to_device
 from ..diagnosis.localise import LocalisationResult
 from ..effects.library import initialise_shapes
 from ..effects.shape_initialisation import RESIDUAL, SIMULATED
 from ..estimation.estimate import divergence
 from ..estimation.model_programs import PROGRAMS
-from ..estimation.problem import Problem
-from ..models.free import Parameters, with_values
-from .compilation import signals_of
 from .evidence import Comparison, compare, inflation, is_noise_like, log_samples, worth
 from .fit import LoopFit, compile_programs, fit
 from .hypothesis import Hypothesis, RandomForces, White
-from .moves import Move, MoveKind, Proposals, localise_fit, noise_moves
+from .moves import Move, MoveKind, Proposals, localise_fit
+from .noise_moves import noise_moves
 from .not_finite import check_finite
 from .options import LoopOptions
 from .problem import LoopProblem
@@ -60,6 +57,7 @@ class SearchTree:
         signals: states, inputs and time `t` of the declared fit, each of shape (case, time).
         path: accepted steps from the declared model to the best hypothesis.
         where: location of the residual of the declared model, if it was needed.
+        followed: candidates and signals that random forces would follow, which are therefore none.
         interrupted: True if the user stopped the search.
     """
 
@@ -70,6 +68,7 @@ class SearchTree:
     steps: list[Step] = dataclasses.field(default_factory=list)
     path: list[Step] = dataclasses.field(default_factory=list)
     where: LocalisationResult | None = None
+    followed: tuple[str, ...] = ()
     interrupted: bool = False
 
     def fits(self) -> list[LoopFit]:
@@ -134,18 +133,15 @@ def with_shapes(declared: LoopFit) -> tuple[LoopProblem, dict[str, np.ndarray]]:
     states, inputs and time of that fit.
     """
     problem, train = declared.problem, declared.problem.train
-    shared = to_device(declared.values[: problem.columns.declared])
-    model = with_values(problem.model, problem.free.shared, shared)
-    simulation = Problem.of(model, problem.free, train, problem.likelihood)
-    signals, real = signals_of(simulation, Parameters(shared, declared.solution.parameters.rows))
+    model, signals = problem.model, declared.motion.signals
     mask, z = np.asarray(train.mask), np.asarray(train.z)
     left = np.where(mask, np.asarray(declared.solution.residuals), 0.0)
-    signals = {name: np.asarray(signal) for name, signal in signals.items()}
     variables = {name: signals[name] for name in (*model.states, *model.inputs, "t")}
     for i, name in enumerate(train.outputs):
         signals[RESIDUAL + name] = left[..., i]
         signals[SIMULATED + name] = np.where(mask[..., i], z[..., i] - left[..., i], 0.0)
-    valid = np.asarray(real)
+    moving = np.diff(np.asarray(train.t), axis=1) > 0
+    valid = np.concatenate([np.ones((len(moving), 1), bool), moving], axis=1)  # no padding
     samples = {name: signal[valid] for name, signal in signals.items()}
     step = float(typical_step(train.t))
     library = initialise_shapes(problem.library, samples, problem.measured, step)
@@ -224,7 +220,7 @@ def _changes(proposals: Proposals) -> list[Move]:
 
 
 def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
-    """Return noise models; random forces are localised if the residual is not white."""
+    """Return noise models; random forces only if the residual is not white."""
     if not isinstance(parent.hypothesis.noise, White):
         return []
     where = None
@@ -233,7 +229,9 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
         if tree.where is None:
             tree.where = localise_fit(tree.declared)
         where = tree.where if parent is tree.declared else localise_fit(parent, tree.where.splines)
-    return noise_moves(parent, where)
+    moves, followed = noise_moves(parent, tree.declared, where, tree.signals, options)
+    tree.followed = tuple(dict.fromkeys((*tree.followed, *followed)))
+    return moves
 
 
 def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> list[Step]:
@@ -266,8 +264,11 @@ def refit(parent: LoopFit, move: Move) -> LoopFit:
     if move.kind is MoveKind.DROP:
         return first
     fits = [first]
-    if move.kind is MoveKind.NOISE:  # the parent may have taken the forces for other parameters
-        return min(first, fit(parent.problem, move.hypothesis, None), key=_cost_or_infinity)
+    if move.kind is MoveKind.NOISE and not first.converged:
+        second = fit(parent.problem, move.hypothesis, None, move.start)
+        return min(first, second, key=_cost_or_infinity)
+    if move.kind is MoveKind.NOISE:
+        return first
     if not first.converged or 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
         fits.append(fit(parent.problem, move.hypothesis, parent, {**move.start, **move.estimated}))
     if not first.converged:

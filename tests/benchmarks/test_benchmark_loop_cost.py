@@ -42,7 +42,7 @@ def test_sensitivity_pass_is_compiled_once_for_all_rounds(benchmark, costs):
     result with the shapes next to them.
     """
     assert costs["cold"]["rounds"] >= 2
-    assert costs["cold"]["passes_compiled"] == 3
+    assert costs["cold"]["passes_compiled"] == 2
     assert costs["warm"]["passes_compiled"] == 0
 
 
@@ -55,4 +55,4 @@ def test_steps_are_timed_without_overlap(benchmark, costs):
 def test_table_has_one_line_per_size(benchmark, costs):
     lines = benchmark.table([costs, costs]).splitlines()
     assert sum(line.split()[:3] == [str(COUNT), "501", "3"] for line in lines) == 2
-    assert "3 in 2 rounds" in lines[2]
+    assert "2 in 2 rounds" in lines[2]

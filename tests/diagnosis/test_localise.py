@@ -13,7 +13,7 @@ import jaxid
 from jaxid._foundation.checks import InputError
 from jaxid.data import Record
 from jaxid.diagnosis import localise_residual
-from jaxid.diagnosis.free_form import answers, linear_model, spline_basis
+from jaxid.diagnosis.free_form import answers, linear_model, linear_models, spline_basis
 from jaxid.diagnosis.localise import resolution, search
 from jaxid.effects import InputDelay, InputLag, Location, LocationKind, SensorScale, Term
 from jaxid.estimation import estimate
@@ -78,7 +78,9 @@ def test_scores_are_chi_square_where_nothing_is_missing():
         problem = Problem(fit.model, FREE.positions(SPRING), stack, KNOWN, Limits.of(FREE, 1))
         seen = problem.sensitivities(fit.parameters)
         places = (LocationKind.EQUATION, ("v",)), (LocationKind.SENSOR, SPRING.outputs)
-        found = search(problem, fit.parameters, seen, fit.noise, KNOTS, ROWS, places)
+        linear = linear_models(problem, fit.parameters, places)
+        signals = stack.t, stack.u, stack.mask
+        found = search(linear, signals, seen, fit.noise, 2, KNOTS, ROWS)
         return found.score, found.dof
 
     score, dof = map(

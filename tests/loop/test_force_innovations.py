@@ -7,9 +7,10 @@ from searched_spring import NOISE, STEP, Spring
 
 from jaxid import OutputError, free, record
 from jaxid._foundation.location import LocationKind
+from jaxid.diagnosis.free_form import linear_models
 from jaxid.estimation.estimate import as_stack
 from jaxid.estimation.problem import Problem
-from jaxid.loop.force_innovations import FUNCTIONS, ForceNoise, force_innovations
+from jaxid.loop.force_innovations import FUNCTIONS, ForcedMotion, ForceNoise, force_innovations
 from jaxid.models.free import Parameters
 from jaxid.simulation.simulate import simulate
 
@@ -36,8 +37,9 @@ def test_innovations_equal_dense_gaussian():
     noise = ForceNoise(jnp.array([DEVIATION]), jnp.array([TIME]), jnp.asarray(NOISE))
     signal = jnp.asarray(rng.normal(size=(1, SAMPLES, 1)))
     places = ((LocationKind.EQUATION, ("v",)),)
-    columns = jnp.asarray(v)[None], jnp.asarray(S)[None]
-    white_v, white_S, probes = force_innovations(case, parameters, places, noise, *columns, signal)
+    linear = linear_models(case, parameters, places)
+    motion = ForcedMotion(linear, one.t, one.mask, jnp.asarray(v)[None], jnp.asarray(S)[None])
+    white_v, white_S, probes = force_innovations(motion, noise, signal)
 
     H = np.asarray(jax.jacfwd(pushed)(jnp.zeros(SAMPLES))).reshape(-1, SAMPLES)
     memory = np.exp(-np.abs(t[:, None] - t[None]) / TIME)

@@ -22,7 +22,7 @@ from ...models.free import free, with_values
 from ...models.names import parameter_names, read_parameters
 from ...models.polynomial import Polynomial
 from ...simulation.simulate import simulate
-from ...simulation.steppers import Adaptive
+from ...simulation.steppers import RK4
 from ..effects.coefficient_term import CoefficientTerm
 from .longitudinal import Longitudinal
 from .simulated_flight import SimulatedFlight, smoothed
@@ -43,8 +43,8 @@ def longitudinal_flight(key: Array) -> SimulatedFlight:
         z_i = y(t_i; truth) + e_i,    e_i ~ N(0, diag(noise^2))
         Cm = Cm0 + ... - 8 alpha^3 in the truth only
 
-    The records are simulated by an adaptive Runge-Kutta method of order five, from level trim at
-    185 m/s, with linear interpolation of the elevator between its samples.
+    The records are simulated by four Runge-Kutta steps between samples, from level trim at 185 m/s,
+    with linear interpolation of the elevator between its samples.
 
     Args:
         key: random key of the measurement noise.
@@ -223,5 +223,5 @@ def _fly():
             [moves[name] for name in (*LONGITUDINAL_TRAIN, *LONGITUDINAL_CHECK, *LONGITUDINAL_TEST)]
         )[..., None]
     )
-    y = jax.vmap(lambda u: simulate(truth, t, u, trimmed, stepper=Adaptive()).y)(u)
+    y = jax.vmap(lambda u: simulate(truth, t, u, trimmed, stepper=RK4(4, unrolled=False)).y)(u)
     return _Flown(truth, t, u, y)

@@ -1,0 +1,137 @@
+"""`LinearMotion`: the motion without random forces at given parameters, and its linear model."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import jax
+import numpy as np
+
+from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import to_device
+from .._foundation.location import LocationKind
+from .._foundation.types import Array, Float
+from ..diagnosis.free_form import Linear, Places, gusts_of, linear_models, responses
+from ..estimation.model_programs import PROGRAMS, FlatProblem
+from ..estimation.problem import Problem
+from ..models.free import Free, Parameters, with_values
+from ..models.polynomial import monomials
+from .compilation import signals_of
+from .estimation_problem import padded_problem, padded_values
+from .problem import LoopProblem
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LinearMotion:
+    """The simulation of the training records at given parameters, and its linear model.
+
+    Attributes:
+        problem: the problem of the search.
+        effects: names of the effects in the model.
+        values: values of all columns.
+        rows: per-record parameters.
+    """
+
+    problem: LoopProblem
+    effects: tuple[str, ...]
+    values: Float[np.ndarray, " column"]
+    rows: Float[Array, "case own"]
+
+    @property
+    def fixed(self) -> Problem:
+        """The problem at these values, with free per-record parameters."""
+        problem = self.problem
+        model = problem.model_at(self.values)
+        if problem.uses_reduced_model:
+            model = model.only(self.effects)
+        free = Free((), problem.free.per_record)
+        return Problem.of(model, free, problem.train, problem.likelihood)
+
+    @cached_property
+    def sensitivities(self) -> tuple[Float[Array, "case time output"], Array]:
+        """Residuals and sensitivities to the per-record parameters and all columns.
+
+        A column that is not finite is zero.
+        """
+        v, S = self.columns_of(self.problem.columns.names)
+        S = np.array(S)
+        S[..., ~np.all(np.isfinite(S), axis=(0, 1, 2))] = 0.0
+        return v, to_device(S)
+
+    def columns_of(self, names: Sequence[str]) -> tuple[Float[Array, "case time output"], Array]:
+        """Return residuals and sensitivities to the per-record parameters and to some columns, in
+        blocks as wide as a fit.
+
+        Args:
+            names: names of the columns.
+        """
+        problem, index = self.problem, self.problem.columns.index
+        shared = to_device(self.values[: problem.columns.declared])
+        model = problem.model_at(self.values)
+        base = padded_problem(problem, model, problem.likelihood, (), shared)
+        case = FlatProblem.of(base)
+        arguments = case.outputs_arguments(Parameters(padded_values(shared, base), self.rows))
+        chosen = problem.positions[[index[name] for name in names]]
+        width, at = case.at.size, np.r_[np.asarray(problem.row_positions), chosen]
+        padded = np.r_[at, np.full(-at.size % width, len(problem.names))]
+        blocks = [
+            PROGRAMS.sensitivities(*arguments, to_device(block), problem.leaves)
+            for block in padded.reshape(-1, width)
+        ]
+        S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : at.size]
+        return blocks[0][0], to_device(S)
+
+    @cached_property
+    def places(self) -> dict[LocationKind, tuple[str, ...]]:
+        """Names of all places of a disturbance, by kind."""
+        model = self.fixed.model
+        kinds = {
+            LocationKind.EQUATION: model.states,
+            LocationKind.INPUT: model.inputs,
+            LocationKind.SENSOR: model.outputs,
+            LocationKind.AIR: gusts_of(model),
+        }
+        return {kind: names for kind, names in kinds.items() if names}
+
+    @cached_property
+    def linear(self) -> Linear:
+        """Linear models of all records, with a disturbance at each place."""
+        parameters = Parameters(to_device(np.zeros(0)), self.rows)
+        return linear_models(self.fixed, parameters, tuple(self.places.items()))
+
+    def linear_at(self, chosen: Mapping[LocationKind, tuple[str, ...]]) -> Linear:
+        """Return the linear models with disturbances at some places."""
+        places: Places = tuple((kind, names) for kind, names in chosen.items() if names)
+        return self.linear.at(tuple(self.places.items()), places)
+
+    def without_absent_states(self, linear: Linear) -> Linear:
+        """Return linear models without the states of absent effects, which act on nothing."""
+        states = self.problem.model_at(self.values).only(self.effects).states
+        return linear.of_states([self.fixed.model.states.index(name) for name in states])
+
+    @cached_property
+    def signals(self) -> dict[str, np.ndarray]:
+        """All signals of the declared model along the motion, by name."""
+        problem, declared = self.problem, self.problem.columns.declared
+        model = with_values(problem.model, problem.free.shared, to_device(self.values[:declared]))
+        x = to_device(np.asarray(self.linear.x)[..., : len(model.states)])
+        return {n: np.asarray(s) for n, s in signals_of(model, problem.train, x).items()}
+
+    def response(self, terms: Sequence[tuple[str, str]]) -> Float[np.ndarray, "case time output"]:
+        """Return the response of the outputs to terms in equations, in the linear model.
+
+        Args:
+            terms: pairs of a state, in whose equation a term acts, and the term.
+        """
+        total = np.zeros(self.problem.train.z.shape)
+        for state, term in terms:
+            linear = self.linear_at({LocationKind.EQUATION: (state,)})
+            values = _term_values(term, self.signals)[..., None]
+            total += np.asarray(responses(linear, values))[..., 0, 0]
+        return total
+
+
+@fast_compile_jit
+def _term_values(term: str, signals: dict) -> Float[Array, "case time"]:
+    """Return the values of a term at every sample."""
+    return jax.vmap(jax.vmap(lambda instant: monomials((term,), instant)[0]))(signals)

@@ -13,6 +13,7 @@ order p, and `n_jt` the number of records with such a sample. A sample after a g
 predecessor only, until p samples before it are valid.
 """
 
+from functools import partial
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
@@ -140,11 +141,12 @@ class AutoregressiveNoise(AbstractNoise):
             )
 
 
+@partial(jax.jit, static_argnames="order")
 def autoregression(
     v: Float[Array, "case time output"], mask: Bool[Array, "case time output"], order: int
 ) -> tuple[Predictors, Float[Array, " output"]]:
     """Return the most likely predictors and innovation variance of every channel, all records
-    pooled.
+    pooled (jitted: one trace serves all programs of a fit).
 
     Args:
         v: residuals.

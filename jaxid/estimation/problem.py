@@ -197,13 +197,16 @@ class Problem(eqx.Module):
         folded = self._by_batch(fold, (parameters.rows, self.cases(), v))
         return Linearised(v, None, self._gather(parameters, *folded))
 
+    @eqx.filter_jit
     def informed(
         self,
         v: Float[Array, "case time row"],
         S: Float[Array, "case time sensitive column"],
         parameters: Parameters,
     ) -> "Linearised":
-        """Return the linearised problem of given residuals and sensitivities of all records."""
+        """Return the linearised problem of given residuals and sensitivities of all records
+        (jitted: the first state and the steps of an iteration share one trace).
+        """
         whiten = self.likelihood.noise.whitening(v, self.row_mask)
         folded = self._fold(S, v, self.row_mask, whiten)
         return Linearised(v, S, self._gather(parameters, *folded))

@@ -1,11 +1,12 @@
-"""What CONTRIBUTING.md tells people to write runs as printed: a model, an effect, a likelihood, and
-their tests.
+"""What CONTRIBUTING.md tells people to write runs as printed: a model, an effect, a noise
+hypothesis, a likelihood, and their tests.
 """
 
 import sys
 import types
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from printed_code import blocks
 import jaxid
 from jaxid.effects import Term
 from jaxid.estimation import likelihoods
+from jaxid.loop import LoopOptions, LoopProblem, White, search_effects
 
 GUIDE = Path(__file__).resolve().parent.parent / "CONTRIBUTING.md"
 
@@ -85,6 +87,45 @@ def test_the_effect_is_ten_lines_and_its_tests_pass(pendulum, measure, t, torque
     told["test_it_is_absent_at_zero_gain"](pendulum, t, torque)
     told["test_its_derivative_is_finite_there"](pendulum, t, torque)
     told["test_it_is_found"](pendulum, measure)
+
+
+@pytest.fixture
+def search():
+    """Result of a search on two records of a falling mass whose two sensors share their noise."""
+
+    class Falling(jaxid.AbstractModel):
+        drag: jax.Array
+        states, inputs, outputs = ("z", "w"), ("thrust",), ("z", "w")
+
+        def rhs(self, t, x, u):
+            return jnp.stack([x[1], u[0] - self.drag * x[1]])
+
+        def output(self, t, x, u):
+            return x
+
+    def found(correlation, options):
+        rng, t = np.random.default_rng(5), 0.1 * np.arange(150)
+        R = 0.02**2 * np.array([[1.0, correlation], [correlation, 1.0]])
+        flown = []
+        for _ in range(2):
+            u = np.repeat(rng.normal(size=15), 10)[:, None]
+            y = np.asarray(jaxid.simulate(Falling(jnp.array(0.5)), t, u, jnp.zeros(2)).y)
+            z = y + rng.multivariate_normal(np.zeros(2), R, size=150)
+            flown.append(jaxid.record(t, u, z, inputs=("thrust",), outputs=("z", "w")))
+        model = Falling(jnp.array(0.4))
+        chosen = jaxid.free(model, "drag", per_record=("initial_state",))
+        library, train, check = (Term("w", "w^2"),), flown[:1], flown[1:]
+        problem = LoopProblem.of(model, library, chosen, jaxid.OutputError(), train, check)
+        return search_effects(problem, options=options)
+
+    return found
+
+
+def test_the_noise_hypothesis_is_thirty_lines_and_its_test_passes(search):
+    noise, test = section("Add a noise hypothesis")
+    assert len([line for line in noise.splitlines() if line.strip()]) <= 30
+    known = _defined(run(noise, "tests")) | {"LoopOptions": LoopOptions, "White": White}
+    run(test, "tests", **known)["test_it_is_named_where_it_is_true"](search)
 
 
 def test_the_test_of_the_likelihood_passes(pendulum, measure):

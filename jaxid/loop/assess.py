@@ -12,7 +12,7 @@ from ..effects.base import Effect
 from .evidence import DETERMINED, Decision, inflation, is_noise_like
 from .fit import LoopFit
 from .heldout_error import difference_error, mean_log
-from .hypothesis import RandomForces, White
+from .hypothesis import White
 from .linear import fall
 from .moves import MoveKind, localise_fit
 from .noise_checks import above_known_noise, followed_signals, is_drift, memory, stands_out
@@ -119,8 +119,7 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
 
     It is if its past predicts it, if it is larger than a given noise, if a refused candidate lowers
     the cost significantly, if a free-form disturbance at some place explains it, if it depends on a
-    signal under a noise model or that noise is as slow as a drift, or if effects need random
-    forces: an effect of nearly the right shape leaves a motion.
+    signal under a noise model or that noise is as slow as a drift.
 
     It alone decides when the effect is not in the library and no shape in it comes near: a scale of
     the sensor that no other effect imitates (`test_absent_effect_is_not_named`).
@@ -141,12 +140,8 @@ def _noise_model(tree: SearchTree, level: float) -> Objection | None:
     """Return an objection if the noise model of the best hypothesis is no noise."""
     best = tree.best
     signals = followed_signals(best, tree.signals, level)
-    moved = isinstance(best.hypothesis.noise, RandomForces) and bool(best.effects)
-    return (
-        Objection(Check.NOISE_LIKE, signals)
-        if signals or moved or is_drift(best, memory(best))
-        else None
-    )
+    more = signals or is_drift(best, memory(best))
+    return Objection(Check.NOISE_LIKE, signals) if more else None
 
 
 def one_function(effects: Sequence[Effect]) -> Objection | None:

@@ -68,5 +68,5 @@ def signals_of(
         x: states at every sample.
     """
     signals = jax.vmap(jax.vmap(model.signals))(records.t, x, records.u)
-    number = jnp.broadcast_to(jnp.arange(records.n_cases)[:, None], records.t.shape)
+    number = jnp.broadcast_to(1.0 * jnp.arange(records.n_cases)[:, None], records.t.shape)
     return {"t": records.t, RECORD: number} | signals

@@ -8,7 +8,6 @@ a filter for them.
 
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
 from .._foundation.host import to_device

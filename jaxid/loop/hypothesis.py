@@ -28,14 +28,19 @@ from .problem import regular
 class NoiseHypothesis(eqx.Module):
     """A model of the noise, which a search compares with missing effects.
 
-    A noise of your own is a subclass with these methods. Its parameters, if `likelihood` has any,
-    are estimated with all others and get standard errors.
+    A noise of your own is a subclass with these methods, given as `LoopOptions(noises=...)`. Its
+    parameters, if `likelihood` has any, are estimated with all others and get standard errors.
 
     Attributes:
         outcome: outcome of a search in which this noise explains the residual without any effect.
     """
 
     outcome: eqx.AbstractClassVar[Outcome]
+
+    @property
+    def words(self) -> str:
+        """The noise in the words of a verdict; by default the name of the class."""
+        return type(self).__name__
 
     @abc.abstractmethod
     def likelihood(self, declared: AbstractLikelihood) -> AbstractLikelihood:

@@ -56,7 +56,7 @@ def noise_moves(
         signals: states, inputs and time of the declared fit.
         options: levels.
     """
-    moves, followed = _coloured(fit), ()
+    moves, followed = [*_coloured(fit), *_given(fit, options)], ()
     for noise in _places_of_forces(fit, where) if where is not None else ():
         best = _most_probable(declared, noise)
         move = _forces_alone(fit, noise, best)
@@ -88,6 +88,16 @@ def _coloured(fit: LoopFit) -> list[Move]:
     expected = float(np.sum(-counts * np.log1p(-shares)))
     hypotheses = [Hypothesis(effects, Coloured(order)) for effects in {fit.effects: 0, (): 0}]
     return [Move(MoveKind.NOISE, new, (), expected, {}, {}) for new in hypotheses]
+
+
+def _given(fit: LoopFit, options: LoopOptions) -> list[Move]:
+    """Return the noises of the user with the effects of a fit, and without any."""
+    hypotheses = [
+        Hypothesis(effects, noise)
+        for noise in options.noises
+        for effects in {fit.effects: 0, (): 0}
+    ]
+    return [Move(MoveKind.NOISE, new, (), np.inf, {}, {}) for new in hypotheses]
 
 
 def _places_of_forces(fit: LoopFit, where: LocalisationResult) -> list[RandomForces]:

@@ -3,6 +3,7 @@
 import equinox as eqx
 
 from .._foundation.checks import require
+from .hypothesis import NoiseHypothesis
 
 
 class LoopOptions(eqx.Module):
@@ -25,6 +26,7 @@ class LoopOptions(eqx.Module):
         beam_width: number of hypotheses that are kept in each round.
         max_predictable_share: largest share of the residual's power that its past may explain for
             the residual to count as noise.
+        noises: noise hypotheses of your own, which are compared with the others.
 
     Raises:
         InputError: if a number lies outside its range.
@@ -38,6 +40,7 @@ class LoopOptions(eqx.Module):
     max_rounds: int = eqx.field(static=True, default=8)
     beam_width: int = eqx.field(static=True, default=1)
     max_predictable_share: float = eqx.field(static=True, default=0.03)
+    noises: tuple[NoiseHypothesis, ...] = ()
 
     def __check_init__(self):
         for name in ("level", "min_check_gain", "max_predictable_share"):

@@ -10,10 +10,11 @@ from ..diagnosis.localise import LocalisationResult
 from ..effects.library import initialise_shapes
 from ..effects.shape_initialisation import RESIDUAL, SIMULATED
 from ..estimation.estimate import divergence
+from ..estimation.likelihoods import OutputError
 from ..estimation.model_programs import PROGRAMS
 from .evidence import Comparison, compare, inflation, is_noise_like, log_samples, worth
 from .fit import LoopFit, compile_programs, fit
-from .hypothesis import Hypothesis, RandomForces, White
+from .hypothesis import Hypothesis, White
 from .moves import Move, MoveKind, Proposals, localise_fit
 from .noise_moves import noise_moves
 from .not_finite import check_finite
@@ -184,9 +185,10 @@ def _is_evident(step: Step) -> bool:
 def _expand(tree, parent: LoopFit, path, options: LoopOptions, progress) -> list[Step]:
     """Return the accepted steps of the first stage that has any, the best first.
 
-    A hypothesis with random forces is not expanded: effects together with them are never the cause.
+    Random forces, and other noises with a likelihood of their own, are not expanded: effects
+    together with them are never the cause.
     """
-    if isinstance(parent.hypothesis.noise, RandomForces):
+    if not isinstance(parent.estimation.problem.likelihood, OutputError):
         return []
     proposals = Proposals(parent, options)
     count = len(proposals.candidates)

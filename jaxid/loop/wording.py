@@ -34,7 +34,7 @@ def noise_words(noise: NoiseHypothesis) -> str:
     if isinstance(noise, RandomForces):
         places = [f"the equation of {name}" for name in noise.equations] + [*noise.air]
         return f"random forces in {' and '.join(places)}"
-    return "white noise" if isinstance(noise, White) else type(noise).__name__
+    return "white noise" if isinstance(noise, White) else noise.words
 
 
 def verdict_words(best: LoopFit, assessment: Assessment) -> str:
@@ -42,7 +42,7 @@ def verdict_words(best: LoopFit, assessment: Assessment) -> str:
     effects = effect_words(best)
     noise = noise_words(best.hypothesis.noise)
     sentence = {
-        Outcome.NOTHING_MISSING: "Nothing is missing: the residual is consistent with white noise, "
+        Outcome.NOTHING_MISSING: f"Nothing is missing: the residual is consistent with {noise}, "
         "and no candidate explains any of it.",
         Outcome.EXPLAINED: f"The model lacked: {effects}. With it the residual is consistent with "
         f"{noise}.",

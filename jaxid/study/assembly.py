@@ -121,7 +121,7 @@ def _fitted_on(records: Record, declared: LoopFit, best: LoopFit, options: LoopO
     problem, is_declared = best.problem.on(records), best is declared
     declared = fit(problem, declared.hypothesis, declared)
     best, dropped = declared if is_declared else fit(problem, best.hypothesis, best), []
-    while moves := Proposals(best, options).drops():
+    while best.effects and (moves := Proposals(best, options).drops()):
         dropped += [name for name in best.effects if name not in moves[0].hypothesis.effects]
         best = fit(problem, moves[0].hypothesis, best)
     return declared, best, tuple(dropped)

@@ -143,6 +143,7 @@ def _names(file: StudyFile, model: AbstractModel, bounded: bool = True) -> _Name
 def _loop(file: StudyFile) -> tuple[int | None, LoopOptions]:
     """The window and the options of the loop."""
     defaults = {field.name: field.default for field in dataclasses.fields(LoopOptions)}
+    defaults.pop("noises")  # a class, which no file can hold
     with file.at("loop"):
         require_known("key", file.loop, ("window", *defaults))
     counts = {"window", *(name for name, default in defaults.items() if isinstance(default, int))}

@@ -1,5 +1,6 @@
 """The longitudinal flight: records of the truth, declared model, noise."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +15,7 @@ from jaxid.aircraft.flight.longitudinal_flight import (
 from jaxid.aircraft.flight.simulated_flight import realised_noise
 from jaxid.effects import Augmented
 from jaxid.models.names import read_parameters
-from jaxid.simulation import RK4, simulate
+from jaxid.simulation import RK4, Adaptive, simulate
 
 
 @pytest.fixture(scope="module")
@@ -121,3 +122,13 @@ def test_free_parameters_are_ten_coefficients_and_each_initial_state(flight):
     assert len(flight.free.shared) == 10
     assert flight.free.per_record == tuple(f"initial_state.{name}" for name in flight.model.states)
     assert not isinstance(flight.model, Augmented)
+
+
+def test_records_equal_an_adaptive_simulation(flight):
+    """To a millionth of each output's deviation; a noise is a hundredth or more."""
+    record = flight.test[1]
+    clean = flight.clean[record.names[0]]
+    start = flight.truth.initial_state(eqx.tree_at(lambda one: one.z, record, clean))
+    y = simulate(flight.truth, record.t, record.u, start, stepper=Adaptive()).y
+    difference = np.asarray(clean - y)
+    assert np.all(np.abs(difference) < 1e-6 * np.std(np.asarray(y), axis=0)[None])

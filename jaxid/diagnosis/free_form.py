@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.evicting_jit import EvictingJit
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from .._foundation.types import Array, Float
@@ -137,9 +138,8 @@ class DisturbedModel(AbstractModel):
         return jnp.split(self.first + share * (self.last - self.first), [len(self.states)])
 
 
-@fast_compile_jit
-def linear_models(problem: Problem, parameters: Parameters, places: Places) -> Linear:
-    """Return the linear model along the trajectory of each record (jitted).
+def _linear_models(problem: Problem, parameters: Parameters, places: Places) -> Linear:
+    """Return the linear model along the trajectory of each record.
 
     Args:
         problem: estimation problem whose likelihood is output error.
@@ -149,6 +149,9 @@ def linear_models(problem: Problem, parameters: Parameters, places: Places) -> L
     return jax.vmap(lambda own, case: linear_model(problem, own, parameters.shared, case, places))(
         parameters.rows, problem.cases()
     )
+
+
+linear_models = EvictingJit(_linear_models)
 
 
 def linear_model(problem: Problem, own, shared, case, places: Places) -> Linear:

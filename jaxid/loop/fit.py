@@ -14,6 +14,7 @@ from .._foundation.host import to_device
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Float
 from ..diagnosis.autoregression import autoregressive_r2
+from ..diagnosis.free_form import linear_models
 from ..diagnosis.validation import Prediction, Predictor
 from ..effects.augmented import Augmented
 from ..estimation.estimate import Fit
@@ -250,15 +251,19 @@ def fit(
 
 
 def compile_programs(problem: LoopProblem) -> None:
-    """Compile the programs of the declared fit and of a prediction of the check records at once."""
+    """Compile the programs of the declared fit, of its linear model, and of a prediction of the
+    check records at once.
+    """
     start = estimation_of(problem, Hypothesis(), problem.initial_values, {}, None)
     case = FlatProblem.of(start.problem)
     predictor = Predictor(problem.likelihood, problem.window, problem.starts, problem.train.n_cases)
     model = problem.model_at(problem.initial_values)
+    motion = LinearMotion(problem, (), problem.initial_values, start.parameters.rows)
     compile_together(
         [
             (PROGRAMS.outputs, case.outputs_arguments(start.parameters)),
             (PROGRAMS.sensitivities, case.sensitivities_arguments(start.parameters)),
+            (linear_models, motion.linear_arguments),
             *predictor.programs(model, problem.check),
         ]
     )

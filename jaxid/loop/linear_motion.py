@@ -96,8 +96,13 @@ class LinearMotion:
     @cached_property
     def linear(self) -> Linear:
         """Linear models of all records, with a disturbance at each place."""
+        return linear_models(*self.linear_arguments)
+
+    @property
+    def linear_arguments(self) -> tuple[Problem, Parameters, Places]:
+        """Arguments of `linear_models`."""
         parameters = Parameters(to_device(np.zeros(0)), self.rows)
-        return linear_models(self.fixed, parameters, tuple(self.places.items()))
+        return self.fixed, parameters, tuple(self.places.items())
 
     def linear_at(self, chosen: Mapping[LocationKind, tuple[str, ...]]) -> Linear:
         """Return the linear models with disturbances at some places."""

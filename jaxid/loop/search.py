@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from .._foundation.grid import typical_step
+from ..diagnosis.free_form import linear_models
 from ..diagnosis.localise import LocalisationResult
 from ..effects.library import initialise_shapes
 from ..effects.shape_initialisation import RESIDUAL, SIMULATED
@@ -238,7 +239,7 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
 
 def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> list[Step]:
     """Return the refits of moves, without candidates that cannot compete with the best so far."""
-    for program in PROGRAMS:
+    for program in (*PROGRAMS, linear_models):
         program.make_room(len(moves), MAX_COMPILED_FITS)
     steps: list[Step] = []
     best = 0.0

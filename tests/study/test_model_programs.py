@@ -7,6 +7,7 @@ from small_spring import SIGMA, Spring, fly
 
 from jaxid import OutputError, close_loop, estimate, free, simulate
 from jaxid.data import split_at, stack
+from jaxid.diagnosis.free_form import linear_models
 from jaxid.diagnosis.validation import Predictor, predict
 from jaxid.effects.equation import Term
 from jaxid.estimation.estimate import as_stack, fit_problem
@@ -74,9 +75,12 @@ def test_prediction_starts_at_estimate_of_window(records, window):
     np.testing.assert_array_equal(ours.scored, expected)
 
 
-def test_study_holds_its_model_in_three_programs(records):
-    """One of the outputs, one of the sensitivities, and one of those in the window."""
-    for program in PROGRAMS:
+def test_study_holds_its_model_in_four_programs(records):
+    """One of the outputs, one of the sensitivities, one of those in the window, and the linear
+    model.
+    """
+    programs = (*PROGRAMS, linear_models)
+    for program in programs:
         program.make_room(1, 0)
     model = Spring(jnp.array(1.5), jnp.array(0.2))
     study = close_loop(
@@ -90,5 +94,4 @@ def test_study_holds_its_model_in_three_programs(records):
         window=30,
     )
     assert study.effects == ("x^3 in v",)
-    # The third linearises the effect found and the shapes next to it, a small model.
-    assert [len(program.known) for program in PROGRAMS] == [1, 3]
+    assert [len(program.known) for program in programs] == [1, 2, 1]

@@ -26,7 +26,8 @@ from ..models.free import Free, with_values
 from ..models.noise import AbstractNoise, FixedNoise
 from ..sensitivity.information import gather, record_triangles
 from .estimation_problem import Estimation, estimation_of, free_of
-from .force_innovations import ForceNoise
+from .force_fit import forced_motion
+from .force_innovations import ForceNoise, force_innovations
 from .hypothesis import Hypothesis, RandomForces
 from .linear import Triangle
 from .linear_motion import LinearMotion
@@ -129,11 +130,17 @@ class LoopFit:
 
     @cached_property
     def triangle(self) -> Triangle:
-        """Triangular factor of the sensitivities to all columns, and of the residual, for a fit
-        with output error.
-        """
-        factor = np.asarray(self._white_factor(self.motion.sensitivities[1]))
-        return self.triangle_of(factor, self.problem.columns.names)
+        """Triangular factor of the sensitivities to all columns, and of the residual."""
+        v, S = self.motion.sensitivities
+        noise, own = self.hypothesis.noise, len(self.problem.free.per_record)
+        if isinstance(noise, RandomForces):
+            nothing = jnp.zeros((*v.shape[:2], 0))
+            forced = forced_motion(self.motion, noise)
+            white_v, white_S, _ = force_innovations(forced, self.force_noise, nothing)
+            factor = triangular_factor(white_v, white_S, own)
+        else:
+            factor = self._white_factor(S)
+        return self.triangle_of(np.asarray(factor), self.problem.columns.names)
 
     def triangle_with(self, columns: Mapping[str, Float[np.ndarray, "case time output"]]):
         """Return the triangular factor of the sensitivities to the free parameters, and of columns.

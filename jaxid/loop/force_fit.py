@@ -1,7 +1,7 @@
 """`fit_forces`: estimate of random forces by the filter along the motion without forces.
 
 Gauss-Newton: the motion and its linear model are computed at the parameters, the forces estimated
-with the other parameters eliminated (`estimate_forces`), and the parameters moved. No program holds
+(`estimate_forces`), and the parameters moved. No program holds
 the model but those of fits with white noise, so that a search tries random forces without compiling
 a filter for them.
 """
@@ -62,36 +62,36 @@ def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> F
         noise: the forces.
         first: starting values of their parameters and of the sensor noise.
     """
-    columns = start.problem.columns
+    columns, own = start.problem.columns, len(start.problem.free.per_record)
     chosen = columns.chosen(start.effects)
     names = tuple(columns.names[k] for k in chosen)
-    best, estimate, share = ForceFit(start, first, np.inf), None, 1.0
-    motion = start
+    best, step = ForceFit(start, first, np.inf), None
+    motion, share = start, 1.0
     for _ in range(MOST_STEPS):
         forced = forced_motion(motion, noise, names)
-        finite = all(bool(np.all(np.isfinite(np.asarray(part)))) for part in (forced.v, forced.S))
-        if finite:
-            here = estimate_forces(forced, len(start.problem.free.per_record), best.noise)
-        if finite and here.cost < best.cost:
-            best, estimate, share = ForceFit(motion, here.noise, here.cost), here, 1.0
+        here = estimate_forces(forced, own, best.noise) if _is_finite(forced) else None
+        if here is not None and here.cost < best.cost:
+            best, step, share = ForceFit(motion, here.noise, here.cost), here, 1.0
         else:
             share *= SHORTER
-        if estimate is None or share < SMALLEST_SHARE:
+        if step is None or step.fall < LEAST_FALL or share < SMALLEST_SHARE:
             break
-        if estimate.cost - estimate.expected < LEAST_FALL:
-            break
-        motion = _moved(best.motion, chosen, estimate, share)
+        motion = _moved(best.motion, chosen, step, share)
     return best
 
 
-def _moved(motion: LinearMotion, chosen, estimate: ForceEstimate, share: float) -> LinearMotion:
+def _is_finite(motion: ForcedMotion) -> bool:
+    return all(bool(np.all(np.isfinite(np.asarray(part)))) for part in (motion.v, motion.S))
+
+
+def _moved(motion: LinearMotion, chosen, step: ForceEstimate, share: float) -> LinearMotion:
     """Return the motion after a share of a step, within the bounds."""
     limits = motion.problem.columns.limits(chosen, 0, motion.problem.train.n_cases)
     values = motion.values.copy()
-    shared = values[chosen] + share * estimate.shared
+    shared = values[chosen] + share * step.shared
     values[chosen] = np.clip(
         shared, np.asarray(limits.lower.shared), np.asarray(limits.upper.shared)
     )
-    rows = np.asarray(motion.rows) + share * estimate.own
+    rows = np.asarray(motion.rows) + share * step.own
     rows = np.clip(rows, np.asarray(limits.lower.rows), np.asarray(limits.upper.rows))
     return LinearMotion(motion.problem, motion.effects, values, to_device(rows))

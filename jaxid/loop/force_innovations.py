@@ -5,12 +5,12 @@
 
 (Kalman, J. Basic Engineering 82, 1960.) The filter that whitens the residual whitens the
 sensitivity to every candidate as well, and the response to a force that follows a signal. A random
-force follows none. Deviation `s` and time `T` of each force, and the sensor noise, are those of the
-largest likelihood, the free parameters eliminated:
+force follows none. Deviation `s` and time `T` of each force, and the sensor noise, minimise
 
-    J = min_d sum_i 1/2 |L_i^-1 (v - S d)_i|^2 + log det L_i
+    J = sum_i 1/2 |L_i^-1 v_i|^2 + log det L_i
 
-with `L_i L_i'` the covariance of innovation i.
+with `v_i` innovation i and `L_i L_i'` its covariance; their step under this noise moves the free
+parameters.
 """
 
 from typing import NamedTuple
@@ -31,6 +31,8 @@ SIGN_STEEPNESS = 10.0
 FUNCTIONS = ("square", "cube", "signed square", "sign")
 # Chosen: factor by which a deviation or a time may differ from its starting value.
 WIDEST = 1e4
+# Chosen: iterations of the noise between two steps of the parameters, with which they alternate.
+MOST_ITERATIONS = 10
 
 
 class ForceNoise(NamedTuple):
@@ -69,14 +71,14 @@ class ForceEstimate(NamedTuple):
 
     Attributes:
         noise: their parameters, and those of the sensor noise.
-        cost: negative log-likelihood at the parameters of the motion.
-        expected: the same after the step, in the linear model.
+        cost: negative log-likelihood.
+        fall: fall of the cost by the step, in the linear model.
         own, shared: step of the per-record parameters and of the others.
     """
 
     noise: ForceNoise
     cost: float
-    expected: float
+    fall: float
     own: Float[np.ndarray, "case own"]
     shared: Float[np.ndarray, " column"]
 
@@ -105,7 +107,8 @@ def force_innovations(
 
 
 def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceEstimate:
-    """Return the most probable forces and sensor noise, by L-BFGS-B on logarithms.
+    """Return the most probable forces and sensor noise, by L-BFGS-B on logarithms, and the step of
+    the free parameters under them.
 
     Args:
         motion: residuals and sensitivities along the motion without forces.
@@ -114,53 +117,50 @@ def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceE
     """
     sizes = np.cumsum([part.size for part in start])[:-1]
     begin = np.log(np.concatenate([np.asarray(part) for part in start]))
+    residual = motion._replace(S=to_device(np.asarray(motion.S)[..., :0]))
+
+    def noise_at(logarithms) -> ForceNoise:
+        return ForceNoise(*map(to_device, np.split(logarithms, sizes)))
 
     def objective(logarithms):
-        noise = ForceNoise(*map(to_device, np.split(logarithms, sizes)))
-        (cost, _), slope = _cost_and_slope(noise, motion, own)
+        cost, slope = _cost_and_slope(noise_at(logarithms), residual)
         slope = np.concatenate([np.asarray(part) for part in slope])
         return (float(cost), slope) if np.isfinite(float(cost)) else (np.inf, np.zeros_like(slope))
 
     widest = np.log(WIDEST)
     bounds = [(value - widest, value + widest) for value in begin]
-    end = minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds)
-    noise = ForceNoise(*map(to_device, np.split(end.x, sizes)))
-    (expected, rest), _ = _cost_and_slope(noise, motion, own)
-    noise = ForceNoise(*(to_device(np.exp(np.asarray(part))) for part in noise))
-    cost, own_step, shared = (np.asarray(part) for part in rest)
-    return ForceEstimate(noise, float(cost), float(expected), own_step, shared)
+    options = {"maxiter": MOST_ITERATIONS}
+    end = minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    noise = noise_at(np.exp(end.x))
+    fall, own_step, shared = map(np.asarray, _step(motion, noise, own))
+    return ForceEstimate(noise, float(end.fun), float(fall), own_step, shared)
 
 
 @fast_compile_jit
-def _cost_and_slope(logarithms: ForceNoise, motion: ForcedMotion, own: int):
-    """Return the cost with the free parameters eliminated, the cost and the step of these, and the
-    derivatives of the first by the logarithms of the noise parameters.
-    """
+def _cost_and_slope(logarithms: ForceNoise, motion: ForcedMotion):
+    """Return the cost and its derivatives by the logarithms of the noise parameters."""
 
     def cost(logarithms: ForceNoise):
-        noise = jax.tree.map(jnp.exp, logarithms)
-        white, scale = _filtered(motion, motion.S, jax.lax.stop_gradient(noise))
-        here = 0.5 * jnp.sum(white[..., 0] ** 2) + jnp.sum(scale)
-        # At the best step the derivative by the step is zero, so that it counts as constant.
-        steps = jax.lax.stop_gradient(_step(white, own))
-        left = motion.v - jnp.einsum("ctjp,cp->ctj", motion.S, steps)
-        white, scale = _filtered(motion._replace(v=left), motion.S[..., :0], noise)
-        total = 0.5 * jnp.sum(white**2) + jnp.sum(scale)
-        return total, (here, steps[:, :own], steps[0, own:])
+        white, scale = _filtered(motion, motion.S, jax.tree.map(jnp.exp, logarithms))
+        return 0.5 * jnp.sum(white**2) + jnp.sum(scale)
 
-    return jax.value_and_grad(cost, has_aux=True)(logarithms)
+    return jax.value_and_grad(cost)(logarithms)
 
 
-def _step(white: Float[Array, "case time output column"], own: int):
-    """Return the step of all parameters for each record, from whitened residuals and columns."""
+@fast_compile_jit
+def _step(motion: ForcedMotion, noise: ForceNoise, own: int):
+    """Return the Gauss-Newton step of all parameters, those of each record first, and its fall."""
+    white, _ = _filtered(motion, motion.S, noise)
     v, S = white[..., 0], white[..., 1:]
     triangles = record_triangles(S[..., :own], S[..., own:], v)
     shared = S.shape[-1] - own
     held = jnp.zeros((v.shape[0], own), bool), jnp.zeros(shared, bool)
     information = gather(triangles, jnp.zeros((1, shared + 1)), *held)
     d = jnp.linalg.lstsq(information.triangle, information.rhs)[0]
-    every = jnp.broadcast_to(d, (v.shape[0], shared))
-    return jnp.concatenate([information.own.solve(d), every], axis=-1)
+    every = information.own.solve(d)
+    moved = jnp.einsum("ctjp,cp->ctj", S[..., :own], every) + S[..., own:] @ d
+    fall = 0.5 * (jnp.sum(v**2) - jnp.sum((v - moved) ** 2))
+    return fall, every, d
 
 
 def _functions(signals):

@@ -126,11 +126,14 @@ class LinearMotion:
         """Return the response of the outputs to terms in equations, in the linear model.
 
         Args:
-            terms: pairs of a state, in whose equation a term acts, and the term.
+            terms: pairs of a state, in whose equation a term acts, and the term; of an output for a
+                static model, whose equations are those of its outputs.
         """
         total = np.zeros(self.problem.train.z.shape)
-        for state, term in terms:
-            linear = self.linear_at({LocationKind.EQUATION: (state,)})
+        for name, term in terms:
+            is_state = name in self.problem.model.states
+            kind = LocationKind.EQUATION if is_state else LocationKind.SENSOR
+            linear = self.linear_at({kind: (name,)})
             values = _term_values(term, self.signals)[..., None]
             total += np.asarray(responses(linear, values))[..., 0, 0]
         return total

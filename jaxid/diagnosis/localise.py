@@ -311,7 +311,7 @@ def search(
         linear: linear model of each record, with a disturbance at each place.
         signals: times, inputs and valid samples.
         linearised: residuals and sensitivities, those to the per-record parameters first.
-        noise: R, of which the diagonal is used.
+        noise: R; its diagonal is used.
         own: number of per-record parameters.
         knots, rows: number of splines in each record, and of the rows that they cover.
     """

@@ -204,11 +204,8 @@ class Problem(eqx.Module):
         S: Float[Array, "case time sensitive column"],
         parameters: Parameters,
     ) -> "Linearised":
-        """Return the linearised problem of given residuals and sensitivities of all records
-        (jitted: the first state and the steps of an iteration share one trace).
-        """
-        whiten = self.likelihood.noise.whitening(v, self.row_mask)
-        folded = self._fold(S, v, self.row_mask, whiten)
+        """Return the linearised problem of given residuals and sensitivities (jitted)."""
+        folded = self._fold(S, v, self.row_mask, self.likelihood.noise.whitening(v, self.row_mask))
         return Linearised(v, S, self._gather(parameters, *folded))
 
     def score_spectrum(

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 from .._foundation.location import Location, LocationKind
 from ..data.record import Record
+from ..diagnosis.heldout_error import difference_error, mean_log
 from ..diagnosis.localise import LocalisationResult
 from ..effects.base import Effect
 from .evidence import DETERMINED, Decision, inflation, is_noise_like
 from .fit import LoopFit
-from .heldout_error import difference_error, mean_log
 from .hypothesis import White
 from .linear import fall
 from .moves import MoveKind, localise_fit

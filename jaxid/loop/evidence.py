@@ -9,10 +9,10 @@ from scipy.stats import chi2
 
 from .._foundation.types import Array, Float
 from ..diagnosis.autoregression import chance_level
+from ..diagnosis.heldout_error import difference_error, mean_log, uncertainty
 from ..diagnosis.validation import Prediction
 from ..models.noise import AbstractNoise
 from .fit import LoopFit
-from .heldout_error import difference_error, mean_log, uncertainty
 from .hypothesis import White
 from .options import LoopOptions
 from .thresholds import INSEPARABLE

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.checks import InputError
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.evicting_jit import compile_together
 from .._foundation.host import to_device
@@ -26,12 +27,11 @@ from ..models.free import Free, with_values
 from ..models.noise import AbstractNoise, FixedNoise
 from ..sensitivity.information import gather, record_triangles
 from .estimation_problem import Estimation, estimation_of, free_of
-from .force_fit import forced_motion
-from .force_innovations import ForceNoise, force_innovations
-from .hypothesis import Hypothesis, RandomForces
+from .hypothesis import ForceNoise, Hypothesis, RandomForces
 from .linear import Triangle
 from .linear_motion import LinearMotion
 from .problem import LoopProblem, regular
+from .random_forces import force_innovations, forced_motion
 from .thresholds import MAX_CONTINUATIONS, MIN_CONTINUATION_SHARE, MIN_COST_FALL
 
 
@@ -320,6 +320,41 @@ def worth_continuing(costs: list[float], creeping: float) -> bool:
         return True  # no fall is known yet
     fall, total = costs[-2] - costs[-1], costs[0] - costs[-1]
     return fall > max(MIN_COST_FALL, creeping * total)
+
+
+def check_finite(declared: LoopFit) -> None:
+    """Refuse a library without any finite column, and name the candidates that spoil it.
+
+    Forward derivatives carry every tangent through every effect: an infinite slope times the zero
+    of a tangent that does not concern it is not a number, and spoils all columns.
+
+    Args:
+        declared: fit of the declared model.
+
+    Raises:
+        InputError: if no candidate has a finite sensitivity.
+    """
+    problem = declared.problem
+    if not problem.effects or bool(np.any(np.asarray(declared.motion.sensitivities[1]))):
+        return
+    names = " and of ".join(map(repr, _spoiling(declared, tuple(problem.effects))))
+    raise InputError(
+        f"On the training records the derivative at zero gain of {names} is not finite, so that "
+        "no other candidate can be scored. "
+        "Keep it finite (a root of zero needs a floor), or leave the candidate out."
+    )
+
+
+def _spoiling(declared: LoopFit, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the candidates among `names` whose derivative is not finite."""
+    problem, own = declared.problem, len(declared.problem.free.per_record)
+    library = tuple(problem.effects[name] for name in names)
+    alone = dataclasses.replace(problem, library=library, excluded=frozenset())
+    S = dataclasses.replace(declared, problem=alone).motion.sensitivities[1]
+    if bool(np.any(np.asarray(S)[..., own:])):
+        return ()
+    half = len(names) // 2
+    return _spoiling(declared, names[:half]) + _spoiling(declared, names[half:]) if half else names
 
 
 @fast_compile_jit

@@ -5,7 +5,7 @@
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,6 +13,7 @@ import numpy as np
 
 from .._foundation.checks import require
 from .._foundation.host import to_device
+from .._foundation.location import LocationKind
 from .._foundation.types import Array, Float
 from ..estimation.autoregressive_noise import AutoregressiveNoise
 from ..estimation.filter.filter_error import FilterError
@@ -20,9 +21,21 @@ from ..estimation.filter.noise_options import FirstOrder
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
 from ..models.base import AbstractModel
 from ..simulation.steppers import rate
-from .force_innovations import ForceNoise
 from .outcome import Outcome
 from .problem import regular
+
+
+class ForceNoise(NamedTuple):
+    """Parameters of random forces and white sensor noise.
+
+    Attributes:
+        deviation, time: standard deviation and correlation time of the force at each place.
+        sensors: standard deviation of the noise of each sensor.
+    """
+
+    deviation: Float[Array, " place"]
+    time: Float[Array, " place"]
+    sensors: Float[Array, " output"]
 
 
 class NoiseHypothesis(eqx.Module):
@@ -126,6 +139,12 @@ class RandomForces(NoiseHypothesis):
     def air(self) -> tuple[str, ...]:
         """Disturbance inputs that are gusts."""
         return tuple(name for name, _ in self.gusts)
+
+    @property
+    def places(self) -> dict[LocationKind, tuple[str, ...]]:
+        """Names of the places of the forces, by kind."""
+        kinds = {LocationKind.EQUATION: self.equations, LocationKind.AIR: self.air}
+        return {kind: names for kind, names in kinds.items() if names}
 
     @property
     def sizes(self) -> dict[str, float]:

@@ -11,11 +11,10 @@ from ..diagnosis.localise import LocalisationResult
 from ..diagnosis.residual_report import analyse_residual
 from ..estimation.autoregressive_noise import AutoregressiveNoise
 from .fit import LoopFit, triangular_factor
-from .force_fit import forced_motion
-from .force_innovations import FUNCTIONS, ForceNoise, force_innovations
-from .hypothesis import RandomForces, White
+from .hypothesis import ForceNoise, RandomForces, White
 from .linear import falls, reduce
 from .linear_motion import LinearMotion
+from .random_forces import FUNCTIONS, force_innovations, forced_motion
 from .thresholds import SETTLED
 
 # Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than

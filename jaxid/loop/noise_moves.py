@@ -12,11 +12,11 @@ from ..diagnosis.localise import LocalisationResult
 from ..estimation.autoregressive_noise import select_order
 from .evidence import log_samples
 from .fit import LoopFit
-from .force_fit import ForceFit, fit_forces
 from .hypothesis import Coloured, Hypothesis, RandomForces
 from .moves import Move, MoveKind
 from .noise_checks import followed_by_forces, is_drift
 from .options import LoopOptions
+from .random_forces import ForceFit, fit_forces
 from .thresholds import INSEPARABLE
 
 # Chosen: starting value of the correlation time of a random force [samples].
@@ -60,7 +60,7 @@ def noise_moves(
     for noise in _places_of_forces(fit, where) if where is not None else ():
         best = _most_probable(declared, noise)
         move = _forces_alone(fit, noise, best)
-        if _worth(fit, move) <= INSEPARABLE or _better_beside_effects(fit, noise, move):
+        if _worth(fit, move) <= INSEPARABLE or _better_with_effects(fit, noise, move):
             continue
         names = followed_by_forces(declared, best.motion, noise, best.noise, signals, options.level)
         followed = tuple(dict.fromkeys((*followed, *names)))
@@ -135,14 +135,14 @@ def _forces_alone(fit: LoopFit, noise: RandomForces, best: ForceFit) -> Move:
     return Move(MoveKind.NOISE, Hypothesis((), noise), (), fall, start, {})
 
 
-def _better_beside_effects(fit: LoopFit, noise: RandomForces, alone: Move) -> bool:
-    """Return True if forces beside the effects of a fit are better than without: then neither the
-    effects nor the forces are the cause.
+def _better_with_effects(fit: LoopFit, noise: RandomForces, alone: Move) -> bool:
+    """Return True if forces together with the effects of a fit are better than alone: then neither
+    the effects nor the forces are the cause.
     """
     if not fit.effects:
         return False
     best = fit_forces(fit.motion, noise, noise.first(fit.noise_covariance))
-    beside = dataclasses.replace(
+    joint = dataclasses.replace(
         alone, hypothesis=Hypothesis(fit.effects, noise), expected=2.0 * (fit.cost - best.cost)
     )
-    return _worth(fit, beside) > _worth(fit, alone)
+    return _worth(fit, joint) > _worth(fit, alone)

@@ -14,11 +14,10 @@ from ..estimation.estimate import divergence
 from ..estimation.likelihoods import OutputError
 from ..estimation.model_programs import PROGRAMS
 from .evidence import Comparison, compare, inflation, is_noise_like, log_samples, worth
-from .fit import LoopFit, compile_programs, fit
+from .fit import LoopFit, check_finite, compile_programs, fit
 from .hypothesis import Hypothesis, White
 from .moves import Move, MoveKind, Proposals, localise_fit
 from .noise_moves import noise_moves
-from .not_finite import check_finite
 from .options import LoopOptions
 from .problem import LoopProblem
 from .thresholds import INSEPARABLE, MAX_COMPILED_FITS, SETTLED

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..diagnosis.heldout_error import mean_log
 from ..effects.augmented import split_effects
 from .assess import Assessment, Check, Objection
 from .evidence import Decision
 from .fit import LoopFit
-from .heldout_error import mean_log
 from .hypothesis import Coloured, NoiseHypothesis, RandomForces, White
 from .outcome import Outcome
 from .search import SearchTree, Step

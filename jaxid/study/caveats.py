@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..data.record import Record
-from ..loop.heldout_error import difference_error, mean_log
+from ..diagnosis.heldout_error import difference_error, mean_log
 from ..loop.wording import worse_words
 from .study import Side
 

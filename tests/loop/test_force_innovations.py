@@ -10,7 +10,8 @@ from jaxid._foundation.location import LocationKind
 from jaxid.diagnosis.free_form import linear_models
 from jaxid.estimation.estimate import as_stack
 from jaxid.estimation.problem import Problem
-from jaxid.loop.force_innovations import FUNCTIONS, ForcedMotion, ForceNoise, force_innovations
+from jaxid.loop.hypothesis import ForceNoise
+from jaxid.loop.random_forces import FUNCTIONS, ForcedMotion, force_innovations
 from jaxid.models.free import Parameters
 from jaxid.simulation.simulate import simulate
 

@@ -14,9 +14,9 @@ from jaxid import OutputError, close_loop, estimate, free
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.types import Array
 from jaxid.diagnosis.autoregression import autoregressive_r2
+from jaxid.diagnosis.heldout_error import difference_error, mean_log, uncertainty
 from jaxid.diagnosis.validation import Prediction
 from jaxid.effects import Effect, EffectCard, Location, LocationKind, Term
-from jaxid.loop.heldout_error import difference_error, mean_log, uncertainty
 from jaxid.loop.outcome import Outcome
 from jaxid.models import FixedNoise
 from jaxid.report import html

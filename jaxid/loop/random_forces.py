@@ -25,27 +25,20 @@ from .._foundation.host import to_device
 from .._foundation.types import Array, Bool, Float
 from ..diagnosis.free_form import Linear, answers
 from ..sensitivity.information import gather, record_triangles
+from .hypothesis import ForceNoise, RandomForces
+from .linear_motion import LinearMotion
 
 # Chosen: steepness of the function that stands for the sign of a signal, in its range.
 SIGN_STEEPNESS = 10.0
 FUNCTIONS = ("square", "cube", "signed square", "sign")
 # Chosen: factor by which a deviation or a time may differ from its starting value.
-WIDEST = 1e4
+WIDEST_RANGE = 1e4
 # Chosen: iterations of the noise between two steps of the parameters, with which they alternate.
 MOST_ITERATIONS = 10
-
-
-class ForceNoise(NamedTuple):
-    """Parameters of random forces and white sensor noise.
-
-    Attributes:
-        deviation, time: standard deviation and correlation time of the force at each place.
-        sensors: standard deviation of the noise of each sensor.
-    """
-
-    deviation: Float[Array, " place"]
-    time: Float[Array, " place"]
-    sensors: Float[Array, " output"]
+# Chosen: number of steps, smallest share of one, and fall of the cost below which none is made.
+MOST_FORCE_STEPS, SHORTEST_STEP, LEAST_FALL = 20, 0.01, 0.05
+# Chosen: ratio of a refused step to the next one tried.
+SHORTER = 0.25
 
 
 class ForcedMotion(NamedTuple):
@@ -127,7 +120,7 @@ def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceE
         slope = np.concatenate([np.asarray(part) for part in slope])
         return (float(cost), slope) if np.isfinite(float(cost)) else (np.inf, np.zeros_like(slope))
 
-    widest = np.log(WIDEST)
+    widest = np.log(WIDEST_RANGE)
     bounds = [(value - widest, value + widest) for value in begin]
     options = {"maxiter": MOST_ITERATIONS}
     end = minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
@@ -225,3 +218,77 @@ def _filtered_record(
     start = jnp.diag(jnp.concatenate([jnp.zeros(n), noise.deviation**2]))
     first = jnp.zeros((n + p, columns.shape[-1]))
     return jax.lax.scan(step, (first, start), (H, R, F, W, columns))[1]
+
+
+class ForceFit(NamedTuple):
+    """The most probable random forces with the parameters of the model.
+
+    Attributes:
+        motion: the motion without forces at the parameters.
+        noise: parameters of the forces and of the sensor noise.
+        cost: negative log-likelihood.
+    """
+
+    motion: LinearMotion
+    noise: ForceNoise
+    cost: float
+
+
+def forced_motion(
+    motion: LinearMotion, noise: RandomForces, names: tuple[str, ...] | None = None
+) -> ForcedMotion:
+    """Return a motion for random forces at their places.
+
+    Args:
+        motion: the motion without forces.
+        noise: the forces.
+        names: names of the shared parameters; all by default.
+    """
+    linear = motion.without_absent_states(motion.linear_at(noise.places))
+    v, S = motion.sensitivities if names is None else motion.columns_of(names)
+    records = motion.problem.train
+    return ForcedMotion(linear, records.t, records.mask, v, S)
+
+
+def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> ForceFit:
+    """Return the most probable random forces and parameters; an infinite cost if the start
+    diverges.
+
+    Args:
+        start: motion at the starting values.
+        noise: the forces.
+        first: starting values of their parameters and of the sensor noise.
+    """
+    columns, own = start.problem.columns, len(start.problem.free.per_record)
+    chosen = columns.chosen(start.effects)
+    names = tuple(columns.names[k] for k in chosen)
+    best, step = ForceFit(start, first, np.inf), None
+    motion, share = start, 1.0
+    for _ in range(MOST_FORCE_STEPS):
+        forced = forced_motion(motion, noise, names)
+        here = estimate_forces(forced, own, best.noise) if _is_finite(forced) else None
+        if here is not None and here.cost < best.cost:
+            best, step, share = ForceFit(motion, here.noise, here.cost), here, 1.0
+        else:
+            share *= SHORTER
+        if step is None or step.fall < LEAST_FALL or share < SHORTEST_STEP:
+            break
+        motion = _moved(best.motion, chosen, step, share)
+    return best
+
+
+def _is_finite(motion: ForcedMotion) -> bool:
+    return all(bool(np.all(np.isfinite(np.asarray(part)))) for part in (motion.v, motion.S))
+
+
+def _moved(motion: LinearMotion, chosen, step: ForceEstimate, share: float) -> LinearMotion:
+    """Return the motion after a share of a step, within the bounds."""
+    limits = motion.problem.columns.limits(chosen, 0, motion.problem.train.n_cases)
+    values = motion.values.copy()
+    shared = values[chosen] + share * step.shared
+    values[chosen] = np.clip(
+        shared, np.asarray(limits.lower.shared), np.asarray(limits.upper.shared)
+    )
+    rows = np.asarray(motion.rows) + share * step.own
+    rows = np.clip(rows, np.asarray(limits.lower.rows), np.asarray(limits.upper.rows))
+    return LinearMotion(motion.problem, motion.effects, values, to_device(rows))

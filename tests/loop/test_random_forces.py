@@ -6,7 +6,7 @@ from searched_spring import problem
 
 from jaxid.loop import Hypothesis, RandomForces
 from jaxid.loop.fit import fit
-from jaxid.loop.force_fit import fit_forces
+from jaxid.loop.random_forces import fit_forces
 
 NOISE = RandomForces({"v": 0.1}, {}, 0.5)
 

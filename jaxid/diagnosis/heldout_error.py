@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.types import Bool, Float
-from ..diagnosis.validation import Prediction
 from ..estimation.coloured import score_covariance, tapered_covariance, valid_pairs
+from .validation import Prediction
 
 
 def mean_log(prediction: Prediction) -> float:

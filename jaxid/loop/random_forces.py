@@ -9,8 +9,10 @@ force follows none. Deviation `s` and time `T` of each force, and the sensor noi
 
     J = sum_i 1/2 |L_i^-1 v_i|^2 + log det L_i
 
-with `v_i` innovation i and `L_i L_i'` its covariance; their step under this noise moves the free
-parameters.
+with `v_i` innovation i and `L_i L_i'` its covariance. `fit_forces` alternates this estimate with a
+Gauss-Newton step of the other parameters, and computes the motion and its linear model anew. No
+program holds the model but those of fits with white noise, so that a search tries random forces
+without compiling a filter for them.
 """
 
 from typing import NamedTuple
@@ -110,13 +112,12 @@ def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceE
     """
     sizes = np.cumsum([part.size for part in start])[:-1]
     begin = np.log(np.concatenate([np.asarray(part) for part in start]))
-    residual = motion._replace(S=to_device(np.asarray(motion.S)[..., :0]))
 
     def noise_at(logarithms) -> ForceNoise:
         return ForceNoise(*map(to_device, np.split(logarithms, sizes)))
 
     def objective(logarithms):
-        cost, slope = _cost_and_slope(noise_at(logarithms), residual)
+        cost, slope = _cost_and_slope(noise_at(logarithms), motion)
         slope = np.concatenate([np.asarray(part) for part in slope])
         return (float(cost), slope) if np.isfinite(float(cost)) else (np.inf, np.zeros_like(slope))
 
@@ -134,7 +135,7 @@ def _cost_and_slope(logarithms: ForceNoise, motion: ForcedMotion):
     """Return the cost and its derivatives by the logarithms of the noise parameters."""
 
     def cost(logarithms: ForceNoise):
-        white, scale = _filtered(motion, motion.S, jax.tree.map(jnp.exp, logarithms))
+        white, scale = _filtered(motion, motion.S[..., :0], jax.tree.map(jnp.exp, logarithms))
         return 0.5 * jnp.sum(white**2) + jnp.sum(scale)
 
     return jax.value_and_grad(cost)(logarithms)

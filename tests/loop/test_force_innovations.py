@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from searched_spring import NOISE, STEP, Spring
 
 from jaxid import OutputError, free, record
@@ -11,7 +12,13 @@ from jaxid.diagnosis.free_form import linear_models
 from jaxid.estimation.estimate import as_stack
 from jaxid.estimation.problem import Problem
 from jaxid.loop.hypothesis import ForceNoise
-from jaxid.loop.random_forces import FUNCTIONS, ForcedMotion, force_innovations
+from jaxid.loop.random_forces import (
+    FUNCTIONS,
+    ForcedMotion,
+    _cost_and_slope,
+    estimate_forces,
+    force_innovations,
+)
 from jaxid.models.free import Parameters
 from jaxid.simulation.simulate import simulate
 
@@ -24,9 +31,21 @@ def pushed(force):
     return simulate(Spring(1.5, 0.2), t, force[:, None], jnp.zeros(2)).y
 
 
-def test_innovations_equal_dense_gaussian():
-    """Products of whitened columns equal those with the inverse of the joint covariance."""
-    rng = np.random.default_rng(2)
+def response():
+    """Response of both outputs at all samples to the force at each sample."""
+    return np.asarray(jax.jacfwd(pushed)(jnp.zeros(SAMPLES))).reshape(-1, SAMPLES)
+
+
+def covariance(H, noise):
+    """Joint covariance of all outputs under a force with a memory, and sensor noise."""
+    t = STEP * np.arange(SAMPLES)
+    memory = np.exp(-np.abs(t[:, None] - t[None]) / float(noise.time[0]))
+    sensors = np.diag(np.tile(np.asarray(noise.sensors) ** 2, SAMPLES))
+    return float(noise.deviation[0]) ** 2 * H @ memory @ H.T + sensors
+
+
+def motion_of(rng):
+    """One record with a missing sample, random residuals and columns, and the force's noise."""
     t, u = STEP * np.arange(SAMPLES), np.zeros((SAMPLES, 1))
     v, S = rng.normal(size=(SAMPLES, 2)), rng.normal(size=(SAMPLES, 2, 3))
     z = np.array(v)
@@ -36,17 +55,20 @@ def test_innovations_equal_dense_gaussian():
     case = Problem.of(model, free(model, per_record=("initial_state",)), one, OutputError())
     parameters = Parameters(jnp.zeros(0), jnp.zeros((1, 2)))
     noise = ForceNoise(jnp.array([DEVIATION]), jnp.array([TIME]), jnp.asarray(NOISE))
-    signal = jnp.asarray(rng.normal(size=(1, SAMPLES, 1)))
-    places = ((LocationKind.EQUATION, ("v",)),)
-    linear = linear_models(case, parameters, places)
+    linear = linear_models(case, parameters, ((LocationKind.EQUATION, ("v",)),))
     motion = ForcedMotion(linear, one.t, one.mask, jnp.asarray(v)[None], jnp.asarray(S)[None])
+    return motion, noise, v, S, z
+
+
+def test_innovations_equal_dense_gaussian():
+    """Products of whitened columns equal those with the inverse of the joint covariance."""
+    rng = np.random.default_rng(2)
+    motion, noise, v, S, z = motion_of(rng)
+    signal = jnp.asarray(rng.normal(size=(1, SAMPLES, 1)))
     white_v, white_S, probes = force_innovations(motion, noise, signal)
 
-    H = np.asarray(jax.jacfwd(pushed)(jnp.zeros(SAMPLES))).reshape(-1, SAMPLES)
-    memory = np.exp(-np.abs(t[:, None] - t[None]) / TIME)
-    covariance = DEVIATION**2 * H @ memory @ H.T + np.diag(np.tile(NOISE**2, SAMPLES))
-    valid = np.isfinite(z).reshape(-1)
-    inverse = np.linalg.inv(covariance[np.ix_(valid, valid)])
+    H, valid = response(), np.isfinite(z).reshape(-1)
+    inverse = np.linalg.inv(covariance(H, noise)[np.ix_(valid, valid)])
     s = np.asarray(signal)[0, :, 0] - np.mean(np.asarray(signal))
     s = s / np.max(np.abs(s))
     functions = np.stack([s**2, s**3, np.abs(s) * s, np.tanh(10.0 * s)], axis=1)
@@ -54,3 +76,27 @@ def test_innovations_equal_dense_gaussian():
     white = np.concatenate([white_v[0][..., None], white_S[0], probes[0]], axis=-1).reshape(-1, 8)
     assert probes.shape[-1] == len(FUNCTIONS)
     np.testing.assert_allclose(white.T @ white, dense.T @ inverse @ dense, rtol=1e-7, atol=1e-9)
+
+
+def test_cost_slope_and_step_of_forces_equal_dense_gaussian():
+    motion, noise, v, S, z = motion_of(np.random.default_rng(3))
+    found = estimate_forces(motion, 2, noise)
+    H, valid = response(), np.isfinite(z).reshape(-1)
+    v, S = v.reshape(-1)[valid], S.reshape(-1, 3)[valid]
+
+    def cost(logarithms, v=v):
+        at = ForceNoise(logarithms[:1], logarithms[1:2], logarithms[2:])
+        C = covariance(H, jax.tree.map(np.exp, at))[np.ix_(valid, valid)]
+        return 0.5 * (v @ np.linalg.solve(C, v) + np.linalg.slogdet(C)[1])
+
+    start, end = (np.log(np.concatenate([np.asarray(p) for p in n])) for n in (noise, found.noise))
+    value, slope = _cost_and_slope(jax.tree.map(jnp.log, noise), motion)
+    assert float(value) == pytest.approx(cost(start), rel=1e-9)
+    steps = 1e-5 * np.eye(start.size)
+    differences = [(cost(start + step) - cost(start - step)) / 2e-5 for step in steps]
+    np.testing.assert_allclose(np.concatenate([*slope]), differences, rtol=1e-5)
+    assert found.cost == pytest.approx(cost(end), rel=1e-9)
+    assert found.cost < cost(start)
+    moved = v - S @ np.concatenate([found.own[0], found.shared])
+    assert found.fall == pytest.approx(found.cost - cost(end, moved), rel=1e-7)
+    assert found.fall > 0

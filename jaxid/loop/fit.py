@@ -32,7 +32,13 @@ from .linear import Triangle
 from .linear_motion import LinearMotion
 from .problem import LoopProblem, regular
 from .random_forces import force_innovations, forced_motion
-from .thresholds import MAX_CONTINUATIONS, MIN_CONTINUATION_SHARE, MIN_COST_FALL
+from .thresholds import (
+    MAX_COMPILED_FITS,
+    MAX_CONTINUATIONS,
+    MIN_CONTINUATION_SHARE,
+    MIN_COST_FALL,
+    PROGRAMS_OF_A_STUDY,
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -257,10 +263,17 @@ def fit(
     return LoopFit(problem, hypothesis, estimation, solution)
 
 
+def make_room(count: int) -> None:
+    """Release all programs if a number of further ones would make too many."""
+    for program in (*PROGRAMS, linear_models):
+        program.make_room(count, MAX_COMPILED_FITS)
+
+
 def compile_programs(problem: LoopProblem) -> None:
     """Compile the programs of the declared fit, of its linear model, and of a prediction of the
     check records at once.
     """
+    make_room(PROGRAMS_OF_A_STUDY)
     start = estimation_of(problem, Hypothesis(), problem.initial_values, {}, None)
     case = FlatProblem.of(start.problem)
     predictor = Predictor(problem.likelihood, problem.window, problem.starts, problem.train.n_cases)

@@ -10,7 +10,7 @@ force follows none. Deviation `s` and time `T` of each force, and the sensor noi
     J = sum_i 1/2 |L_i^-1 v_i|^2 + log det L_i
 
 with `v_i` innovation i and `L_i L_i'` its covariance. `fit_forces` alternates this estimate with a
-Gauss-Newton step of the other parameters, and computes the motion and its linear model anew. No
+Gauss-Newton step of the other parameters, each along the motion at the parameters reached. No
 program holds the model but those of fits with white noise, so that a search tries random forces
 without compiling a filter for them.
 """

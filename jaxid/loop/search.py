@@ -6,21 +6,19 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from .._foundation.grid import typical_step
-from ..diagnosis.free_form import linear_models
 from ..diagnosis.localise import LocalisationResult
 from ..effects.library import initialise_shapes
 from ..effects.shape_initialisation import RESIDUAL, SIMULATED
 from ..estimation.estimate import divergence
 from ..estimation.likelihoods import OutputError
-from ..estimation.model_programs import PROGRAMS
 from .evidence import Comparison, compare, inflation, is_noise_like, log_samples, worth
-from .fit import LoopFit, check_finite, compile_programs, fit
+from .fit import LoopFit, check_finite, compile_programs, fit, make_room
 from .hypothesis import Hypothesis, White
 from .moves import Move, MoveKind, Proposals, localise_fit
 from .noise_moves import noise_moves
 from .options import LoopOptions
 from .problem import LoopProblem
-from .thresholds import INSEPARABLE, MAX_COMPILED_FITS, SETTLED
+from .thresholds import INSEPARABLE, SETTLED
 
 # Chosen: share of the expected fall; a refit that brings less starts again from the estimated gain.
 STALLED = 0.25
@@ -238,8 +236,8 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
 
 def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> list[Step]:
     """Return the refits of moves, without candidates that cannot compete with the best so far."""
-    for program in (*PROGRAMS, linear_models):
-        program.make_room(len(moves), MAX_COMPILED_FITS)
+    if tree.problem.uses_reduced_model:
+        make_room(len(moves))
     steps: list[Step] = []
     best = 0.0
     for move in sorted(moves, key=lambda move: -move.expected):

@@ -39,3 +39,6 @@ COMPILE_COST, COMPILE_COST_PER_OPERATION = 400_000, 1400
 # Chosen: compiled fits that are kept. At most as many are added in one round, and those of a
 # large model then leave half of the memory maps of a process free.
 MAX_COMPILED_FITS = 48
+
+# Counted: programs of one kind in a study that fits all sets of effects by one program.
+PROGRAMS_OF_A_STUDY = 4

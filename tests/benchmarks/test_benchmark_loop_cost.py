@@ -38,9 +38,7 @@ def test_loop_adds_only_planted_effect_and_reaches_noise_level(benchmark, costs)
 
 
 def test_sensitivity_pass_is_compiled_once_for_all_rounds(benchmark, costs):
-    """Once for the records, once for the window of a check record, and once for the effects of the
-    result with the shapes next to them.
-    """
+    """Once for the records, and once for the window of a check record."""
     assert costs["cold"]["rounds"] >= 2
     assert costs["cold"]["passes_compiled"] == 2
     assert costs["warm"]["passes_compiled"] == 0

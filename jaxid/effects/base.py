@@ -53,7 +53,8 @@ class Effect(eqx.Module):
         return self.card.name
 
     def neighbouring_shapes(self) -> tuple["Effect", ...]:
-        """Return similar effects of another shape, such as the next higher power.
+        """Return similar effects of another shape, such as the next higher power, which are sums of
+        terms (`terms`).
 
         They need not be in the library of candidates. If one of them fits nearly as well, the form
         of the effect is not determined.

@@ -5,6 +5,7 @@ import enum
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from .._foundation.checks import require
 from .._foundation.location import Location, LocationKind
 from ..data.record import Record
 from ..diagnosis.heldout_error import difference_error, mean_log
@@ -297,6 +298,12 @@ def neighbours(best: LoopFit) -> dict[str, float]:
     }
     if not pairs:
         return {}
+    for name, (effect, shape) in pairs.items():
+        require(
+            len(shape.terms) > 0,
+            f"{name!r}, a neighbouring shape of {effect.name!r}, has no `terms`. "
+            "Give a sum of terms.",
+        )
     columns = {
         f"{name}.gain": best.motion.response(shape.terms) for name, (_, shape) in pairs.items()
     }

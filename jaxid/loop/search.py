@@ -264,11 +264,11 @@ def refit(parent: LoopFit, move: Move) -> LoopFit:
     if move.kind is MoveKind.DROP:
         return first
     fits = [first]
-    if move.kind is MoveKind.NOISE and not first.converged:
+    if move.kind is MoveKind.NOISE:
+        if move.start and first.converged:  # forces start at their most probable values
+            return first
         second = fit(parent.problem, move.hypothesis, None, move.start)
         return min(first, second, key=_cost_or_infinity)
-    if move.kind is MoveKind.NOISE:
-        return first
     if not first.converged or 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
         fits.append(fit(parent.problem, move.hypothesis, parent, {**move.start, **move.estimated}))
     if not first.converged:

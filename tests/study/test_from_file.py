@@ -123,7 +123,11 @@ def test_class_in_folder_of_file_becomes_declared_model(said):
 
 
 def test_file_accepts_every_option_of_loop(said):
+    """But noise hypotheses, which are classes."""
     defaults = {field.name: field.default for field in dataclasses.fields(LoopOptions)}
+    defaults.pop("noises")
+    with pytest.raises(InputError, match="noises"):
+        said(("level = 0.05", "noises = 1"))
     text = "\n".join(f"{name} = {value}" for name, value in defaults.items())
     assert said(("level = 0.05", text)).options == LoopOptions()
     assert said(("level = 0.05", "beam_width = 1")).options.beam_width == 1

@@ -7,12 +7,12 @@
 sensitivity to every candidate as well, and the response to a force that follows a signal. A random
 force follows none. Deviation `s` and time `T` of each force, and the sensor noise, minimise
 
-    J = sum_i 1/2 |L_i^-1 v_i|^2 + log det L_i
+    J = min_d sum_i 1/2 |L_i^-1 (v - S d)_i|^2 + log det L_i
 
-with `v_i` innovation i and `L_i L_i'` its covariance. `fit_forces` alternates this estimate with a
-Gauss-Newton step of the other parameters, each along the motion at the parameters reached. No
-program holds the model but those of fits with white noise, so that a search tries random forces
-without compiling a filter for them.
+with `(v - S d)_i` innovation i and `L_i L_i'` its covariance. `fit_forces` makes the step `d` of
+the other parameters and computes the motion again. (Minimised in turns, noise and parameters end at
+another minimum where gusts are strong.) No program holds the model but those of fits with white
+noise, so that a search tries random forces without compiling a filter for them.
 """
 
 from typing import NamedTuple
@@ -35,8 +35,6 @@ SIGN_STEEPNESS = 10.0
 FUNCTIONS = ("square", "cube", "signed square", "sign")
 # Chosen: factor by which a deviation or a time may differ from its starting value.
 WIDEST_RANGE = 1e4
-# Chosen: iterations of the noise between two steps of the parameters, with which they alternate.
-MOST_ITERATIONS = 10
 # Chosen: number of steps, smallest share of one, and fall of the cost below which none is made.
 MOST_FORCE_STEPS, SHORTEST_STEP, LEAST_FALL = 20, 0.01, 0.05
 # Chosen: ratio of a refused step to the next one tried.
@@ -66,7 +64,7 @@ class ForceEstimate(NamedTuple):
 
     Attributes:
         noise: their parameters, and those of the sensor noise.
-        cost: negative log-likelihood.
+        cost: negative log-likelihood before the step.
         fall: fall of the cost by the step, in the linear model.
         own, shared: step of the per-record parameters and of the others.
     """
@@ -102,8 +100,8 @@ def force_innovations(
 
 
 def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceEstimate:
-    """Return the most probable forces and sensor noise, by L-BFGS-B on logarithms, and the step of
-    the free parameters under them.
+    """Return the most probable forces and sensor noise, by L-BFGS-B on logarithms, with the step of
+    the free parameters.
 
     Args:
         motion: residuals and sensitivities along the motion without forces.
@@ -117,44 +115,51 @@ def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceE
         return ForceNoise(*map(to_device, np.split(logarithms, sizes)))
 
     def objective(logarithms):
-        cost, slope = _cost_and_slope(noise_at(logarithms), motion)
+        (cost, _), slope = _cost_and_slope(noise_at(logarithms), motion, own)
         slope = np.concatenate([np.asarray(part) for part in slope])
         return (float(cost), slope) if np.isfinite(float(cost)) else (np.inf, np.zeros_like(slope))
 
     widest = np.log(WIDEST_RANGE)
     bounds = [(value - widest, value + widest) for value in begin]
-    options = {"maxiter": MOST_ITERATIONS}
-    end = minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    noise = noise_at(np.exp(end.x))
-    fall, own_step, shared = map(np.asarray, _step(motion, noise, own))
-    return ForceEstimate(noise, float(end.fun), float(fall), own_step, shared)
+    end = minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds)
+    (expected, rest), _ = _cost_and_slope(noise_at(end.x), motion, own)
+    cost, own_step, shared = map(np.asarray, rest)
+    return ForceEstimate(
+        noise_at(np.exp(end.x)), float(cost), float(cost) - float(expected), own_step, shared
+    )
 
 
 @fast_compile_jit
-def _cost_and_slope(logarithms: ForceNoise, motion: ForcedMotion):
-    """Return the cost and its derivatives by the logarithms of the noise parameters."""
+def _cost_and_slope(logarithms: ForceNoise, motion: ForcedMotion, own: int):
+    """Return the cost after the best step of the other parameters, the cost before it and the step,
+    and the derivatives of the first by the logarithms of the noise parameters.
+    """
 
     def cost(logarithms: ForceNoise):
-        white, scale = _filtered(motion, motion.S[..., :0], jax.tree.map(jnp.exp, logarithms))
-        return 0.5 * jnp.sum(white**2) + jnp.sum(scale)
+        noise = jax.tree.map(jnp.exp, logarithms)
+        white, scale = _filtered(motion, motion.S, jax.lax.stop_gradient(noise))
+        before = 0.5 * jnp.sum(white[..., 0] ** 2) + jnp.sum(scale)
+        # At the best step the derivative by the step is zero, so that it counts as constant.
+        every, d = jax.lax.stop_gradient(_step(white, own))
+        moved = jnp.einsum("ctjp,cp->ctj", motion.S[..., :own], every) + motion.S[..., own:] @ d
+        after = motion._replace(v=motion.v - moved)
+        white, scale = _filtered(after, motion.S[..., :0], noise)
+        return 0.5 * jnp.sum(white**2) + jnp.sum(scale), (before, every, d)
 
-    return jax.value_and_grad(cost)(logarithms)
+    return jax.value_and_grad(cost, has_aux=True)(logarithms)
 
 
-@fast_compile_jit
-def _step(motion: ForcedMotion, noise: ForceNoise, own: int):
-    """Return the Gauss-Newton step of all parameters, those of each record first, and its fall."""
-    white, _ = _filtered(motion, motion.S, noise)
+def _step(white: Float[Array, "case time output column"], own: int):
+    """Return the step of the parameters of each record and of the others, from whitened residuals
+    and columns.
+    """
     v, S = white[..., 0], white[..., 1:]
     triangles = record_triangles(S[..., :own], S[..., own:], v)
     shared = S.shape[-1] - own
     held = jnp.zeros((v.shape[0], own), bool), jnp.zeros(shared, bool)
     information = gather(triangles, jnp.zeros((1, shared + 1)), *held)
     d = jnp.linalg.lstsq(information.triangle, information.rhs)[0]
-    every = information.own.solve(d)
-    moved = jnp.einsum("ctjp,cp->ctj", S[..., :own], every) + S[..., own:] @ d
-    fall = 0.5 * (jnp.sum(v**2) - jnp.sum((v - moved) ** 2))
-    return fall, every, d
+    return information.own.solve(d), d
 
 
 def _functions(signals):

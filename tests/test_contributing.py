@@ -1,5 +1,5 @@
-"""What CONTRIBUTING.md tells people to write runs as printed: a model, an effect, a noise
-hypothesis, a likelihood, and their tests.
+"""The code in CONTRIBUTING.md runs as printed: a model, an effect, a noise hypothesis, a
+likelihood, and their tests.
 """
 
 import sys

@@ -69,7 +69,7 @@ class Linear(NamedTuple):
         P, Q, D = (to_device(np.asarray(part)[..., columns]) for part in (self.P, self.Q, self.D))
         return self._replace(P=P, Q=Q, D=D)
 
-    def first(self, rows: int) -> "Linear":
+    def of_rows(self, rows: int) -> "Linear":
         """Return the linear models of the first rows of each record."""
         Phi, P, Q = (part[:, : rows - 1] for part in (self.Phi, self.P, self.Q))
         x, y, C, D = (part[:, :rows] for part in (self.x, self.y, self.C, self.D))

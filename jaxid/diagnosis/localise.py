@@ -325,7 +325,7 @@ def search(
         variables = jnp.concatenate([linear.x, u, linear.y], axis=-1)[at]
         return weight[..., None, None] * answers(linear, splines), grid, variables
 
-    G, grid, variables = jax.vmap(responses)(linear.first(rows), t, u, scaled)
+    G, grid, variables = jax.vmap(responses)(linear.of_rows(rows), t, u, scaled)
     white, columns = v * scaled, S * scaled[..., None]
     basis = _basis(columns, own)
     cases = G.shape[0]

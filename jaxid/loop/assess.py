@@ -127,7 +127,8 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
     """
     best, level = tree.best, options.level
     if not is_noise_like(best, options) or above_known_noise(best, level):
-        return Objection(Check.NOISE_LIKE, tree.followed)
+        # The signals that forces without effects would follow, where no effect was found.
+        return Objection(Check.NOISE_LIKE, () if best.effects else tree.followed)
     if refused := _significant_refusals(tree):
         return Objection(Check.NOISE_LIKE, refused)
     if not isinstance(best.hypothesis.noise, White):

@@ -29,8 +29,10 @@ class ForceNoise(NamedTuple):
     """Parameters of random forces and white sensor noise.
 
     Attributes:
-        deviation, time: standard deviation and correlation time of the force at each place.
-        sensors: standard deviation of the noise of each sensor.
+        deviation: standard deviation of the force at each place [unit of the state per second; of
+            the disturbance input for a gust].
+        time: correlation time of the force at each place [s].
+        sensors: standard deviation of the noise of each sensor [unit of the output].
     """
 
     deviation: Float[Array, " place"]
@@ -151,7 +153,7 @@ class RandomForces(NoiseHypothesis):
         """Starting values of the standard deviations, by disturbance input."""
         return {force_in(state): size for state, size in self.forces} | dict(self.gusts)
 
-    def first(self, covariance: Float[Array, "output output"]) -> ForceNoise:
+    def initial(self, covariance: Float[Array, "output output"]) -> ForceNoise:
         """Return the starting values of forces and sensor noise.
 
         Args:

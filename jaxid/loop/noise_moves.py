@@ -12,7 +12,7 @@ from ..diagnosis.localise import LocalisationResult
 from ..estimation.autoregressive_noise import select_order
 from .evidence import log_samples
 from .fit import LoopFit
-from .hypothesis import Coloured, Hypothesis, RandomForces
+from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces
 from .moves import Move, MoveKind
 from .noise_checks import followed_by_forces, is_drift
 from .options import LoopOptions
@@ -28,8 +28,8 @@ class NoiseMoves(NamedTuple):
 
     Attributes:
         moves: the changes of hypothesis.
-        followed: candidates and signals that random forces would follow, which are none for that
-            reason.
+        followed: candidates and signals that forces without effects would follow; such forces are
+            not random, and are not proposed.
     """
 
     moves: list[Move]
@@ -47,7 +47,9 @@ def noise_moves(
 
     Autoregressive noise of order p should lower twice the cost of channel j by `-N_j log(1 - r_j)`,
     with r the share of the residual that its past explains; it is proposed with the effects of the
-    fit and without any. Random forces are estimated by the filter along the motion without them.
+    fit and without any. Random forces are estimated by the filter along the motion without them
+    (`fit_forces`), and proposed without effects: if they are better together with the effects of
+    the fit, neither is the cause.
 
     Args:
         fit: the fit.
@@ -86,18 +88,19 @@ def _coloured(fit: LoopFit) -> list[Move]:
     counts = np.sum(np.asarray(mask), axis=(0, 1))
     shares = np.clip(list(fit.predictable.values()), 0.0, 1.0 - 1e-12)
     expected = float(np.sum(-counts * np.log1p(-shares)))
-    hypotheses = [Hypothesis(effects, Coloured(order)) for effects in {fit.effects: 0, (): 0}]
-    return [Move(MoveKind.NOISE, new, (), expected, {}, {}) for new in hypotheses]
+    return _with_and_without_effects(fit, Coloured(order), expected)
 
 
 def _given(fit: LoopFit, options: LoopOptions) -> list[Move]:
     """Return the noises of the user with the effects of a fit, and without any."""
-    hypotheses = [
-        Hypothesis(effects, noise)
-        for noise in options.noises
-        for effects in {fit.effects: 0, (): 0}
-    ]
-    return [Move(MoveKind.NOISE, new, (), np.inf, {}, {}) for new in hypotheses]
+    moves = [_with_and_without_effects(fit, noise, np.inf) for noise in options.noises]
+    return [move for pair in moves for move in pair]
+
+
+def _with_and_without_effects(fit: LoopFit, noise: NoiseHypothesis, expected: float) -> list[Move]:
+    """Return the moves to a noise with the effects of a fit, and without any."""
+    sets = dict.fromkeys((fit.effects, ()))
+    return [Move(MoveKind.NOISE, Hypothesis(one, noise), (), expected, {}, {}) for one in sets]
 
 
 def _places_of_forces(fit: LoopFit, where: LocalisationResult) -> list[RandomForces]:
@@ -119,7 +122,7 @@ def _most_probable(declared: LoopFit, noise: RandomForces) -> ForceFit:
     The declared fit may have taken the forces for other parameters, so that they are estimated from
     the declared values as well.
     """
-    motion, first = declared.motion, noise.first(declared.noise_covariance)
+    motion, first = declared.motion, noise.initial(declared.noise_covariance)
     begin = dataclasses.replace(motion, values=declared.problem.initial_values)
     fits = [fit_forces(start, noise, first) for start in (motion, begin)]
     return min(fits, key=lambda one: one.cost)
@@ -141,7 +144,7 @@ def _better_with_effects(fit: LoopFit, noise: RandomForces, alone: Move) -> bool
     """
     if not fit.effects:
         return False
-    best = fit_forces(fit.motion, noise, noise.first(fit.noise_covariance))
+    best = fit_forces(fit.motion, noise, noise.initial(fit.noise_covariance))
     joint = dataclasses.replace(
         alone, hypothesis=Hypothesis(fit.effects, noise), expected=2.0 * (fit.cost - best.cost)
     )

@@ -56,7 +56,8 @@ class SearchTree:
         signals: states, inputs and time `t` of the declared fit, each of shape (case, time).
         path: accepted steps from the declared model to the best hypothesis.
         where: location of the residual of the declared model, if it was needed.
-        followed: candidates and signals that random forces would follow, which are therefore none.
+        followed: candidates and signals that forces without effects would follow; such forces are
+            not random.
         interrupted: True if the user stopped the search.
     """
 

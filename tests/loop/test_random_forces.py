@@ -14,7 +14,7 @@ NOISE = RandomForces({"v": 0.1}, {}, 0.5)
 def test_forces_and_parameters_of_linear_model_equal_those_of_filter_error():
     given = problem(7, gust=0.3)
     declared = fit(given, Hypothesis())
-    found = fit_forces(declared.motion, NOISE, NOISE.first(declared.noise_covariance))
+    found = fit_forces(declared.motion, NOISE, NOISE.initial(declared.noise_covariance))
     filtered = fit(given, Hypothesis((), NOISE), declared)
     fall = declared.cost - filtered.cost
     assert fall > 50.0
@@ -33,5 +33,5 @@ def test_diverging_start_has_infinite_cost():
     declared = fit(given, Hypothesis())
     motion = declared.motion
     motion.values[given.columns.index["c"]] = -500.0
-    found = fit_forces(motion, NOISE, NOISE.first(declared.noise_covariance))
+    found = fit_forces(motion, NOISE, NOISE.initial(declared.noise_covariance))
     assert np.isinf(found.cost)

@@ -9,6 +9,7 @@ from small_spring import Spring, fly
 from test_close_loop import LIBRARY, PLANTED, SIGMA, closed, study
 
 from jaxid import OutputError, free, record, simulate
+from jaxid._foundation.checks import InputError
 from jaxid.effects import (
     Augmented,
     DeadBand,
@@ -16,6 +17,7 @@ from jaxid.effects import (
     InputLag,
     Placement,
     QuadraticDrag,
+    SensorBias,
     Term,
 )
 from jaxid.estimation.estimate import as_stack
@@ -69,6 +71,16 @@ def test_predicted_misfit_of_neighbouring_shape_equals_refit(swing):
     assert misfit == pytest.approx(2.0 * (other.cost - result.cost), rel=0.05)
     # Shapes of the library are refitted instead.
     assert neighbours(fitted((cubic, fourth), "x^3 in v")) == {}
+
+
+def test_neighbouring_shape_without_terms_is_refused(monkeypatch):
+    monkeypatch.setattr(Term, "neighbouring_shapes", lambda effect: (SensorBias("x"),))
+    records = as_stack([pressed(0, 0.3)])
+    model = Spring(1.0, 0.1)
+    chosen = free(model, "k", "c", per_record=("initial_state",))
+    problem = LoopProblem.of(model, (Term("v", "x^3"),), chosen, OutputError(), records, records)
+    with pytest.raises(InputError, match=r"'bias of x'.*no `terms`"):
+        neighbours(fit(problem, Hypothesis(("x^3 in v",))))
 
 
 def test_power_with_near_equivalent_next_power_is_no_cause():

@@ -100,8 +100,8 @@ def search_summary(
         return any(one.accepts(name, families[name]) for one in planted)
 
     proposals = Proposals(tree.declared, LoopOptions())
-    ordered = sorted(proposals.candidates, key=lambda effect: -proposals.score(effect))
-    leading = list(dict.fromkeys(effect.card.family for effect in ordered))[:3]
+    ordered = sorted(proposals.candidates, key=lambda name: -proposals.score(name))
+    leading = list(dict.fromkeys(families[name] for name in ordered))[:3]
     first = next((s.move.into for s in tree.path if s.move.kind is not MoveKind.NOISE), ())
     where = found.assessment.where or localise_fit(tree.declared)
     near = [place.location for place in where.near_best()]

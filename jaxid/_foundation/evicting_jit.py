@@ -60,12 +60,16 @@ class EvictingJit:
 
     def key(self, *arguments: Any) -> tuple:
         """Return a key of the program for such arguments."""
-        arrays, others = _apart(arguments)
-        return others, tuple((array.shape, array.dtype) for array in arrays if array is not None)
+        return _key(*_apart(arguments))
 
     def _noted(self, arguments: tuple) -> tuple[list, tuple]:
-        self.known.add(self.key(*arguments))
-        return _apart(arguments)
+        arrays, others = _apart(arguments)
+        self.known.add(_key(arrays, others))
+        return arrays, others
+
+
+def _key(arrays: list, others: tuple) -> tuple:
+    return others, tuple((array.shape, array.dtype) for array in arrays if array is not None)
 
 
 def _apart(arguments: tuple) -> tuple[list, tuple]:

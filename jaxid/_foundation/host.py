@@ -43,7 +43,11 @@ def to_device(tree):
     `jnp.asarray` compiles a program for a NumPy scalar, and without a type. JAX may use the memory
     of the NumPy array, so that a user's array must be copied before.
     """
-    return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf), leaf.dtype), tree)
+    return jax.tree.map(_to_device, tree)
+
+
+def _to_device(leaf):
+    return leaf if isinstance(leaf, jax.Array) else jnp.asarray(np.asarray(leaf), leaf.dtype)
 
 
 def on_cpu() -> AbstractContextManager[Any]:

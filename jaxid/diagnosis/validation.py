@@ -215,8 +215,9 @@ class Predictor(eqx.Module):
             model: the model, with its parameter values.
             records: a stack, anonymous.
         """
-        rows = self._rows(model, records)
-        case = FlatProblem.of(self._problem(model, records))
+        problem = self._problem(model, records)
+        rows = self._rows(problem)
+        case = FlatProblem.of(problem)
         arguments = case.outputs_arguments(Parameters(to_device(np.zeros(0)), rows))
         y = np.concatenate([PROGRAMS.outputs(*part) for part in self._parts(*arguments)])
         y = to_device(y[: records.n_cases])
@@ -233,19 +234,19 @@ class Predictor(eqx.Module):
             (PROGRAMS.outputs, self._parts(*case.outputs_arguments(begin))[0])
         ]
         if self.window is not None:
-            head = self._problem(model, self._head(records, 0))
+            head = self._head(problem, 0)
             begin = Parameters(begin.shared, to_device(np.asarray(begin.rows)[:1]))
             arguments = FlatProblem.of(head).sensitivities_arguments(begin)
             programs.append((PROGRAMS.sensitivities, arguments))
         return programs
 
-    def _rows(self, model: AbstractModel, records: Record) -> Float[Array, "case state"]:
+    def _rows(self, problem: Problem) -> Float[Array, "case state"]:
         """Return the initial state of each record."""
-        problem = self._problem(model, records)
-        rows = np.array(initial_parameters(model, problem.positions, records).rows)
+        begin = initial_parameters(problem.model, problem.positions, problem.records)
+        rows = np.array(begin.rows)
         if self.window is not None:
             for k, row in enumerate(rows):
-                head = self._problem(model, self._head(records, k))
+                head = self._head(problem, k)
                 begin = Parameters(to_device(np.zeros(0)), to_device(row[None].copy()))
                 end = minimise_by_steps(head, begin, GaussNewton())
                 rows[k] = np.asarray(end.parameters.rows)[0]
@@ -253,18 +254,24 @@ class Predictor(eqx.Module):
 
     def _problem(self, model: AbstractModel, records: Record) -> Problem:
         """Return the problem of fitting the initial states of records."""
-        free = Free((), tuple(f"{INITIAL_STATE}.{state}" for state in self.states))
-        limits = Limits.of(free, records.n_cases)
-        return Problem(model, free.positions(model), records, self.likelihood, limits)
+        positions = self._free.positions(model)
+        limits = Limits.of(self._free, records.n_cases)
+        return Problem(model, positions, records, self.likelihood, limits)
 
-    def _head(self, records: Record, case: int) -> Record:
-        """Return the window of one record, as a stack."""
+    @property
+    def _free(self) -> Free:
+        return Free((), tuple(f"{INITIAL_STATE}.{state}" for state in self.states))
+
+    def _head(self, problem: Problem, case: int) -> Problem:
+        """Return the problem of the window of one record."""
 
         def cut(leaf):
             part = np.asarray(leaf)[case : case + 1]
             return to_device(part[:, : self.window] if part.ndim > 1 else part)
 
-        return _unnamed(jax.tree.map(cut, records))
+        records = _unnamed(jax.tree.map(cut, problem.records))
+        limits = Limits.of(self._free, 1)
+        return dataclasses.replace(problem, records=records, limits=limits)
 
     def _parts(self, model, flat, records: Record, likelihood) -> list[tuple]:
         """Return the arguments of `outputs` for groups of as many records as the training has.

@@ -1,7 +1,6 @@
 """`Augmented`: a model with effects added to it."""
 
-import itertools
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
@@ -10,13 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require_known, require_unique
-from .._foundation.types import Array, Float
+from .._foundation.host import to_device
+from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..models.base import AbstractModel, equations_of
 from ..models.polynomial import sums_of_monomials
 from ..models.signal_dependence import with_differences
 from .base import Effect
 from .parameter import total_offsets, with_parameter_offsets
+from .present import Group, acts_in, groups_of
 from .sensor import SensorEffect, apply_together, vectorisation_key
 
 
@@ -26,13 +27,13 @@ class _SplitState(NamedTuple):
     Attributes:
         state: state of the model without effects.
         extra: states of the effects, by name.
-        effect_inputs: input of each effect, after the effects before it.
+        effect_inputs: input of each effect with states, after the effects before it, by its name.
         plant_input: input that the plant receives, after all effects.
     """
 
     state: Float[Array, " state"]
     extra: dict[str, Float[Array, ""]]
-    effect_inputs: list[Float[Array, " input"]]
+    effect_inputs: dict[str, Float[Array, " input"]]
     plant_input: Float[Array, " input"]
 
 
@@ -45,9 +46,14 @@ class Augmented(AbstractModel):
     (`AbstractModel.output_given`). Parameters of the model keep their names; the parameters of an
     effect are called `<effect>.gain` and so on.
 
+    A search holds its whole library in one model, for which it compiles once, and names the effects
+    that are present in each evaluation (`with_present`); the others are skipped, group by group.
+
     Args:
         model: the declared model.
         effects: effects that the model may lack; names must differ.
+        present: for each effect, in the order of `effects_in`, True if it is evaluated; the gains
+            of the others must be zero. By default all are.
 
     Raises:
         InputError: if two effects, or an effect's extra state and a state, have the same name.
@@ -55,14 +61,21 @@ class Augmented(AbstractModel):
 
     model: AbstractModel
     effects_in: tuple[Effect, ...]
+    present: Bool[Array, " effect"] | None
     states: tuple[str, ...] = eqx.field(static=True)
     inputs: tuple[str, ...] = eqx.field(static=True)
     outputs: tuple[str, ...] = eqx.field(static=True)
+    arguments: tuple[str, ...] = eqx.field(static=True)
 
     transparent: ClassVar[tuple[str, ...]] = ("model", "effects_in")
 
-    def __init__(self, model: AbstractModel, effects: tuple[Effect, ...]):
-        self.model = model
+    def __init__(
+        self,
+        model: AbstractModel,
+        effects: tuple[Effect, ...],
+        present: Bool[Array, " effect"] | None = None,
+    ):
+        self.model, self.present = model, present
         self.effects_in = tuple(
             sorted(effects, key=lambda effect: (effect.card.stage, effect.name))
         )
@@ -70,12 +83,23 @@ class Augmented(AbstractModel):
         self.states = model.states + sum((effect.extra_states for effect in self.effects_in), ())
         require_unique("state", self.states)
         self.inputs, self.outputs = model.inputs, model.outputs
+        cards = [effect.card for effect in self.effects_in]
+        self.arguments = tuple(sorted({name for card in cards for name in card.signals}))
 
     def only(self, names: Collection[str]) -> "Augmented":
         """Return the model with the named effects only."""
         return Augmented(
             self.model, tuple(effect for effect in self.effects_in if effect.name in names)
         )
+
+    def with_present(self, names: Collection[str]) -> "Augmented":
+        """Return the same model, in which only the named effects are evaluated."""
+        present = to_device(np.array([effect.name in names for effect in self.effects_in], bool))
+        return Augmented(self.model, self.effects_in, present)
+
+    def _groups(self, chosen: Callable[[Effect], bool], together=None) -> list[Group]:
+        """Return groups of effects (`groups_of`)."""
+        return groups_of(self.effects_in, self.present, chosen, together)
 
     def rhs(self, t, x, u):
         state, extra, effect_inputs, plant_input = self._split_state(x, u)
@@ -86,11 +110,23 @@ class Augmented(AbstractModel):
             if self._has_state_equations
             else dict(zip(self.model.states, rates, strict=True))
         )
-        signal_rates = dx | self._rates_of_signals(t, state, plant_input, dx)
-        for effect, values in zip(self.effects_in, effect_inputs, strict=True):
-            if effect.extra_states:
-                effect_input = dict(zip(self.inputs, values, strict=True))
-                dx |= effect.extra_rates(extra, effect_input, signals, signal_rates)
+        extra_rates = {}
+        for group in self._groups(_has_states):
+            members = group.effects
+
+            def rates_of(members=members):
+                known = dx | self._rates_of_signals(members, t, state, plant_input, dx)
+                own = {}
+                for effect in members:
+                    effect_input = dict(zip(self.inputs, effect_inputs[effect.name], strict=True))
+                    own |= effect.extra_rates(extra, effect_input, signals, known)
+                return {name: jnp.asarray(own[name], float) for name in _states_of(members)}
+
+            def constant(members=members):
+                return {name: jnp.zeros(()) for name in _states_of(members)}
+
+            extra_rates |= group.apply(rates_of, constant)
+        dx |= extra_rates
         return jnp.array([dx[name] for name in self.states], float)
 
     @property
@@ -101,19 +137,24 @@ class Augmented(AbstractModel):
     def _added(self, values: Float[Array, " equation"], signals) -> dict[str, Float[Array, ""]]:
         """Return the values of the model's equations plus the terms of all effects, by equation."""
         total = dict(zip(equations_of(self.model), values + self._terms(signals), strict=True))
-        for effect in self.effects_in:
-            for name, addition in effect.equations(total, signals).items():
-                total[name] = total[name] + addition
+        for group in self._groups(acts_in("equations")):
+
+            def added(total, members=group.effects):
+                for effect in members:
+                    for name, addition in effect.equations(total, signals).items():
+                        total = total | {name: total[name] + addition}
+                return total
+
+            total = group.apply(added, lambda total: total, total)
         return total
 
-    def _rates_of_signals(self, t, state, plant_input, dx):
-        """Return the rates of the signals in `rates_of` that are not states.
+    def _rates_of_signals(self, effects: tuple[Effect, ...], t, state, plant_input, dx):
+        """Return the rates of the signals in `rates_of` of some effects that are not states.
 
         They follow from the rates of the states by the chain rule.
         """
         requested = sorted(
-            {name for effect in self.effects_in for name in effect.rates_of}
-            - set(self.model.states)
+            {name for effect in effects for name in effect.rates_of} - set(self.model.states)
         )
         if not requested:
             return {}
@@ -130,14 +171,18 @@ class Augmented(AbstractModel):
     def _terms(self, signals) -> Float[Array, " equation"]:
         """Return the sum of all monomial effects (`Effect.terms`), by equation of the model."""
         names = equations_of(self.model)
-        terms = [(effect.gain, *term) for effect in self.effects_in for term in effect.terms]
-        if not terms:
-            return jnp.zeros(len(names))
-        gains, equations, products = zip(*terms, strict=True)
-        incidence = np.array(
-            [[equation == name for equation in equations] for name in names], float
-        )
-        return sums_of_monomials(incidence, jnp.stack(gains), products, signals)
+        total = jnp.zeros(len(names))
+        for group in self._groups(lambda effect: bool(effect.terms)):
+            terms = [(effect.gain, *term) for effect in group.effects for term in effect.terms]
+
+            def added(total, terms=terms):
+                gains, equations, products = zip(*terms, strict=True)
+                rows = [[equation == name for equation in equations] for name in names]
+                gains = jnp.stack(gains)
+                return total + sums_of_monomials(np.array(rows, float), gains, products, signals)
+
+            total = group.apply(added, lambda total: total, total)
+        return total
 
     def output(self, t, x, u):
         return self.output_given(t, x, u, self.rhs(t, x, u))
@@ -158,22 +203,38 @@ class Augmented(AbstractModel):
         """Return the parts of the augmented state, and the input after the effects."""
         state = x[: len(self.model.states)]
         extra = dict(zip(self.states[state.size :], x[state.size :], strict=True))
-        effect_inputs = []
-        for effect in self.effects_in:
-            effect_inputs.append(u)
-            u = effect.input(u, extra, self.inputs)
+        effect_inputs = {}
+        for group in self._groups(acts_in("input", "extra_states")):
+
+            def passed(u, members=group.effects):
+                inputs = {}
+                for effect in members:
+                    if effect.extra_states:
+                        inputs[effect.name] = u
+                    u = effect.input(u, extra, self.inputs)
+                return u, inputs
+
+            def unchanged(u, members=group.effects):
+                return u, {effect.name: u for effect in members if effect.extra_states}
+
+            u, inputs = group.apply(passed, unchanged, u)
+            effect_inputs |= inputs
         return _SplitState(state, extra, effect_inputs, u)
 
     def observe(self, t, y):
         y = self.model.observe(t, y)
-        for kind, members in itertools.groupby(self.effects_in, vectorisation_key):
-            group = tuple(members)
-            sensors = tuple(effect for effect in group if isinstance(effect, SensorEffect))
-            if kind is not None:  # the order by names makes effects of one kind neighbours
-                y = apply_together(sensors, t, y, self.outputs)
-            else:
-                for effect in group:
+        # the order by names makes sensors of one kind neighbours
+        for group in self._groups(acts_in("observe"), vectorisation_key):
+
+            def observed(y, members=group.effects):
+                if vectorisation_key(members[0]) is not None:
+                    sensors = tuple(e for e in members if isinstance(e, SensorEffect))
+                    return apply_together(sensors, t, y, self.outputs)
+                for effect in members:
                     y = effect.observe(t, y, self.outputs)
+                return y
+
+            y = group.apply(observed, lambda y: y, y)
         return y
 
     def initial_state(self, record: Record) -> Float[Array, " state"]:
@@ -192,9 +253,7 @@ class Augmented(AbstractModel):
 
     def _with_differences(self, signals):
         """Return the signals and the differences of signals that are arguments of effects."""
-        return with_differences(
-            signals, (name for effect in self.effects_in for name in effect.card.signals)
-        )
+        return with_differences(signals, self.arguments)
 
     def input_signal(self, path):
         path = self.model.input_signal(path)
@@ -209,7 +268,7 @@ class Augmented(AbstractModel):
         return self.model.pseudo_measurements(record)
 
     def with_disturbance_inputs(self):
-        return Augmented(self.model.with_disturbance_inputs(), self.effects_in)
+        return Augmented(self.model.with_disturbance_inputs(), self.effects_in, self.present)
 
     def effects(self):
         return self.model.effects()
@@ -227,6 +286,14 @@ class Augmented(AbstractModel):
         cards = (effect.card for effect in self.effects_in)
         gains = {f"{card.name}.gain": card.unit for card in cards if card.unit}
         return self.model.units() | gains
+
+
+def _has_states(effect: Effect) -> bool:
+    return bool(effect.extra_states)
+
+
+def _states_of(effects: tuple[Effect, ...]) -> tuple[str, ...]:
+    return tuple(name for effect in effects for name in effect.extra_states)
 
 
 def split_effects(model: AbstractModel) -> tuple[AbstractModel, tuple[Effect, ...]]:

@@ -17,15 +17,15 @@ def use_reduced_model(model: Augmented, samples: int) -> bool:
     """True if each set of effects is fitted faster by a program of its own than by the program of
     the complete library.
 
-    The program of the complete library is compiled once, but evaluates every absent effect in each
-    of its passes. Separate programs are faster if
+    The program of the complete library is compiled once, and skips absent effects by a branch for
+    each group of them. Separate programs are faster if
 
-        samples * (operations of the library)
+        samples * (operations of the branches)
             > COMPILE_COST + COMPILE_COST_PER_OPERATION * (operations of the declared model)
 
     in operations of the right-hand side; the right side of the inequality is the cost of compiling
-    a separate program. This holds for a small model with many candidates and long records, and not
-    for an aircraft, whose declared equations are most of the work.
+    a separate program. This holds for a small model on long records, and not for an aircraft, whose
+    declared equations are most of the work.
 
     Args:
         model: the declared model with the complete library.
@@ -39,7 +39,8 @@ def use_reduced_model(model: Augmented, samples: int) -> bool:
 
 
 def operations(model: AbstractModel) -> int:
-    """Return the number of elementary operations in a model's right-hand side.
+    """Return the number of elementary operations in a model's right-hand side, where a branch
+    counts as one.
 
     Every later program reuses the trace made here.
     """

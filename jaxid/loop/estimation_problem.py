@@ -54,7 +54,7 @@ def estimation_of(
     chosen = columns.chosen(hypothesis.effects)
     names = tuple(columns.names[k] for k in chosen)
     free = free_of(problem, names)
-    augmented = problem.model_at(values)
+    augmented = problem.model_at(values, hypothesis.effects)
     padded = isinstance(likelihood, OutputError) and not problem.uses_reduced_model
     if padded:
         model = augmented

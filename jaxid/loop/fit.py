@@ -220,7 +220,7 @@ class LoopFit:
         likelihood = eqx.tree_at(lambda node: node.noise, self.problem.likelihood, known)
         problem = self.problem
         predictor = Predictor(likelihood, problem.window, problem.starts, problem.train.n_cases)
-        return predictor.predict(problem.model_at(self.values), records)
+        return predictor.predict(problem.model_at(self.values, self.effects), records)
 
 
 def fit(
@@ -277,7 +277,7 @@ def compile_programs(problem: LoopProblem) -> None:
     start = estimation_of(problem, Hypothesis(), problem.initial_values, {}, None)
     case = FlatProblem.of(start.problem)
     predictor = Predictor(problem.likelihood, problem.window, problem.starts, problem.train.n_cases)
-    model = problem.model_at(problem.initial_values)
+    model = problem.model_at(problem.initial_values, ())
     motion = LinearMotion(problem, (), problem.initial_values, start.parameters.rows)
     compile_together(
         [
@@ -336,21 +336,25 @@ def worth_continuing(costs: list[float], creeping: float) -> bool:
 
 
 def check_finite(declared: LoopFit) -> None:
-    """Refuse a library without any finite column, and name the candidates that spoil it.
+    """Refuse candidates that spoil the columns of others, and name them.
 
     Forward derivatives carry every tangent through every effect: an infinite slope times the zero
-    of a tangent that does not concern it is not a number, and spoils all columns.
+    of a tangent that does not concern it is not a number, and spoils all columns that are computed
+    together with it.
 
     Args:
         declared: fit of the declared model.
 
     Raises:
-        InputError: if no candidate has a finite sensitivity.
+        InputError: if a candidate spoils the column of another parameter than its own.
     """
-    problem = declared.problem
-    if not problem.effects or bool(np.any(np.asarray(declared.motion.sensitivities[1]))):
+    problem, columns = declared.problem, declared.motion.infinite_columns
+    owners = {own: name for name, names in problem.columns.own.items() for own in names}
+    infinite = {owners.get(column) for column in columns} - problem.excluded
+    if len(infinite) < 2 and None not in infinite:  # None for a declared parameter
         return
-    names = " and of ".join(map(repr, _spoiling(declared, tuple(problem.effects))))
+    suspects = tuple(name for name in problem.effects if name in infinite)
+    names = " and of ".join(map(repr, _spoiling(declared, suspects)))
     raise InputError(
         f"On the training records the derivative at zero gain of {names} is not finite, so that "
         "no other candidate can be scored. "
@@ -360,11 +364,10 @@ def check_finite(declared: LoopFit) -> None:
 
 def _spoiling(declared: LoopFit, names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the candidates among `names` whose derivative is not finite."""
-    problem, own = declared.problem, len(declared.problem.free.per_record)
+    problem = declared.problem
     library = tuple(problem.effects[name] for name in names)
     alone = dataclasses.replace(problem, library=library, excluded=frozenset())
-    S = dataclasses.replace(declared, problem=alone).motion.sensitivities[1]
-    if bool(np.any(np.asarray(S)[..., own:])):
+    if not dataclasses.replace(declared, problem=alone).motion.infinite_columns:
         return ()
     half = len(names) // 2
     return _spoiling(declared, names[:half]) + _spoiling(declared, names[half:]) if half else names

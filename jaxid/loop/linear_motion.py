@@ -41,7 +41,7 @@ class LinearMotion:
     def fixed(self) -> Problem:
         """The problem at these values, with free per-record parameters."""
         problem = self.problem
-        model = problem.model_at(self.values)
+        model = problem.model_at(self.values, self.effects)
         if problem.uses_reduced_model:
             model = model.only(self.effects)
         free = Free((), problem.free.per_record)
@@ -51,12 +51,21 @@ class LinearMotion:
     def sensitivities(self) -> tuple[Float[Array, "case time output"], Array]:
         """Residuals and sensitivities to the per-record parameters and all columns.
 
-        A column that is not finite is zero.
+        A column that is not finite is zero (`infinite_columns`).
         """
+        v, S, finite = self._columns
+        return v, to_device(np.where(finite, np.asarray(S), 0.0))
+
+    @cached_property
+    def infinite_columns(self) -> tuple[str, ...]:
+        """Names of the columns that are not finite."""
+        own = len(self.problem.free.per_record)
+        return tuple(np.array(self.problem.columns.names)[~self._columns[2][own:]])
+
+    @cached_property
+    def _columns(self) -> tuple[Float[Array, "case time output"], Array, np.ndarray]:
         v, S = self.columns_of(self.problem.columns.names)
-        S = np.array(S)
-        S[..., ~np.all(np.isfinite(S), axis=(0, 1, 2))] = 0.0
-        return v, to_device(S)
+        return v, S, np.all(np.isfinite(np.asarray(S)), axis=(0, 1, 2))
 
     def columns_of(self, names: Sequence[str]) -> tuple[Float[Array, "case time output"], Array]:
         """Return residuals and sensitivities to the per-record parameters and to some columns, in
@@ -67,17 +76,19 @@ class LinearMotion:
         """
         problem, index = self.problem, self.problem.columns.index
         shared = to_device(self.values[: problem.columns.declared])
-        model = problem.model_at(self.values)
+        model = problem.model_at(self.values, self.effects)
         base = padded_problem(problem, model, problem.likelihood, (), shared)
         case = FlatProblem.of(base)
-        arguments = case.outputs_arguments(Parameters(padded_values(shared, base), self.rows))
+        _, *others = case.outputs_arguments(Parameters(padded_values(shared, base), self.rows))
+        owners = problem.owners
         chosen = problem.positions[[index[name] for name in names]]
         width, at = case.at.size, np.r_[np.asarray(problem.row_positions), chosen]
         padded = np.r_[at, np.full(-at.size % width, len(problem.names))]
-        blocks = [
-            PROGRAMS.sensitivities(*arguments, to_device(block), problem.leaves)
-            for block in padded.reshape(-1, width)
-        ]
+        blocks = []
+        for block in padded.reshape(-1, width):
+            held = {*self.effects, *(owners[k] for k in block if k in owners)}
+            arguments = (problem.with_present(model, held), *others)
+            blocks.append(PROGRAMS.sensitivities(*arguments, to_device(block), problem.leaves))
         S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : at.size]
         return blocks[0][0], to_device(S)
 
@@ -111,7 +122,7 @@ class LinearMotion:
 
     def without_absent_states(self, linear: Linear) -> Linear:
         """Return linear models without the states of absent effects, which act on nothing."""
-        states = self.problem.model_at(self.values).only(self.effects).states
+        states = self.problem.augmented.only(self.effects).states
         return linear.of_states([self.fixed.model.states.index(name) for name in states])
 
     @cached_property

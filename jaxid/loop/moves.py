@@ -11,7 +11,6 @@ from scipy.stats import chi2
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from ..diagnosis.localise import LocalisationResult, localise, resolution
-from ..effects.base import Effect
 from .evidence import log_samples
 from .fit import LoopFit
 from .hypothesis import Hypothesis
@@ -88,50 +87,50 @@ class Proposals:
         """
         scores = self._scores(self.candidates, self.reduced)
         distinct = self._distinct([self.candidates[k] for k in np.argsort(-scores)])
-        significant = [e for e in distinct if self.score(e) > self.threshold]
+        significant = [name for name in distinct if self.score(name) > self.threshold]
         best_of_place: dict = {}
-        for effect in significant:
-            best_of_place.setdefault(effect.card.location, effect)
-        blind = [e for e in self.candidates if self._is_blind(e)]
-        blind.sort(key=lambda effect: not self.problem.is_evident(effect.name))
+        for name in significant:
+            best_of_place.setdefault(self.problem.cards[name].location, name)
+        blind = [name for name in self.candidates if self._is_blind(name)]
+        blind.sort(key=lambda name: not self.problem.is_evident(name))
         chosen = [*significant[: self.options.refits], *best_of_place.values()]
         chosen += blind[: self.options.refits]
-        unique = {effect.name: effect for effect in chosen}
         return [
             self._move(
                 MoveKind.ADD,
                 (name,),
                 self.problem.refined_by(name, self.fit.effects),
-                max(self.score(effect), 0.0),
+                max(self.score(name), 0.0),
                 self.reduced,
             )
-            for name, effect in unique.items()
+            for name in dict.fromkeys(chosen)
         ]
 
     def groups(self) -> list[Move]:
         """Return sets of terms of one signal in one place that are significant only together."""
-        sets: dict[tuple, list[Effect]] = {}
-        for effect in self.candidates:
-            if effect.terms and len(effect.card.signals) == 1:
-                sets.setdefault((effect.card.location, effect.card.signals), []).append(effect)
+        sets: dict[tuple, list[str]] = {}
+        for name in self.candidates:
+            card = self.problem.cards[name]
+            if self.problem.effects[name].terms and len(card.signals) == 1:
+                sets.setdefault((card.location, card.signals), []).append(name)
         moves = []
-        for members in sets.values():
-            if len(members) < 2:
+        for names in sets.values():
+            if len(names) < 2:
                 continue
-            names = tuple(effect.name for effect in members)
             joint = float(self._joint(self.reduced, [names])[0])
-            best, others = max(map(self.score, members)), len(members) - 1
+            best, others = max(map(self.score, names)), len(names) - 1
             level = self.options.level / max(len(self.candidates), 1)
             if joint - best > chi2.isf(level, others):
-                moves.append(self._move(MoveKind.GROUP, names, (), joint, self.reduced))
+                moves.append(self._move(MoveKind.GROUP, tuple(names), (), joint, self.reduced))
         return moves
 
     def pairs(self) -> list[Move]:
         """Return the best pairs of effects that hide each other: weak alone, strong together."""
+        families = {name: card.family for name, card in self.problem.cards.items()}
         pairs = [
-            (one.name, other.name)
-            for one, other in itertools.combinations(self.candidates, 2)
-            if one.card.family != other.card.family
+            pair
+            for pair in itertools.combinations(self.candidates, 2)
+            if families[pair[0]] != families[pair[1]]
         ]
         if not pairs:
             return []
@@ -161,71 +160,75 @@ class Proposals:
             return []
         reduced = reduce(self.fit.triangle, self.fit.triangle.at(own))
         rest = self._absent(self.fit.hypothesis.changed(out).effects)
-        others = [e for e in rest if e.name not in out and not e.card.refines]
+        others = [n for n in rest if n not in out and not self.problem.cards[n].refines]
         expected = self._scores(others, reduced) + log_samples(self.fit) * (len(out) - 1)
         best = [
             k for k in np.argsort(-expected)[: self.options.swap_limit] if expected[k] > -margin
         ]
         return [
-            self._move(MoveKind.SWAP, (others[k].name,), out, float(expected[k]), reduced)
-            for k in best
+            self._move(MoveKind.SWAP, (others[k],), out, float(expected[k]), reduced) for k in best
         ]
 
-    def score(self, effect: Effect) -> float:
+    def score(self, name: str) -> float:
         """Return the fall of chi-square by adding one candidate."""
-        return float(self._scores([effect], self.reduced)[0])
+        return float(self._scores([name], self.reduced)[0])
 
-    def gain(self, effect: Effect) -> float:
+    def gain(self, name: str) -> float:
         """Return the gain of one candidate in the linear model."""
-        at = self.fit.triangle.at([f"{effect.name}.gain"])
-        return float(gains(self.reduced, at)[0])
+        return float(gains(self.reduced, self.fit.triangle.at([f"{name}.gain"]))[0])
 
-    def _absent(self, effects: tuple[str, ...]) -> list[Effect]:
+    def _absent(self, effects: tuple[str, ...]) -> list[str]:
         """Return the candidates that may be added to some effects and have a column."""
-        names = set(self.fit.triangle.names)
-        return [e for e in self.problem.absent(effects) if f"{e.name}.gain" in names]
+        columns = set(self.fit.triangle.names)
+        return [name for name in self.problem.absent(effects) if f"{name}.gain" in columns]
 
     def _removable(self) -> list[str]:
         return [name for name in self.fit.effects if not self.problem.is_evident(name)]
 
-    def _is_blind(self, effect: Effect) -> bool:
-        return bool(effect.card.refines) or effect.score_blind(self.problem.measured)
+    def _is_blind(self, name: str) -> bool:
+        if self.problem.cards[name].refines:
+            return True
+        return self.problem.effects[name].score_blind(self.problem.measured)
 
-    def _scores(self, effects: list[Effect], reduced: Reduced):
-        """Return the fall of chi-square by each of some effects."""
-        return self._joint(reduced, [(effect.name,) for effect in effects])
+    def _scores(self, names: list[str], reduced: Reduced):
+        """Return the fall of chi-square by each of some candidates."""
+        return self._joint(reduced, [(name,) for name in names])
 
     def _joint(self, reduced: Reduced, sets):
         """Return the fall of chi-square by sets of effects."""
         if not sets:
             return np.zeros(0)
-        at = [self.fit.triangle.at([f"{name}.gain" for name in names]) for names in sets]
+        column = {name: k for k, name in enumerate(self.fit.triangle.names)}
+        at = [[column[f"{name}.gain"] for name in names] for names in sets]
         return falls(reduced, np.array(at, int))
 
-    def _distinct(self, ordered: list[Effect]) -> list[Effect]:
+    def _distinct(self, ordered: list[str]) -> list[str]:
         """Return the candidates without those that the records cannot distinguish from another."""
-        kept: list[Effect] = []
-        for effect in ordered:
-            alike = [k for k, other in enumerate(kept) if self._same(effect, other)]
+        kept: list[str] = []
+        at = self.fit.triangle.at([f"{name}.gain" for name in ordered])
+        column = dict(zip(ordered, at, strict=True))
+        cards = self.problem.cards
+        for name in ordered:
+            alike = [k for k, other in enumerate(kept) if self._same(name, other, column)]
             if not alike:
-                kept.append(effect)
-            elif effect.card.complexity < kept[alike[0]].card.complexity:
-                kept[alike[0]] = effect
+                kept.append(name)
+            elif cards[name].complexity < cards[kept[alike[0]]].complexity:
+                kept[alike[0]] = name
         return kept
 
-    def _same(self, effect: Effect, other: Effect) -> bool:
+    def _same(self, name: str, other: str, column: Mapping[str, int]) -> bool:
         """Return True if two effects without a shape have the same influence on the outputs."""
-        if self.problem.has_shape(effect.name) or self.problem.has_shape(other.name):
+        if self.problem.has_shape(name) or self.problem.has_shape(other):
             return False
-        i, j = self.fit.triangle.at([f"{effect.name}.gain", f"{other.name}.gain"])
-        return bool(abs(self.reduced.correlation[i, j]) > COLLINEAR_OVERLAP)
+        overlap = self.reduced.correlation[column[name], column[other]]
+        return bool(abs(overlap) > COLLINEAR_OVERLAP)
 
     def _move(self, kind, into, out, expected: float, reduced: Reduced) -> Move:
         """Return a move with its starting values."""
-        columns, effects = self.problem.columns, self.problem.effects
-        start = {f"{name}.gain": effects[name].card.initial_gain for name in into}
+        columns, cards = self.problem.columns, self.problem.cards
+        start = {f"{name}.gain": cards[name].initial_gain for name in into}
         for name, other in itertools.product(into, out):
-            if effects[other].card.family == effects[name].card.refines:
+            if cards[other].family == cards[name].refines:
                 for own, theirs in columns.same_named(name, other):
                     start[columns.names[own]] = float(self.fit.values[theirs])
         gain_names = [f"{name}.gain" for name in into]

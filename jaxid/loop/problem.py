@@ -1,8 +1,10 @@
 """`LoopProblem`: declared model, library of candidate effects and records of a search."""
 
 import dataclasses
+from collections.abc import Collection
 from functools import cached_property
 
+import equinox as eqx
 import numpy as np
 
 from .._foundation.checks import require, require_known
@@ -11,6 +13,7 @@ from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..effects.augmented import Augmented
 from ..effects.base import Effect
+from ..effects.card import EffectCard
 from ..effects.library import uncertain_equations
 from ..estimation.estimate import as_stack, check_channels
 from ..estimation.likelihoods import AbstractLikelihood
@@ -107,7 +110,17 @@ class LoopProblem:
     @cached_property
     def augmented(self) -> Augmented:
         """The declared model with all candidates."""
-        return canonical(Augmented(self.model, self.library))
+        return canonical(Augmented(self.model, self.library).with_present(()))
+
+    @cached_property
+    def all_effects(self) -> np.ndarray:
+        """Names of all candidates, in the order of the augmented model."""
+        return np.array([effect.name for effect in self.augmented.effects_in])
+
+    @cached_property
+    def cards(self) -> dict[str, EffectCard]:
+        """Cards of the candidates that are used, by name."""
+        return {name: effect.card for name, effect in self.effects.items()}
 
     @cached_property
     def effects(self) -> dict[str, Effect]:
@@ -123,6 +136,16 @@ class LoopProblem:
     def positions(self) -> np.ndarray:
         """Positions of the columns in the flat vector of the augmented model."""
         return self._positions(self.columns.names)
+
+    @cached_property
+    def owners(self) -> dict[int, str]:
+        """Name of the effect that has each position of the flat vector, for those of effects."""
+        columns = self.columns
+        return {
+            int(self.positions[columns.index[own]]): name
+            for name, parameters in columns.own.items()
+            for own in parameters
+        }
 
     @cached_property
     def row_positions(self) -> Array:
@@ -172,9 +195,21 @@ class LoopProblem:
         z, mask = np.asarray(self.train.z), np.asarray(self.train.mask)
         return {name: z[..., i][mask[..., i]] for i, name in enumerate(self.train.outputs)}
 
-    def model_at(self, values: Float[np.ndarray, " column"]) -> Augmented:
-        """Return the model with all candidates at values of all columns."""
-        return with_values_at(self.augmented, self.positions, np.asarray(values))
+    def model_at(self, values: Float[np.ndarray, " column"], effects: Collection[str]) -> Augmented:
+        """Return the model with all candidates, in which only the named ones are evaluated.
+
+        Args:
+            values: values of all columns.
+            effects: names of the effects in the model.
+        """
+        changed = np.asarray(values) != self.initial_values
+        model = with_values_at(self.augmented, self.positions[changed], values[changed])
+        return self.with_present(model, effects)
+
+    def with_present(self, model: Augmented, effects: Collection[str]) -> Augmented:
+        """Return a model with all candidates, in which only the named ones are evaluated."""
+        present = to_device(np.isin(self.all_effects, [*effects]))
+        return eqx.tree_at(lambda node: node.present, model, present)
 
     def width(self, chosen: int) -> int:
         """Return the number of columns of a fit, padding included.
@@ -185,28 +220,27 @@ class LoopProblem:
         declared = self.columns.declared
         return declared + COLUMN_BLOCK * max(1, -(-(chosen - declared) // COLUMN_BLOCK))
 
-    def absent(self, effects: tuple[str, ...]) -> tuple[Effect, ...]:
-        """Return the candidates that may be added to some effects.
+    def absent(self, effects: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the names of the candidates that may be added to some effects.
 
         At most one member of a family is in a model unless it is repeatable; a refinement needs the
         effect that it refines, and replaces it.
         """
-        inside = [self.effects[name].card for name in effects]
+        inside = [self.cards[name] for name in effects]
         families = {card.family for card in inside}
         refined = {card.refines for card in inside}
         absent = []
-        for name, effect in self.effects.items():
-            card = effect.card
+        for name, card in self.cards.items():
             taken = refined if card.repeatable else families | refined
             allowed = name not in effects and card.family not in taken
             if allowed and (not card.refines or card.refines in families):
-                absent.append(effect)
+                absent.append(name)
         return tuple(absent)
 
     def refined_by(self, name: str, effects: tuple[str, ...]) -> tuple[str, ...]:
         """Return the effects among `effects` that an effect refines and replaces."""
-        refines = self.effects[name].card.refines
-        return tuple(e for e in effects if refines and self.effects[e].card.family == refines)
+        refines = self.cards[name].refines
+        return tuple(e for e in effects if refines and self.cards[e].family == refines)
 
     def has_shape(self, name: str) -> bool:
         """Return True if an effect has estimated parameters besides its gain."""

@@ -312,9 +312,10 @@ def as_float(numbers):
     Concrete numbers are converted by NumPy, which needs no compilation. They are copied, as JAX
     would use the memory of a NumPy array, which the user may change later.
     """
+    if isinstance(numbers, jax.Array) and numbers.dtype == float and not numbers.weak_type:
+        return numbers
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(numbers))
-    known = isinstance(numbers, jax.Array) and numbers.dtype == float and not numbers.weak_type
-    return jnp.asarray(numbers if traced or known else np.array(numbers, float), float)
+    return jnp.asarray(numbers if traced else np.array(numbers, float), float)
 
 
 def _is_number(leaf) -> bool:

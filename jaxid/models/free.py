@@ -206,22 +206,26 @@ def with_values(
 
 def with_values_at(model: Model, at: Int[np.ndarray, " p"], values: Float[Numbers, " p"]) -> Model:
     """The model with new values at positions of its flat vector."""
-    return with_array_leaves(model, list(_replaced(array_leaves(model), at, values)))
+    leaves = array_leaves(model)
+    ends = np.cumsum([leaf.size for leaf in leaves])
+    leaf_of = np.searchsorted(ends, at, side="right")
+    for k in np.unique(leaf_of):
+        chosen = leaf_of == k
+        own = np.asarray(at)[chosen] - (ends[k] - leaves[k].size)
+        leaves[k] = _replaced(leaves[k], values[chosen], own=own)
+    return with_array_leaves(model, leaves)
 
 
 @on_host
-def _replaced(xp, leaves, at, values):
-    """Return leaves with values at positions of their flat vector."""
-    vector = xp.concatenate([xp.zeros(0), *(xp.ravel(leaf) for leaf in leaves)])
+def _replaced(xp, leaf, values, *, own):
+    """Return a leaf with values at positions of its flat vector."""
+    vector = xp.ravel(leaf)
     if xp is np:
-        vector[at] = values
+        vector = vector.copy()
+        vector[own] = values
     else:
-        vector = vector.at[at].set(values)
-    ends = np.cumsum([0, *(leaf.size for leaf in leaves)])
-    return tuple(
-        vector[begin:end].reshape(leaf.shape)
-        for leaf, begin, end in zip(leaves, ends[:-1], ends[1:], strict=True)
-    )
+        vector = vector.at[own].set(values)
+    return vector.reshape(leaf.shape)
 
 
 def _expand(names: Sequence[str], available: tuple[str, ...]) -> tuple[str, ...]:

@@ -178,19 +178,20 @@ def _scored(proposals: Proposals, known: set[str]) -> list[Candidate]:
         proposals: candidates with their scores.
         known: names of the refitted ones.
     """
+    cards = proposals.problem.cards
     return [
         Candidate(
-            effect.name,
-            effect.card.description,
-            effect.card.family,
-            (effect.name,),
+            name,
+            cards[name].description,
+            cards[name].family,
+            (name,),
             (),
-            (effect.card.location,),
-            proposals.score(effect),
-            proposals.gain(effect),
+            (cards[name].location,),
+            proposals.score(name),
+            proposals.gain(name),
         )
-        for effect in proposals.candidates
-        if effect.name not in known
+        for name in proposals.candidates
+        if name not in known
     ]
 
 

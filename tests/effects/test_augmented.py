@@ -10,8 +10,18 @@ import pytest
 
 from jaxid._foundation.checks import InputError
 from jaxid.data import record
-from jaxid.effects import Augmented, DryFriction, InputLag, SensorBias, SensorScale, Term
+from jaxid.effects import (
+    Augmented,
+    DryFriction,
+    Effect,
+    InputLag,
+    SensorBias,
+    SensorScale,
+    Term,
+    general_effects,
+)
 from jaxid.models import AbstractModel, LinearModel, parameter_names
+from jaxid.models.free import with_values
 from jaxid.simulation import simulate
 
 
@@ -154,3 +164,38 @@ def test_nested_effect_with_duplicate_name_is_refused_by_parameter_names():
     twice = Augmented(Augmented(CART, (SensorBias("x"),)), (SensorBias("x"),))
     with pytest.raises(InputError, match=r"parameter name 'bias of x\.gain' occurs twice"):
         parameter_names(twice)
+
+
+LIBRARY = general_effects(CART, equations=("v",))
+
+
+def _flown(model: Augmented, effects: tuple[Effect, ...]):
+    """Return the outputs of a flight, and their sensitivities to the gains of `effects`."""
+    names = [f"{effect.name}.gain" for effect in effects]
+
+    def outputs(gains):
+        start = jnp.concatenate([jnp.array([0.5, 0.0]), jnp.zeros(len(model.states) - 2)])
+        return simulate(with_values(model, names, gains), T, U, start).y
+
+    gains = jnp.linspace(0.1, 0.2, len(effects))
+    return outputs(gains), jax.jacfwd(outputs)(gains)
+
+
+@pytest.mark.parametrize("first", range(0, len(LIBRARY), 8))
+def test_skipping_absent_effects_changes_nothing(first):
+    """The groups in which a program skips effects do not follow the choice of effects."""
+    chosen = LIBRARY[first : first + 8 : 2]
+    skipping = Augmented(CART, LIBRARY).with_present([effect.name for effect in chosen])
+    alone, both = _flown(Augmented(CART, chosen), chosen), _flown(skipping, chosen)
+    for want, got in zip(alone, both, strict=True):
+        assert np.any(np.asarray(want))
+        np.testing.assert_allclose(got, want, rtol=1e-11, atol=1e-13)
+
+
+def test_skipped_effects_are_not_evaluated():
+    """A gain of a skipped effect has no influence."""
+    biased = Augmented(CART, (SensorBias("x", jnp.array(0.5)), Term("v", "x^2", jnp.array(0.3))))
+    start = np.array([0.5, 0.0])
+    declared = simulate(Augmented(CART, ()), T, U, start).y
+    np.testing.assert_array_equal(simulate(biased.with_present(()), T, U, start).y, declared)
+    assert np.any(simulate(biased, T, U, start).y != declared)

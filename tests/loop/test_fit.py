@@ -122,6 +122,14 @@ def test_reduced_model_is_used_for_small_model_on_long_records():
     assert not use_reduced_model(small.only(()), 20_000)  # it has no absent effects
 
 
+def test_skipped_effects_cost_their_branches():
+    """The threshold is compared with the operations of a model that skips its absent effects."""
+    terms = tuple(Term("v", f"x^{power}") for power in range(2, 9))
+    all_of_them = Augmented(Spring(jnp.array(1.5), jnp.array(0.2)), terms)
+    skipped, declared = operations(all_of_them.with_present(())), operations(all_of_them.model)
+    assert declared < skipped < operations(all_of_them)
+
+
 class Nested(AbstractModel):
     """A comparison, a product and a selection, which is a function of its own."""
 

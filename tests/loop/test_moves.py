@@ -21,7 +21,7 @@ def test_powers_of_one_signal_are_a_group():
     proposals = Proposals(fit(given, Hypothesis()), OPTIONS)
     (group,) = proposals.groups()
     assert set(group.into) == {"x^2 in v", "x^3 in v"}
-    single = max(proposals.score(effect) for effect in proposals.candidates)
+    single = max(map(proposals.score, proposals.candidates))
     assert group.expected > single
     assert set(search_effects(given).effects) == set(group.into)
 

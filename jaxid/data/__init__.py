@@ -18,6 +18,9 @@ from .io.layouts import ATTAS as ATTAS
 from .io.layouts import ATTAS_STALL as ATTAS_STALL
 from .io.layouts import HFB320 as HFB320
 from .io.layouts import SIDPAC as SIDPAC
+from .io.logs import Log as Log
+from .io.logs import read_mdf as read_mdf
+from .io.logs import read_ulog as read_ulog
 from .io.mat import read_mat as read_mat
 from .io.sidpac import read_sidpac as read_sidpac
 from .io.table import GridData as GridData

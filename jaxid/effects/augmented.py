@@ -48,12 +48,13 @@ class Augmented(AbstractModel):
 
     A search holds its whole library in one model, for which it compiles once, and names the effects
     that are present in each evaluation (`with_present`); the others are skipped, group by group.
+    Their states stay where they begin.
 
     Args:
         model: the declared model.
         effects: effects that the model may lack; names must differ.
-        present: for each effect, in the order of `effects_in`, True if it is evaluated; the gains
-            of the others must be zero. By default all are.
+        present: for each effect, in the order of `effects_in`, True if it is evaluated; by default
+            all are.
 
     Raises:
         InputError: if two effects, or an effect's extra state and a state, have the same name.
@@ -65,6 +66,7 @@ class Augmented(AbstractModel):
     states: tuple[str, ...] = eqx.field(static=True)
     inputs: tuple[str, ...] = eqx.field(static=True)
     outputs: tuple[str, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
     arguments: tuple[str, ...] = eqx.field(static=True)
 
     transparent: ClassVar[tuple[str, ...]] = ("model", "effects_in")
@@ -84,6 +86,7 @@ class Augmented(AbstractModel):
         require_unique("state", self.states)
         self.inputs, self.outputs = model.inputs, model.outputs
         cards = [effect.card for effect in self.effects_in]
+        self.names = tuple(card.name for card in cards)
         self.arguments = tuple(sorted({name for card in cards for name in card.signals}))
 
     def only(self, names: Collection[str]) -> "Augmented":
@@ -94,12 +97,14 @@ class Augmented(AbstractModel):
 
     def with_present(self, names: Collection[str]) -> "Augmented":
         """Return the same model, in which only the named effects are evaluated."""
-        present = to_device(np.array([effect.name in names for effect in self.effects_in], bool))
-        return Augmented(self.model, self.effects_in, present)
+        present = to_device(np.isin(self.names, [*names]))
+        return eqx.tree_at(
+            lambda node: node.present, self, present, is_leaf=lambda leaf: leaf is None
+        )
 
-    def _groups(self, chosen: Callable[[Effect], bool], together=None) -> list[Group]:
+    def _groups(self, chosen: Callable[[Effect], bool], key=None) -> list[Group]:
         """Return groups of effects (`groups_of`)."""
-        return groups_of(self.effects_in, self.present, chosen, together)
+        return groups_of(self.effects_in, self.present, chosen, key)
 
     def rhs(self, t, x, u):
         state, extra, effect_inputs, plant_input = self._split_state(x, u)

@@ -87,7 +87,7 @@ class LinearMotion:
         blocks = []
         for block in padded.reshape(-1, width):
             held = {*self.effects, *(owners[k] for k in block if k in owners)}
-            arguments = (problem.with_present(model, held), *others)
+            arguments = (model.with_present(held), *others)
             blocks.append(PROGRAMS.sensitivities(*arguments, to_device(block), problem.leaves))
         S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : at.size]
         return blocks[0][0], to_device(S)

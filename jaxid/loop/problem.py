@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Collection
 from functools import cached_property
 
-import equinox as eqx
 import numpy as np
 
 from .._foundation.checks import require, require_known
@@ -113,11 +112,6 @@ class LoopProblem:
         return canonical(Augmented(self.model, self.library).with_present(()))
 
     @cached_property
-    def all_effects(self) -> np.ndarray:
-        """Names of all candidates, in the order of the augmented model."""
-        return np.array([effect.name for effect in self.augmented.effects_in])
-
-    @cached_property
     def cards(self) -> dict[str, EffectCard]:
         """Cards of the candidates that are used, by name."""
         return {name: effect.card for name, effect in self.effects.items()}
@@ -204,12 +198,7 @@ class LoopProblem:
         """
         changed = np.asarray(values) != self.initial_values
         model = with_values_at(self.augmented, self.positions[changed], values[changed])
-        return self.with_present(model, effects)
-
-    def with_present(self, model: Augmented, effects: Collection[str]) -> Augmented:
-        """Return a model with all candidates, in which only the named ones are evaluated."""
-        present = to_device(np.isin(self.all_effects, [*effects]))
-        return eqx.tree_at(lambda node: node.present, model, present)
+        return model.with_present(effects)
 
     def width(self, chosen: int) -> int:
         """Return the number of columns of a fit, padding included.

@@ -1,10 +1,13 @@
 """The report of a small study: the figures, the page and the folder, as a user meets them."""
 
 import dataclasses
+import itertools
 import json
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import html5lib
 import numpy as np
 import pytest
 from spring_study import HOSTILE, make_study
@@ -120,6 +123,52 @@ def test_page_is_complete_and_states_effect_and_errors(study, page):
     )
 
 
+@pytest.fixture(scope="session")
+def tree(page):
+    """The elements of the page, read by a parser of the HTML standard that reports every error."""
+    parser = html5lib.HTMLParser(namespaceHTMLElements=False)
+    root = parser.parse(page)
+    assert parser.errors == []
+    return root
+
+
+def test_page_is_valid_html_whose_contents_lead_to_its_sections(tree):
+    ids = [element.get("id") for element in tree.iter() if element.get("id")]
+    assert len(set(ids)) == len(ids)
+    links = [a.get("href") for a in tree.find(".//nav").iter("a")]
+    sections = [f"#{element.get('id')}" for element in tree.iter("h2")]
+    assert links == sections
+    levels = [int(e.tag[1]) for e in tree.iter() if e.tag in ("h1", "h2", "h3")]
+    assert levels[0] == 1
+    assert all(later <= level + 1 for level, later in itertools.pairwise(levels))
+
+
+def test_page_can_be_read_without_seeing_it(tree):
+    """Language, title, texts of pictures, heads of tables, and tables that the keyboard scrolls."""
+    assert tree.get("lang") == "en"
+    assert tree.find(".//title").text
+    assert all(image.get("alt") for image in tree.iter("img"))
+    assert all(head.get("scope") in ("row", "col") for head in tree.iter("th"))
+    scrolled = [e for e in tree.iter("div") if e.get("class") == "scroll" and e.find("table")]
+    assert scrolled
+    assert all(element.get("tabindex") == "0" for element in scrolled)
+
+
+def test_colours_of_text_have_contrast(page):
+    """At least 4.5 to 1 on white (WCAG 2.2, criterion 1.4.3)."""
+    style = page[: page.index("</style>")]
+    known = dict(re.findall(r"--(\w+): (#[0-9a-f]{3,6})", style[: style.index("}")]))
+    used = set(re.findall(r"[{; ]color: var\(--(\w+)\)", style))
+    assert {"ink", "quiet", "before", "after"} <= used
+    for name in used:
+        digits = known[name][1:]
+        digits = "".join(2 * digit for digit in digits) if len(digits) == 3 else digits
+        parts = np.array([int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4)])
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        luminance = float(linear @ [0.2126, 0.7152, 0.0722])
+        assert 1.05 / (luminance + 0.05) >= 4.5, name
+
+
 def test_page_has_no_external_files_and_escapes_given_text(page):
     parsed = Page(page)
     assert "script" not in parsed.tags
@@ -127,7 +176,7 @@ def test_page_has_no_external_files_and_escapes_given_text(page):
     assert "link" not in parsed.tags
     assert HOSTILE in parsed.text
     assert len(parsed.addresses) >= 6
-    assert all(address.startswith("data:image/") for address in parsed.addresses)
+    assert all(address.startswith(("data:image/", "#")) for address in parsed.addresses)
     assert "url(" not in page
     assert "@import" not in page
 

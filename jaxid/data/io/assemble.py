@@ -3,6 +3,7 @@ makes the record.
 """
 
 import hashlib
+import importlib
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._foundation.checks import require
+from ..._foundation.checks import InputError, require
 from ..arguments import texts_by_name
 from ..build import TIME, record
 from ..record import Record
@@ -21,6 +22,22 @@ def existing(path: str | Path) -> Path:
     path = Path(path)
     require(path.is_file(), f"There is no file {path}. Check the folder and the name.")
     return path
+
+
+def library(name: str, path: Path, *, extra: str) -> Any:
+    """Return an optional library that reads a file; without it, its installation is named.
+
+    Args:
+        name: name of the library.
+        path: the file.
+        extra: the extra of jaxid that installs it.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise InputError(
+            f'{path.name}: reading it needs {name}. Install it: pip install "jaxid[{extra}]".'
+        ) from error
 
 
 def parse_number(text: str) -> float:

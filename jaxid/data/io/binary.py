@@ -9,9 +9,7 @@ import numpy as np
 from ..._foundation.checks import InputError, require, require_known
 from ..build import TIME
 from ..record import Record
-from .assemble import assemble, clock, existing
-
-EXTRA = 'pip install "jaxid[files]"'
+from .assemble import assemble, clock, existing, library
 
 
 def read_hdf5(
@@ -51,7 +49,7 @@ def read_hdf5(
     path = existing(path)
     wanted = _wanted(path, inputs, outputs, time, sample_time)
     columns, file_units = {}, {}
-    h5py = _library("h5py", path)
+    h5py = library("h5py", path, extra="files")
     try:
         with h5py.File(path, "r") as file:
             require_known(f"group in {path.name}", [group], _groups(file, group))
@@ -104,7 +102,7 @@ def read_parquet(
     """
     path = existing(path)
     wanted = _wanted(path, inputs, outputs, time, sample_time)
-    _library("pyarrow", path)
+    library("pyarrow", path, extra="files")
     import pyarrow.parquet as parquet
     from pyarrow import ArrowException
 
@@ -131,7 +129,8 @@ def mat73_variables(path: Path) -> dict[str, np.ndarray]:
         import h5py
     except ImportError as error:
         raise InputError(
-            f"{path.name} is a MATLAB file of version 7.3, which is HDF5 and needs h5py: {EXTRA}. "
+            f"{path.name} is a MATLAB file of version 7.3, which is HDF5 and needs h5py: "
+            'pip install "jaxid[files]". '
             f"Or in MATLAB: load it, then save('{path.name}', '-v7')."
         ) from error
     try:
@@ -168,16 +167,6 @@ def _wanted(
             f"({names!r},).",
         )
     return (*inputs, *outputs) if time is None else (time, *inputs, *outputs)
-
-
-def _library(name: str, path: Path) -> Any:
-    """Return a library of the extra `files`."""
-    import importlib
-
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise InputError(f"{path.name}: reading it needs {name}. Install it: {EXTRA}.") from error
 
 
 def _groups(file: Any, group: str) -> list[str]:

@@ -467,7 +467,7 @@ def test_dropped_mass_scores_best_and_its_time_is_estimated(problem):
     shaped, _ = with_shapes(declared)
     declared = dataclasses.replace(declared, problem=shaped)
     proposals = Proposals(declared, LoopOptions())
-    scores = {effect.name: proposals.score(effect) for effect in proposals.candidates}
+    scores = {name: proposals.score(name) for name in proposals.candidates}
     best = max(scores, key=lambda name: scores[name])
     assert shaped.effects[best].card.family == "step of mass"
     others = [

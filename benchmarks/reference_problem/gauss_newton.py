@@ -8,7 +8,7 @@ import numpy as np
 # As the default of `jaxid.GaussNewton`: the full step [standard errors], the smallest step.
 TOLERANCE, SMALLEST_STEP = 1e-6, 2.0**-24
 MAX_STEPS = 200
-# Rounding of a cost relative to its size, as in `jaxid.estimation.solver`.
+# Rounding of a cost relative to its size, as in `jaxid.estimation.minimiser`.
 COST_ROUNDING = 64 * np.finfo(float).eps
 
 

@@ -96,7 +96,15 @@ class Augmented(AbstractModel):
         )
 
     def with_present(self, names: Collection[str]) -> "Augmented":
-        """Return the same model, in which only the named effects are evaluated."""
+        """Return the same model, in which only the named effects are evaluated.
+
+        Args:
+            names: names of the effects that are present.
+
+        Raises:
+            InputError: if the model has no effect of one of these names.
+        """
+        require_known("effect of the model", names, self.names)
         present = to_device(np.isin(self.names, [*names]))
         return eqx.tree_at(
             lambda node: node.present, self, present, is_leaf=lambda leaf: leaf is None
@@ -116,21 +124,21 @@ class Augmented(AbstractModel):
             else dict(zip(self.model.states, rates, strict=True))
         )
         extra_rates = {}
-        for group in self._groups(_has_states):
-            members = group.effects
+        for group in self._groups(lambda effect: bool(effect.extra_states)):
 
-            def rates_of(members=members):
-                known = dx | self._rates_of_signals(members, t, state, plant_input, dx)
-                own = {}
-                for effect in members:
+            def rates_of(effects=group.effects):
+                known = dx | self._rates_of_signals(effects, t, state, plant_input, dx)
+                rates = {}
+                for effect in effects:
                     effect_input = dict(zip(self.inputs, effect_inputs[effect.name], strict=True))
-                    own |= effect.extra_rates(extra, effect_input, signals, known)
-                return {name: jnp.asarray(own[name], float) for name in _states_of(members)}
+                    rates |= effect.extra_rates(extra, effect_input, signals, known)
+                return [jnp.asarray(rates[name], float) for name in _states_of(effects)]
 
-            def constant(members=members):
-                return {name: jnp.zeros(()) for name in _states_of(members)}
+            def zeros(effects=group.effects):
+                return [jnp.zeros(()) for _ in _states_of(effects)]
 
-            extra_rates |= group.apply(rates_of, constant)
+            names = _states_of(group.effects)
+            extra_rates |= dict(zip(names, group.apply(rates_of, zeros), strict=True))
         dx |= extra_rates
         return jnp.array([dx[name] for name in self.states], float)
 
@@ -291,10 +299,6 @@ class Augmented(AbstractModel):
         cards = (effect.card for effect in self.effects_in)
         gains = {f"{card.name}.gain": card.unit for card in cards if card.unit}
         return self.model.units() | gains
-
-
-def _has_states(effect: Effect) -> bool:
-    return bool(effect.extra_states)
 
 
 def _states_of(effects: tuple[Effect, ...]) -> tuple[str, ...]:

@@ -27,7 +27,12 @@ class Group(NamedTuple):
     present: Bool[Array, ""] | None
 
     def apply(self, function: Callable[..., Any], otherwise: Callable[..., Any], *operands: Any):
-        """Return the value of `function`; that of `otherwise` if no effect is in the model."""
+        """Return the value of `function`, or of `otherwise` if no effect is in the model.
+
+        Args:
+            function, otherwise: functions of the operands whose values have the same shapes.
+            operands: arguments of both.
+        """
         if self.present is None:
             return function(*operands)
         return jax.lax.cond(self.present, function, otherwise, *operands)

@@ -23,9 +23,10 @@ from ..sensitivity.spectrum import Spectrum, spectrum
 from ..simulation.simulate import explain_divergence
 from .coloured_errors import coloured_variances
 from .likelihoods import AbstractLikelihood
+from .minimiser import State
 from .problem import Problem
 from .result import Estimate
-from .solver import GaussNewton, State, minimise
+from .solver import GaussNewton, minimise
 
 
 class Fit(eqx.Module):

@@ -1,82 +1,18 @@
-"""Gauss-Newton on square-root information, as a minimiser of optimistix.
+"""`GaussNewton`: options of the iteration; the whole iteration, and single steps of it."""
 
-The search of optimistix uses the likelihood and its gradient. The descent of this file uses the
-factor of the information: since R is re-estimated at every iteration, the factor is not the
-derivative of one residual vector.
-"""
-
-from collections.abc import Callable
-from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import optimistix as optx
 
-from .._foundation.types import Array, Bool, Float, Int
+from .._foundation.types import Array, Bool, Float
 from ..models.free import Parameters
-from ..sensitivity.information import Information
 from .descent import SpectrumDescent
-from .problem import Linearised, Problem
+from .minimiser import Minimiser, State
+from .problem import Problem
 from .spectrum_policy import AbstractPolicy, Clip
-
-# Chosen: share of a step below which the search has found no descent, 24 halvings.
-SMALLEST_STEP = 2.0**-24
-# Chosen: the same along weak directions, where the next phase takes over, ten halvings.
-GIVE_UP = 2.0**-10
-# Rounding of a cost, which is a sum over many samples, relative to its size.
-COST_ROUNDING = 64 * float(jnp.finfo(jnp.float64).eps)
-# Distance in tolerances within which sensitivities at other parameters are reused; chosen.
-REUSE_DISTANCE = 100.0
-# In tolerances: a parameter this close to its bound, in standard errors, is set to it; chosen.
-ON_BOUND = 1e-3
-# Reused sensitivities after which more than this share of the step remains are renewed; chosen.
-REFRESH_SHARE = 0.25
-
-
-class Evaluation(optx.FunctionInfo.EvalGradHessian):
-    """Likelihood, gradient (4.17) and Fisher matrix (4.18) for the search, with their factor."""
-
-    information: Information
-
-
-class State(eqx.Module):
-    """State of the iteration.
-
-    Attributes:
-        trial: parameters of the next evaluation of the likelihood.
-        cost, linearised: cost and linearised problem at the last accepted parameters.
-        decrement: length of the full step at the last accepted parameters [standard errors].
-        drift: upper bound of the distance from the parameters at which the sensitivities were
-            computed [standard errors].
-        renew: True if the next evaluation computes the sensitivities; its trial then is the last
-            accepted point.
-        ending: True if the iteration ends once the sensitivities are renewed.
-        search, descent: states of the search and of the descent.
-        first: True before the first evaluation.
-        converged, stuck, diverged: the reason for which the iteration ended.
-        accepted: number of accepted steps.
-        costs, decrements: values by accepted step; NaN after the last one.
-    """
-
-    trial: Parameters
-    cost: Float[Array, ""]
-    linearised: Linearised
-    decrement: Float[Array, ""]
-    drift: Float[Array, ""]
-    renew: Bool[Array, ""]
-    ending: Bool[Array, ""]
-    search: Any
-    descent: Any
-    first: Bool[Array, ""]
-    converged: Bool[Array, ""]
-    stuck: Bool[Array, ""]
-    diverged: Bool[Array, ""]
-    accepted: Int[Array, ""]
-    costs: Float[Array, " step"]
-    decrements: Float[Array, " step"]
 
 
 class GaussNewton(eqx.Module):
@@ -108,165 +44,6 @@ class GaussNewton(eqx.Module):
     least_fall: float = eqx.field(static=True, default=0.0)
     max_steps: int = eqx.field(static=True, default=200)
     chord: bool = eqx.field(static=True, default=False)
-
-
-class Minimiser(optx.AbstractMinimiser):
-    """`GaussNewton` as a minimiser of optimistix; `args` is the `Problem`."""
-
-    descent: SpectrumDescent
-    search: optx.AbstractSearch
-    tolerance: float = eqx.field(static=True)
-    least_fall: float = eqx.field(static=True)
-    max_steps: int = eqx.field(static=True)
-    chord: bool = eqx.field(static=True)
-    rtol: float = eqx.field(static=True, default=0.0)
-    atol: float = eqx.field(static=True, default=0.0)
-    norm: Callable = eqx.field(static=True, default=optx.max_norm)
-
-    def init(self, fn, y, args, options, f_struct, aux_struct, tags):
-        problem: Problem = args
-        structure = jax.eval_shape(partial(self._linearise, problem), y)
-        empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), structure)
-        evaluation = _evaluation(jnp.zeros(()), empty.information)
-        known = options.get("S")
-        if known is not None:
-            empty = eqx.tree_at(lambda linearised: linearised.S, empty, known)
-        true, false, history = jnp.array(True), jnp.array(False), jnp.full(self.max_steps, jnp.nan)
-        return State(
-            trial=problem.project(y),
-            cost=jnp.array(jnp.inf),
-            linearised=empty,
-            decrement=jnp.array(jnp.inf),
-            drift=jnp.array(0.0),
-            renew=jnp.array(known is None),
-            ending=false,
-            search=self.search.init(y, evaluation),
-            descent=self.descent.init(y, evaluation),
-            first=true,
-            converged=false,
-            stuck=false,
-            diverged=false,
-            accepted=jnp.array(0),
-            costs=history,
-            decrements=history,
-        )
-
-    def step(self, fn, y, args, options, state, tags):
-        problem: Problem = args
-        cost, trial = self._evaluate(problem, state)
-        # Costs that differ by rounding count as equal; otherwise the last, smallest steps would be
-        # refused at random.
-        slack = jnp.where(jnp.isfinite(cost), COST_ROUNDING * jnp.abs(cost), 0.0)
-        before = _evaluation(state.cost, state.linearised.information)
-        trial_evaluation = optx.FunctionInfo.Eval(cost - slack)
-        step_size, accept, _, search = self.search.step(
-            state.first, y, state.trial, before, trial_evaluation, state.search
-        )
-        accept = state.first | state.renew | (accept & jnp.isfinite(cost))
-        moved, optional = accept & ~state.first & ~state.renew, state.descent[2]
-
-        choose = partial(jax.tree.map, partial(jnp.where, accept))
-        y, new_cost, linearised = choose(
-            (state.trial, cost, trial), (y, state.cost, state.linearised)
-        )
-        decrement = self.descent.decrement(linearised.information)
-        small_gain = moved & ~optional & (jnp.abs(state.cost - cost) < self.least_fall)
-        close = REUSE_DISTANCE * self.tolerance
-        # An old direction can be poor and gain little, so it does not end the iteration.
-        small_gain_ends = small_gain & (state.drift <= close)
-        done = (decrement < self.tolerance) | small_gain_ends
-        drift = self._drift(state, moved)
-        near = drift <= close
-        renew = ~near & (
-            ~accept
-            | done
-            | small_gain
-            | (decrement < close)
-            | (decrement > REFRESH_SHARE * state.decrement)
-        )
-
-        evaluation = _evaluation(new_cost, linearised.information)
-        descent, skip = self._next_descent(
-            y, state, evaluation, accept, ~accept & ~renew, step_size
-        )
-        search = jax.tree.map(partial(jnp.where, skip | renew), self.search.init(y, before), search)
-        step_size = jnp.where(skip | renew, 1.0, step_size)
-        difference, _ = self.descent.step(jnp.where(renew, 0.0, step_size), descent)
-        repeated = state.renew & ~state.first  # the accepted parameters, evaluated again
-        row = jnp.where(accept, state.accepted - repeated, self.max_steps)
-        new = State(
-            trial=problem.project(
-                jax.tree.map(jnp.add, y, difference),
-                linearised.information,
-                ON_BOUND * self.tolerance,
-            ),
-            cost=new_cost,
-            linearised=linearised,
-            decrement=decrement,
-            drift=drift,
-            renew=renew,
-            ending=small_gain_ends,
-            search=search,
-            descent=descent,
-            first=jnp.array(False),
-            converged=accept & near & (done | state.ending) & jnp.isfinite(new_cost),
-            stuck=step_size < SMALLEST_STEP,
-            diverged=state.first & ~jnp.isfinite(cost),
-            accepted=state.accepted + (accept & ~repeated),
-            costs=state.costs.at[row].set(new_cost, mode="drop"),
-            decrements=state.decrements.at[row].set(decrement, mode="drop"),
-        )
-        return y, new, None
-
-    def _next_descent(self, y: Parameters, state: State, evaluation, accept, refused, step_size):
-        """Return the state of the descent, and whether the search begins with another direction.
-
-        After a refused step that has become too short the direction is changed: turned away from a
-        corner, or without its optional part.
-        """
-        turn = refused & state.descent[4] & (step_size < SMALLEST_STEP)
-        skip = refused & state.descent[2] & (step_size < GIVE_UP) & ~turn
-        query = self.descent.query(y, evaluation, state.descent)
-        turned = self.descent.turn(evaluation, state.descent)
-        descent = jax.tree.map(partial(jnp.where, accept | skip), query, state.descent)
-        return jax.tree.map(partial(jnp.where, turn), turned, descent), skip | turn
-
-    def _drift(self, state: State, moved: Bool[Array, ""]) -> Float[Array, ""]:
-        """Return the distance from the parameters of the sensitivities after a trial.
-
-        It is an upper bound [standard errors].
-        """
-        if not self.chord:
-            return state.drift
-        return jnp.where(state.renew, 0.0, state.drift + jnp.where(moved, state.decrement, 0.0))
-
-    def _evaluate(self, problem: Problem, state: State) -> tuple[Float[Array, ""], Linearised]:
-        """Return the trial's cost and linearised problem.
-
-        With `chord`, the sensitivities are computed only when `state.renew` is true.
-        """
-        if not self.chord:
-            linearised = self._linearise(problem, state.trial)
-            return problem.cost_of(linearised.v, state.trial), linearised
-        v, S = jax.lax.cond(
-            state.renew,
-            lambda trial: _sensitivities(problem, trial),
-            lambda trial: (problem.residuals(trial), state.linearised.S),
-            state.trial,
-        )
-        return problem.cost_of(v, state.trial), problem.informed(v, S, state.trial)
-
-    def _linearise(self, problem: Problem, y: Parameters) -> Linearised:
-        """Return the linearised problem; `chord` keeps the sensitivities of all records."""
-        if self.chord:
-            return problem.informed(*_sensitivities(problem, y), y)
-        return _linearise(problem, y)
-
-    def terminate(self, fn, y, args, options, state, tags):
-        return state.converged | state.stuck | state.diverged, optx.RESULTS.successful
-
-    def postprocess(self, fn, y, aux, args, options, state, tags, result):
-        return y, aux, {}
 
 
 def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[Parameters, State]:
@@ -363,26 +140,3 @@ def strong(tree):
 def _objective(y, problem):
     """Stand for the objective: the minimiser reads its shape only."""
     return jnp.zeros(()), None
-
-
-@eqx.filter_jit
-def _sensitivities(problem: Problem, y: Parameters):
-    """Return residuals and sensitivities; a separate function, so that it is traced once."""
-    return problem.sensitivities(y)
-
-
-@eqx.filter_jit
-def _linearise(problem: Problem, y: Parameters) -> Linearised:
-    """Return the linearised problem; a separate function, so that it is traced once."""
-    return problem.linearise(y)
-
-
-def _evaluation(cost, information: Information) -> Evaluation:
-    grad = Parameters(*information.gradient())
-    structure = jax.eval_shape(lambda: grad)
-    hessian = lx.FunctionLinearOperator(
-        lambda d: Parameters(*information.apply(d.shared, d.rows)),
-        structure,
-        lx.positive_semidefinite_tag,
-    )
-    return Evaluation(cost, grad, hessian, information)

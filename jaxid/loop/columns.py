@@ -23,6 +23,7 @@ class Columns:
         own: names of the parameters of each effect that are estimated when it is in the model, its
             gain first.
         gains: the column of each effect's gain.
+        owners: the effect of each column that belongs to one, by the column's name.
         lower, upper: bounds.
 
     Args:
@@ -36,6 +37,7 @@ class Columns:
         self.names = free.shared + tuple(name for own in self.own.values() for name in own)
         self.index = {name: column for column, name in enumerate(self.names)}
         self.gains = {name: self.index[own[0]] for name, own in self.own.items()}
+        self.owners = {own: effect for effect, names in self.own.items() for own in names}
         self.bound(effects)
 
     def bound(self, effects: Sequence[Effect]) -> None:

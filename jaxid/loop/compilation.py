@@ -20,7 +20,7 @@ def use_reduced_model(model: Augmented, samples: int) -> bool:
     The program of the complete library is compiled once, and skips absent effects by a branch for
     each group of them. Separate programs are faster if
 
-        samples * (operations of the branches)
+        samples * (operations with all effects absent - operations of the declared model)
             > COMPILE_COST + COMPILE_COST_PER_OPERATION * (operations of the declared model)
 
     in operations of the right-hand side; the right side of the inequality is the cost of compiling

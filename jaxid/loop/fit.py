@@ -349,8 +349,7 @@ def check_finite(declared: LoopFit) -> None:
         InputError: if a candidate spoils the column of another parameter than its own.
     """
     problem, columns = declared.problem, declared.motion.infinite_columns
-    owners = {own: name for name, names in problem.columns.own.items() for own in names}
-    infinite = {owners.get(column) for column in columns} - problem.excluded
+    infinite = {problem.columns.owners.get(column) for column in columns} - problem.excluded
     if len(infinite) < 2 and None not in infinite:  # None for a declared parameter
         return
     suspects = tuple(name for name in problem.effects if name in infinite)

@@ -53,19 +53,25 @@ class LinearMotion:
 
         A column that is not finite is zero (`infinite_columns`).
         """
-        v, S, finite = self._columns
-        return v, to_device(np.where(finite, np.asarray(S), 0.0))
+        return self._columns[:2]
 
     @cached_property
     def infinite_columns(self) -> tuple[str, ...]:
         """Names of the columns that are not finite."""
         own = len(self.problem.free.per_record)
-        return tuple(np.array(self.problem.columns.names)[~self._columns[2][own:]])
+        infinite = self._columns[2][own:]
+        return tuple(np.array(self.problem.columns.names)[infinite])
 
     @cached_property
     def _columns(self) -> tuple[Float[Array, "case time output"], Array, np.ndarray]:
+        """Residuals, sensitivities with zeros in columns that are not finite, and a mask of these
+        columns.
+        """
         v, S = self.columns_of(self.problem.columns.names)
-        return v, S, np.all(np.isfinite(np.asarray(S)), axis=(0, 1, 2))
+        S = np.array(S)
+        infinite = ~np.all(np.isfinite(S), axis=(0, 1, 2))
+        S[..., infinite] = 0.0
+        return v, to_device(S), infinite
 
     def columns_of(self, names: Sequence[str]) -> tuple[Float[Array, "case time output"], Array]:
         """Return residuals and sensitivities to the per-record parameters and to some columns, in

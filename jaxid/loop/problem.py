@@ -134,12 +134,9 @@ class LoopProblem:
     @cached_property
     def owners(self) -> dict[int, str]:
         """Name of the effect that has each position of the flat vector, for those of effects."""
-        columns = self.columns
-        return {
-            int(self.positions[columns.index[own]]): name
-            for name, parameters in columns.own.items()
-            for own in parameters
-        }
+        columns = zip(self.positions, self.columns.names, strict=True)
+        owners = self.columns.owners
+        return {int(position): owners[name] for position, name in columns if name in owners}
 
     @cached_property
     def row_positions(self) -> Array:

@@ -199,3 +199,5 @@ def test_skipped_effects_are_not_evaluated():
     declared = simulate(Augmented(CART, ()), T, U, start).y
     np.testing.assert_array_equal(simulate(biased.with_present(()), T, U, start).y, declared)
     assert np.any(simulate(biased, T, U, start).y != declared)
+    with pytest.raises(InputError, match="bias of x"):
+        biased.with_present(["bias of y"])

@@ -31,6 +31,9 @@ def library(name: str, path: Path, *, extra: str) -> Any:
         name: name of the library.
         path: the file.
         extra: the extra of jaxid that installs it.
+
+    Raises:
+        InputError: if it is not installed.
     """
     try:
         return importlib.import_module(name)

@@ -56,25 +56,21 @@ def read_ulog(path: str | Path, signals: Mapping[str, str], *, accept_damage: bo
             damaged, a field has no numbers, or pyulog is not installed.
     """
     path, wanted = existing(path), _ulog_places(signals)
-    pyulog = library("pyulog", path, extra="logs")
-    try:
-        log = pyulog.ULog(str(path), sorted({topic for topic, _, _ in wanted.values()}))
-    except Exception as error:  # pyulog raises what its parsing meets
-        raise _unreadable(path, "ULog", error) from error
+    log = _parsed_ulog(path, sorted({topic for topic, _, _ in wanted.values()}))
     require(
         accept_damage or not log.file_corruption,
         f"{path.name} is damaged: a part of it cannot be read. Copy it from the vehicle again, or "
         "give accept_damage=True to use the rest.",
     )
-    topics = {(data.name, data.multi_id): data.data for data in log.data_list}
-    known = sorted(_ulog_topic(*key) for key in topics)
-    if not topics:
-        known = sorted(_ulog_topics(pyulog, path))
+    topics = {_ulog_topic(data.name, data.multi_id): data.data for data in log.data_list}
+    labels = [_ulog_topic(topic, instance) for topic, instance, _ in wanted.values()]
+    if not set(labels) <= set(topics):
+        everything = _parsed_ulog(path, None).data_list
+        known = sorted(_ulog_topic(data.name, data.multi_id) for data in everything)
+        require_known(f"topic in {path.name}", labels, known)
     series = {}
-    for name, (topic, instance, field) in wanted.items():
-        label = _ulog_topic(topic, instance)
-        require_known(f"topic in {path.name}", [label], known)
-        columns = topics[topic, instance]
+    for (name, (_, _, field)), label in zip(wanted.items(), labels, strict=True):
+        columns = topics[label]
         require_known(f"field of {label} in {path.name}", [field], sorted(columns))
         t = (columns["timestamp"].astype(float) - float(log.start_timestamp)) * 1e-6
         series[name] = (t, _numbers(columns[field], signals[name], path))
@@ -139,9 +135,13 @@ def _ulog_topic(topic: str, instance: int) -> str:
     return f"{topic}[{instance}]" if instance else topic
 
 
-def _ulog_topics(pyulog: Any, path: Path) -> set[str]:
-    """Return the names of all topics of a file."""
-    return {_ulog_topic(data.name, data.multi_id) for data in pyulog.ULog(str(path)).data_list}
+def _parsed_ulog(path: Path, topics: list[str] | None) -> Any:
+    """Return the contents of a ULog file: some topics, or all."""
+    pyulog = library("pyulog", path, extra="logs")
+    try:
+        return pyulog.ULog(str(path), topics)
+    except Exception as error:  # pyulog raises what its parsing meets
+        raise _unreadable(path, "ULog", error) from error
 
 
 def _mdf_group(path: Path, file: Any, channel: str, group: int | None) -> int:

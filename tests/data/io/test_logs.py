@@ -47,7 +47,7 @@ def ulog(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def mdf(tmp_path_factory):
-    """A measurement with two groups, both of which have a channel `current`."""
+    """A measurement with two groups, each with a channel `current`."""
     path = tmp_path_factory.mktemp("log") / "drive.mf4"
     with asammdf.MDF() as file:
         for k, (step, unit) in enumerate([(0.01, "A"), (0.05, "mA")]):
@@ -96,6 +96,7 @@ def test_ulog_becomes_a_record_by_resample(ulog):
     [
         ({"p": "gyro"}, "is not a topic and a field"),
         ({"p": "magnetometer.x"}, "gyro"),
+        ({"u": "motor.control", "p": "magnetometer.x"}, "gyro"),
         ({"p": "gyro[2].xyz[0]"}, r"gyro\[1\]"),
         ({"p": "gyro.xyz[3]"}, r"xyz\[2\]"),
     ],

@@ -18,6 +18,9 @@ from .information import prior_rows
 from .objectives import Discrimination, Hypothesis, InformationObjective, MutualDiscrimination
 from .optimisation import Task
 
+# Draws of the parameters of each explanation for which the envelope holds, and their seed (chosen).
+DRAWS, DRAW_SEED = 12, 0
+
 
 class Explanation(NamedTuple):
     """A model of records already flown.
@@ -96,7 +99,40 @@ def separating_task(task: Task, rival: Explanation) -> Task:
         ),
     )
     objective = MutualDiscrimination(directions=directions, likelihood=likelihood)
-    return dataclasses.replace(task, objective=objective, hypotheses=(first, second))
+    draws = (
+        uncertain_values(first, information.earlier, DRAWS),
+        uncertain_values(second, known, DRAWS),
+    )
+    return dataclasses.replace(task, objective=objective, hypotheses=(first, second), draws=draws)
+
+
+def uncertain_values(
+    hypothesis: Hypothesis, triangle: Float[Numbers, "row parameter"], count: int
+) -> Float[Array, "draw flat"]:
+    """Return values of all parameters, drawn from the uncertainty of the free ones.
+
+        theta + d,    d ~ N(0, (T' T)^-1),    |d| <= |theta|
+
+    A deviation is shortened where a parameter would change by more than its own size, as it would
+    in a direction that the records do not show. Without information there are no draws.
+
+    Args:
+        hypothesis: the hypothesis.
+        triangle: triangle T of the information on its free parameters.
+        count: number of draws.
+    """
+    positions = hypothesis.positions.shared
+    values, T = np.asarray(hypothesis.flat[positions]), np.asarray(triangle)
+    if not np.any(T):
+        return jnp.zeros((0, hypothesis.flat.size))
+    _, sizes, directions = np.linalg.svd(T)
+    shown = sizes > sizes[0] * np.finfo(float).eps * values.size
+    unit = np.random.default_rng(DRAW_SEED).normal(size=(count, int(shown.sum())))
+    deviations = (unit / sizes[shown]) @ directions[shown]
+    size = np.max(np.abs(deviations) / np.maximum(np.abs(values), np.finfo(float).tiny), axis=1)
+    deviations /= np.maximum(size, 1.0)[:, None]
+    flat = jnp.tile(hypothesis.flat, (count, 1))
+    return flat.at[:, positions].add(jnp.asarray(deviations))
 
 
 def known_information(free: Free, earlier) -> Float[Array, "row parameter"]:

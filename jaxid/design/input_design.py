@@ -87,7 +87,8 @@ def design_input(
             that of a fit contains (`fit.information.triangle`).
         rival: another model with its free parameters; the input then separates it from `model`: the
             wrong one of both loses as much chi-square as possible, whichever is true. The envelope
-            holds for both.
+            holds for both, and for values drawn from the uncertainty that the information of the
+            records already flown leaves.
         draws: values of the shared free parameters, drawn from their uncertainty: the cost is then
             its average over the draws, and the envelope holds for each of them.
         worst: minimise the largest cost of the draws instead.
@@ -115,7 +116,7 @@ def design_input(
     information = InformationObjective(
         hypothesis=hypothesis, measure=measure, earlier=known, likelihood=likelihood
     )
-    none = jnp.zeros((0, hypothesis.flat.size))
+    none = (jnp.zeros((0, hypothesis.flat.size)),)
     task = Task(information, (hypothesis,), shape or default_shape(t), arrays, t, trim, none)
     task = _task_of(task, information, rival, draws, worst)
     starts, costs, factors = scaled_starts(task, information, seed, conventional)
@@ -172,7 +173,7 @@ def _robust_task(task: Task, information: InformationObjective, draws, worst: bo
         likelihood=information.likelihood,
         worst=jnp.asarray(worst),
     )
-    return dataclasses.replace(task, objective=objective, draws=flat)
+    return dataclasses.replace(task, objective=objective, draws=(flat,))
 
 
 def _require_same_samples(conventional: Sequence[InputSignal], model: AbstractModel, t) -> None:

@@ -40,7 +40,7 @@ class Task(eqx.Module):
         limits: the limits.
         t: sample times [s].
         trim_input: inputs at trim.
-        draws: further values of all parameters and the initial state of the first hypothesis, for
+        draws: for each hypothesis, further values of all its parameters and the initial state, for
             which the motion must stay in the envelope too.
     """
 
@@ -50,7 +50,7 @@ class Task(eqx.Module):
     limits: Ratios
     t: Float[Array, " time"]
     trim_input: Float[Array, " input"]
-    draws: Float[Array, "draw flat"]
+    draws: tuple[Float[Array, "draw flat"], ...]
 
     def deviation(self, p: Float[Array, "axis parameter"]) -> Float[Array, "time input"]:
         """Return the samples of the inputs, less their values at trim."""
@@ -78,9 +78,12 @@ class Task(eqx.Module):
             values = quantities(hypothesis.model, self.limits.names, solution, u)
             return self.limits.of(t, deviation, values, largest)
 
-        rows = [of(hypothesis)[None] for hypothesis in self.hypotheses]
-        if self.draws.shape[0]:
-            rows.append(jax.vmap(lambda flat: of(self.hypotheses[0].at(flat)))(self.draws))
+        rows = []
+        for hypothesis, draws in zip(self.hypotheses, self.draws, strict=True):
+            rows += [
+                of(hypothesis)[None],
+                jax.vmap(lambda flat, h=hypothesis: of(h.at(flat)))(draws),
+            ]
         return jnp.concatenate(rows)
 
     def scale(self, deviation: Float[Array, "time input"]) -> Float[Array, ""]:

@@ -18,8 +18,9 @@ from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels, check_sampling
 from ..estimation.host_iteration import minimise_by_steps
 from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.limits import Limits
 from ..estimation.model_programs import PROGRAMS, FlatProblem
-from ..estimation.problem import Limits, Problem
+from ..estimation.problem import Problem
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel, canonical
 from ..models.free import INITIAL_STATE, Free, Parameters, initial_parameters

@@ -70,7 +70,10 @@ class Process(NamedTuple):
 
 
 def coloured_variances(
-    score: ScoreSpectrum, v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]
+    score: ScoreSpectrum,
+    v: Float[Array, "case time output"],
+    mask: Bool[Array, "case time output"],
+    batch: int,
 ) -> tuple[Float[Array, " parameter"], Float[Array, " parameter"]]:
     """Return the variance of each estimate, and the degrees of freedom of this variance.
 
@@ -78,9 +81,10 @@ def coloured_variances(
         score: from the sensitivities.
         v: whitened residuals, zero at missing samples.
         mask: valid samples.
+        batch: number of records at a time, a divisor of all.
     """
     length = v.shape[1]
-    process = burg(v, mask)
+    process = burg(v, mask, batch)
     if score.columns is not None:
         products = _products(score)
         pairs = _pairs(mask)
@@ -93,31 +97,29 @@ def coloured_variances(
     return _variances(process, score.power, length)
 
 
-def burg(v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]) -> Process:
+def burg(
+    v: Float[Array, "case time output"], mask: Bool[Array, "case time output"], batch: int
+) -> Process:
     """Return the autoregressive process of each channel, pooled over records.
 
     Only windows without a missing sample count, so that gaps need no filling. Every reflection
-    coefficient is below one, so that the process is stable.
+    coefficient is below one, so that the process is stable. The windows of an order are computed
+    from the residuals, for some records at a time, so that no window is kept.
 
     Args:
         v: residuals, zero at missing samples.
         mask: valid samples.
+        batch: number of records at a time, a divisor of all.
     """
-
-    def shifted(x):
-        return jnp.pad(x[:, :-1], ((0, 0), (1, 0), (0, 0)))
-
     total = jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1) * 1.0
-    lag = jnp.arange(HIGHEST_ORDER)
+    shape = (-1, batch, *v.shape[1:])
+    records = v.reshape(shape), mask.reshape(shape)
 
     def raise_order(state, index):
-        (forward, backward, valid), last, best, criterion, least = state
-        valid = valid & shifted(valid)
-        forward, backward = (jnp.where(valid, x, 0.0) for x in (forward, shifted(backward)))
-        power = jnp.sum(forward**2 + backward**2, axis=(0, 1))
-        product = 2.0 * jnp.sum(forward * backward, axis=(0, 1))
-        k = jnp.where(power > 0, product / jnp.where(power > 0, power, 1.0), 0.0)
-        count = jnp.sum(valid, axis=(0, 1)) * 1.0
+        last, reflections, best, criterion, least = state
+        sums = jax.lax.map(lambda some: _window_sums(some, reflections, index), records)
+        power, product, count = jax.tree.map(lambda leaf: jnp.sum(leaf, axis=0), sums)
+        k = jnp.where(power > 0, 2.0 * product / jnp.where(power > 0, power, 1.0), 0.0)
         remaining = jnp.maximum(1.0 - k**2, jnp.finfo(float).eps)
         last = Process(
             _raised(last.coefficients, k, index),
@@ -131,22 +133,46 @@ def burg(v: Float[Array, "case time output"], mask: Bool[Array, "case time outpu
         criterion = criterion + change
         better = (criterion < least) & (count >= SAMPLES_PER_COEFFICIENT * (index + 1))
         best = jax.tree.map(lambda new, old: jnp.where(better, new, old), last, best)
-        rows = k[None, None]
-        windows = forward - rows * backward, backward - rows * forward, valid
-        return (windows, last, best, criterion, jnp.where(better, criterion, least)), None
+        reflections = reflections.at[index].set(k)
+        return (last, reflections, best, criterion, jnp.where(better, criterion, least)), None
 
+    zeros = jnp.zeros((HIGHEST_ORDER, v.shape[2]))
     white = Process(
-        jnp.zeros((HIGHEST_ORDER, v.shape[2])),
+        zeros,
         jnp.sum(v**2, axis=(0, 1)) / total,
         jnp.zeros(v.shape[2], int),
         total,
         jnp.zeros((HIGHEST_ORDER + 1, v.shape[2])),
     )
-    zeros = jnp.zeros(v.shape[2])
-    state, _ = jax.lax.scan(raise_order, ((v, v, mask), white, white, zeros, zeros), lag)
+    begin = (white, zeros, white, zeros[0], zeros[0])
+    state, _ = jax.lax.scan(raise_order, begin, jnp.arange(HIGHEST_ORDER))
     process = state[2]
     density = spectral_density(process, v.shape[1])
     return process._replace(autocovariance=_inverse_transform(density))
+
+
+def _window_sums(records, reflections: Float[Array, "lag output"], index):
+    """Return for the next order the power, the products and the number of the windows of forward
+    and backward residuals, by channel (Burg's lattice).
+    """
+
+    def shifted(x):
+        return jnp.pad(x[:, :-1], ((0, 0), (1, 0), (0, 0)))
+
+    def windows(state):
+        forward, backward, valid = state
+        valid = valid & shifted(valid)
+        return *(jnp.where(valid, x, 0.0) for x in (forward, shifted(backward))), valid
+
+    def raise_order(lower, state):
+        forward, backward, valid = windows(state)
+        rows = reflections[lower][None, None]
+        return forward - rows * backward, backward - rows * forward, valid
+
+    v, mask = records
+    forward, backward, valid = windows(jax.lax.fori_loop(0, index, raise_order, (v, v, mask)))
+    power, product = forward**2 + backward**2, forward * backward
+    return jax.tree.map(lambda x: jnp.sum(x, axis=(0, 1)), (power, product, valid * 1.0))
 
 
 def _raised(coefficients, k, index):

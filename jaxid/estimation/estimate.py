@@ -188,7 +188,7 @@ def _robust_covariance(problem: Problem, parameters: Parameters, linearised, cov
     score = problem.score_spectrum(parameters, linearised, half)
     count, v = score.power.shape[1], linearised.v
     white, mask = problem.misfit(v)[..., :count], problem.row_mask[..., :count]
-    variance, dof = coloured_variances(score, white, mask)
+    variance, dof = coloured_variances(score, white, mask, problem.batch)
     plain = jnp.sum(half**2, axis=1)
     ratio = variance / jnp.where(plain > 0, plain, 1.0)
     least = problem.likelihood.noise.white_power(white, mask)

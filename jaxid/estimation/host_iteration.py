@@ -22,9 +22,10 @@ from ..models.noise import AbstractNoise, InnovationNoise
 from ..simulation.solution import Solution
 from .estimate import Fit, fit_of
 from .likelihoods import AbstractLikelihood
+from .limits import Limits
 from .minimiser import State
 from .model_programs import PROGRAMS, FlatProblem
-from .problem import Limits, Problem
+from .problem import Problem
 from .solver import GaussNewton, first_state, one_step
 
 Outputs = Float[Array, "case time output"]

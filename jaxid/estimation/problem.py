@@ -4,17 +4,13 @@ Per-record parameters (`own`, `rows`) have one value per record, such as the ini
 parameters have one value for all records.
 """
 
-import math
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
-from .._foundation.host import on_host
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
-from ..models.base import AbstractModel, as_float, canonical
+from ..models.base import AbstractModel, canonical
 from ..models.free import Free, Parameters, Positions, flat_vectors
 from ..models.free_model import FreeModel, insert
 from ..models.noise import AbstractWhitening
@@ -22,47 +18,15 @@ from ..sensitivity.information import Information, gather, record_triangles
 from ..simulation.solution import Solution
 from .coloured_errors import ScoreSpectrum
 from .likelihoods import AbstractLikelihood
+from .limits import Limits
 
 # Distance from a bound that is due to rounding, relative to the larger of the parameter and the
 # bound (derived: eight times the spacing of float64 numbers at one).
 ROUNDING = 8 * float(jnp.finfo(jnp.float64).eps)
 
-
 # Largest size of the sensitivities of all records that are kept in memory at once (chosen). Of
 # a longer stack they are computed for some records at a time and folded into triangles.
 KEPT_BYTES = 16_000_000
-
-
-class Limits(eqx.Module):
-    """Bounds, typical sizes (`scale`) and Gaussian priors as vectors.
-
-    Without a bound or prior, the bound or the standard deviation of the prior (`prior_deviation`)
-    is infinite. An unknown size is NaN.
-    """
-
-    lower: Parameters
-    upper: Parameters
-    scale: Float[Array, " parameter"]
-    prior_mean: Float[Array, " parameter"]
-    prior_deviation: Float[Array, " parameter"]
-
-    @classmethod
-    def of(cls, free: Free, n_cases: int) -> "Limits":
-        """Return the limits of the free parameters, those per record repeated `n_cases` times."""
-
-        @on_host
-        def repeated(xp, vector):
-            return xp.broadcast_to(vector, (n_cases, vector.size))
-
-        shared, per_record = free.bounds("shared"), free.bounds("per_record")
-        priors = [free.prior.get(name, (0.0, np.inf)) for name in free.shared]
-        return cls(
-            Parameters(shared[0], repeated(per_record[0])),
-            Parameters(shared[1], repeated(per_record[1])),
-            as_float([free.scale.get(name, np.nan) for name in free.shared]),
-            as_float([mean for mean, _ in priors]),
-            as_float([deviation for _, deviation in priors]),
-        )
 
 
 class Linearised(eqx.Module):
@@ -137,7 +101,10 @@ class Problem(eqx.Module):
             model, initial_state = insert(self.model, flat, self.positions, parameters.shared, own)
             return self.likelihood.rows(model, record, initial_state)
 
-        return jax.vmap(of_case)(parameters.rows, self.cases())
+        batch = self._largest_batch(len(self.model.states) + self.row_mask.shape[-1])
+        return self._by_batch(
+            lambda some: jax.vmap(of_case)(*some), (parameters.rows, self.cases()), batch
+        )
 
     @property
     def row_mask(self) -> Bool[Array, "case time row"]:
@@ -194,7 +161,7 @@ class Problem(eqx.Module):
             _, S = self._sensitivities(rows, parameters.shared, cases)
             return self._fold(S, v, self.likelihood.row_mask(cases[1].mask), whiten)
 
-        folded = self._by_batch(fold, (parameters.rows, self.cases(), v))
+        folded = self._by_batch(fold, (parameters.rows, self.cases(), v), self.batch)
         return Linearised(v, None, self._gather(parameters, *folded))
 
     @eqx.filter_jit
@@ -242,21 +209,31 @@ class Problem(eqx.Module):
             _, S = self._sensitivities(rows, parameters.shared, cases)
             return power(transforms(S, own, self.likelihood.row_mask(cases[1].mask)))[None]
 
-        by_batch = self._by_batch(of_batch, (parameters.rows, self.cases(), own))
+        by_batch = self._by_batch(of_batch, (parameters.rows, self.cases(), own), self.batch)
         return ScoreSpectrum(jnp.sum(by_batch, axis=0), None, count)
 
     @property
     def batch(self) -> int:
         """Number of records whose sensitivities are in memory at once: a divisor of all."""
-        n_cases, *shape = self.records.z.shape
         columns = self.positions.rows.size + self.positions.shared.size
-        largest = max(KEPT_BYTES // max(8 * math.prod(shape) * columns, 1), 1)
+        return self._largest_batch(self.records.z.shape[2] * columns)
+
+    def _largest_batch(self, values: int) -> int:
+        """Return the largest divisor of the number of records that keeps `KEPT_BYTES`.
+
+        Args:
+            values: number of values at each sample of a record.
+        """
+        n_cases, samples = self.records.t.shape
+        largest = max(KEPT_BYTES // max(8 * samples * values, 1), 1)
         sizes = range(1, min(n_cases, largest) + 1)
         return max(size for size in sizes if n_cases % size == 0)
 
-    def _by_batch(self, function, arguments):
-        """Return the results of a function of some records, for all records."""
-        n_cases, size = self.records.n_cases, self.batch
+    def _by_batch(self, function, arguments, size: int):
+        """Return the results of a function of `size` records at a time, for all records."""
+        n_cases = self.records.n_cases
+        if size == n_cases:
+            return function(arguments)
 
         def split(leaf):
             return leaf.reshape(n_cases // size, size, *leaf.shape[1:])

@@ -10,7 +10,7 @@ import numpy as np
 from .._foundation.host import to_device
 from .._foundation.types import Array, Bool
 from ..effects.base import Effect
-from ..estimation.problem import Limits
+from ..estimation.limits import Limits
 from ..models.free import Free, Parameters
 
 

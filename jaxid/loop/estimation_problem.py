@@ -9,7 +9,8 @@ import numpy as np
 from .._foundation.host import to_device
 from .._foundation.types import Array, Float
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
-from ..estimation.problem import Limits, Problem
+from ..estimation.limits import Limits
+from ..estimation.problem import Problem
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free, Parameters, Positions, initial_parameters, with_values
 from .hypothesis import Hypothesis

@@ -48,7 +48,8 @@ def next_record(
     Args:
         study: the study.
         t: sample times of the next record, uniform [s].
-        limits: limits of the inputs and the envelope, which holds for both explanations.
+        limits: limits of the inputs and the envelope, which holds for both explanations, and for
+            values drawn from their uncertainty.
         shape: parametrised input; by default a spline.
         axes: inputs that move; all by default.
         trim_input: inputs at trim; zero by default.
@@ -111,7 +112,8 @@ def separating_input(
     Args:
         first, second: the explanations, each fitted to the records already flown.
         t: sample times, uniform [s].
-        limits: limits of the inputs and the envelope, which holds for both explanations.
+        limits: limits of the inputs and the envelope, which holds for both explanations, and for
+            values drawn from their uncertainty.
         likelihood: the likelihood of the later estimate, with known noise.
         shape: parametrised input; by default a spline.
         options: further arguments of `design_input`.

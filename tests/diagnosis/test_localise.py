@@ -17,7 +17,8 @@ from jaxid.diagnosis.free_form import answers, linear_model, linear_models, spli
 from jaxid.diagnosis.localise import resolution, search
 from jaxid.effects import InputDelay, InputLag, Location, LocationKind, SensorScale, Term
 from jaxid.estimation import estimate
-from jaxid.estimation.problem import Limits, Problem
+from jaxid.estimation.limits import Limits
+from jaxid.estimation.problem import Problem
 
 SIGMA, ROWS, DRAWS, KNOTS = 0.01, 200, 2000, 8
 

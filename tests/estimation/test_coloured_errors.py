@@ -18,6 +18,7 @@ from jaxid.estimation.coloured_errors import (
 )
 
 ROWS = 300
+found_by = jax.jit(burg, static_argnums=2)
 
 
 def process(seed, coefficients, rows, share=0.0):
@@ -32,12 +33,19 @@ def process(seed, coefficients, rows, share=0.0):
 def test_order_and_coefficients_of_process_are_found(seed, share):
     """20,000 samples; with 30 % missing a third of the windows is left, the error 1 %."""
     v, mask = process(seed, [1.6, -0.8], 10_000, share)
-    found = jax.jit(burg)(v, mask)
+    found = found_by(v, mask, 2)
     assert int(found.order[0]) == 2
     np.testing.assert_allclose(found.coefficients[:2, 0], [1.6, -0.8], atol=0.04)
     np.testing.assert_allclose(found.variance[0], 1.0, rtol=0.06)
     np.testing.assert_array_equal(found.coefficients[2:], 0.0)
-    assert int(jax.jit(burg)(*process(seed, [], 10_000, share)).order[0]) == 0
+    assert int(found_by(*process(seed, [], 10_000, share), 2).order[0]) == 0
+
+
+def test_process_does_not_depend_on_records_at_a_time(seed):
+    """The reflection coefficients are pooled over all records."""
+    v, mask = process(seed, [1.6, -0.8], 500, 0.1)
+    for one, other in zip(found_by(v, mask, 1), found_by(v, mask, 2), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
 
 
 def test_loss_of_power_equals_dense_trace(seed):
@@ -70,7 +78,7 @@ def test_degrees_of_freedom_equal_scatter_of_variance():
     column = jnp.asarray(np.sin(0.02 * np.arange(rows)))[None, :, None, None]
     power = jnp.sum(jnp.abs(jnp.fft.rfft(column, 2 * rows, axis=1)) ** 2, axis=0)
     mask = jnp.ones((1, rows, 1), bool)
-    run = jax.jit(jax.vmap(lambda v: coloured_variances(ScoreSpectrum(power, None, 0), v, mask)))
+    run = jax.jit(jax.vmap(lambda v: coloured_variances(ScoreSpectrum(power, None, 0), v, mask, 1)))
     variance, dof = map(np.asarray, run(v))
     scatter = np.std(variance[:, 0]) / np.mean(variance[:, 0])
     np.testing.assert_allclose(np.sqrt(2 / np.median(dof)), scatter, rtol=0.12)
@@ -82,7 +90,7 @@ def test_degrees_of_freedom_equal_scatter_of_variance():
 def test_recursion_solves_yule_walker(seed):
     """Order 2 from five lags of the autocovariance, against a dense solution."""
     v, mask = process(seed, [1.6, -0.8], 2000)
-    given = jax.jit(burg)(v, mask)
+    given = found_by(v, mask, 2)
     c = np.asarray(given.autocovariance[:, 0]) * (1 + 0.01 * 0.5 ** np.arange(11))
     solved = jax.jit(_levinson)(given, jnp.asarray(c)[:, None])
     order = int(given.order[0])

@@ -18,8 +18,9 @@ from reference_estimation import (
 
 from jaxid.data import record, stack
 from jaxid.estimation import GaussNewton, OutputError, estimate, host_iteration
+from jaxid.estimation.limits import Limits
 from jaxid.estimation.model_programs import PROGRAMS
-from jaxid.estimation.problem import Limits, Problem
+from jaxid.estimation.problem import Problem
 from jaxid.models import DiagonalNoise, FixedNoise, FullNoise, Parameters, free
 from jaxid.models.base import canonical
 from jaxid.simulation import RK4, ZeroOrder

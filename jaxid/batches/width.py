@@ -3,9 +3,9 @@
 import dataclasses
 
 import jax
-import numpy as np
 from jax.sharding import Mesh
 
+from .._foundation.device import default_device, memory_of
 from .cases import Bucket
 from .iteration import Settings, slot_shapes
 
@@ -18,8 +18,6 @@ NARROW, WIDEST = 256, 8192
 # spring with two parameters, 3 for the aircraft of `benchmarks/reference_problem` with 30), and up
 # to four groups of slots before and after; the rest is reserve.
 WORKING_SHARE = 24
-# Of a GPU whose memory JAX does not know [bytes]; chosen.
-UNKNOWN_MEMORY = 4_000_000_000
 
 
 def with_width(settings: Settings, bucket: Bucket, mesh: Mesh | None) -> Settings:
@@ -30,14 +28,13 @@ def with_width(settings: Settings, bucket: Bucket, mesh: Mesh | None) -> Setting
         bucket: the cases.
         mesh: the devices; None for JAX's default device.
     """
-    device = _default_device() if mesh is None else mesh.devices.flat[0]
+    device = default_device() if mesh is None else mesh.devices.flat[0]
     count = len(bucket.cases) if mesh is None else -(-len(bucket.cases) // mesh.size)
     width = WIDTH_OF_CPU
     if device.platform != "cpu":
         shapes = slot_shapes(bucket.batch(bucket.cases[:1]), settings)
         slot_bytes = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(shapes))
-        memory = (device.memory_stats() or {}).get("bytes_limit", UNKNOWN_MEMORY)
-        width = accelerator_width(count, slot_bytes, memory)
+        width = accelerator_width(count, slot_bytes, memory_of(device))
     return dataclasses.replace(settings, width=width)
 
 
@@ -52,8 +49,3 @@ def accelerator_width(count: int, slot_bytes: int, memory: int) -> int:
     fitting = max(memory // (WORKING_SHARE * slot_bytes), 1)
     widest = min(1 << (fitting.bit_length() - 1), WIDEST)
     return min(widest, NARROW) if count <= NARROW else widest
-
-
-def _default_device():
-    """Return the device on which JAX computes unless another one is named."""
-    return next(iter(jax.device_put(np.zeros(())).devices()))

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from .._foundation.device import default_device, memory_of
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..models.base import AbstractModel, canonical
@@ -27,6 +28,15 @@ ROUNDING = 8 * float(jnp.finfo(jnp.float64).eps)
 # Largest size of the sensitivities of all records that are kept in memory at once (chosen). Of
 # a longer stack they are computed for some records at a time and folded into triangles.
 KEPT_BYTES = 16_000_000
+# On a GPU, where a step of time takes as long for many records as for one, a 64th of its memory:
+# the arrays of a linearisation take some ten times the sensitivities (chosen).
+PARTS_OF_GPU_MEMORY = 64
+
+
+def kept_bytes() -> int:
+    """Return the largest size of sensitivities that are kept in memory at once [bytes]."""
+    device = default_device()
+    return KEPT_BYTES if device.platform == "cpu" else memory_of(device) // PARTS_OF_GPU_MEMORY
 
 
 class Linearised(eqx.Module):
@@ -36,7 +46,7 @@ class Linearised(eqx.Module):
         v: rows of misfit; for output error the residuals, zero where there is no valid sample.
         S: sensitivities of the rows, not whitened. The first columns belong to the per-record
             parameters, the last ones to the shared parameters. None for a stack of records that
-            exceeds `KEPT_BYTES`.
+            exceeds `kept_bytes`.
         information: square-root information on the parameters.
     """
 
@@ -219,13 +229,13 @@ class Problem(eqx.Module):
         return self._largest_batch(self.records.z.shape[2] * columns)
 
     def _largest_batch(self, values: int) -> int:
-        """Return the largest divisor of the number of records that keeps `KEPT_BYTES`.
+        """Return the largest divisor of the number of records that keeps `kept_bytes`.
 
         Args:
             values: number of values at each sample of a record.
         """
         n_cases, samples = self.records.t.shape
-        largest = max(KEPT_BYTES // max(8 * samples * values, 1), 1)
+        largest = max(kept_bytes() // max(8 * samples * values, 1), 1)
         sizes = range(1, min(n_cases, largest) + 1)
         return max(size for size in sizes if n_cases % size == 0)
 

@@ -12,7 +12,7 @@ from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels, fit_problem
 from ..estimation.likelihoods import AbstractLikelihood
-from ..estimation.problem import KEPT_BYTES, Problem
+from ..estimation.problem import Problem, kept_bytes
 from ..estimation.result import Estimate
 from ..estimation.solver import GaussNewton
 from ..models.free import Parameters
@@ -138,7 +138,7 @@ def bootstrap(
     dof = float(np.asarray(estimate.degrees_of_freedom))
     ratio = np.sqrt(count / dof) if np.isfinite(dof) and dof > 0 else 1.0
     size = estimate.values.size + estimate.own.shape[-1]
-    batch = int(np.clip(KEPT_BYTES // max(8 * records.z.size * size, 1), 1, draws))
+    batch = int(np.clip(kept_bytes() // max(8 * records.z.size * size, 1), 1, draws))
     values, successful = _repeated(
         problem,
         estimate,

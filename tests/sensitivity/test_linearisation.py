@@ -1,6 +1,7 @@
 """Sensitivities by linearised steps equal those by forward mode through the whole simulation."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax
@@ -16,7 +17,7 @@ from jaxid._foundation.location import LocationKind
 from jaxid.effects import Augmented, general_effects
 from jaxid.estimation.estimate import as_stack
 from jaxid.estimation.likelihoods import forward_sensitivities
-from jaxid.estimation.problem import Problem
+from jaxid.estimation.problem import KEPT_BYTES, Problem, kept_bytes
 from jaxid.models import Free, Parameters, free
 from jaxid.models.free_model import FreeModel
 from jaxid.models.names import parameter_names
@@ -129,6 +130,14 @@ def test_positions_beyond_the_model_are_columns_of_zeros():
     _, complete = problem.sensitivities(Parameters(jnp.array([1.5, 0.2]), jnp.zeros((1, 0))))
     assert jnp.all(S[..., 1] == 0.0)
     np.testing.assert_allclose(S[..., 0], complete[..., 0], rtol=1e-12)
+
+
+def test_a_gpu_keeps_a_share_of_its_memory(monkeypatch):
+    """No GPU is needed: only its description is read."""
+    gpu = SimpleNamespace(platform="gpu", memory_stats=lambda: {"bytes_limit": 64_000_000_000})
+    assert kept_bytes() == KEPT_BYTES
+    monkeypatch.setattr("jaxid.estimation.problem.default_device", lambda: gpu)
+    assert kept_bytes() == 1_000_000_000
 
 
 def test_records_in_batches_give_same_information(monkeypatch):

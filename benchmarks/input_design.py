@@ -26,6 +26,22 @@ import numpy as np
 
 from jaxid import FixedNoise, LinearModel, OutputError, configure, estimate, free
 from jaxid._foundation.types import Array
+from jaxid.aircraft import (
+    Aircraft,
+    ConstantThrust,
+    ControlSystem,
+    Engine,
+    MeasuredSurfaces,
+    report_instruments,
+    standard_actuators,
+)
+from jaxid.aircraft.flight.coupled_flight import (
+    RECORDED_CHANNELS,
+    STARTS,
+    TABLES_ARE_OFF_BY,
+    TRIM_ALTITUDE,
+    corrected_f4,
+)
 from jaxid.aircraft.flight.longitudinal_flight import (
     LONGITUDINAL_SPEED,
     NOISE_DEG,
@@ -33,6 +49,10 @@ from jaxid.aircraft.flight.longitudinal_flight import (
     level_trim,
     true_aircraft,
 )
+from jaxid.aircraft.flight.trim_at_alpha import trim_at_alpha
+from jaxid.aircraft.instruments.noise_levels import DEMONSTRATION
+from jaxid.aircraft.physics.frames import quaternion, velocity
+from jaxid.aircraft.vehicle.controls import SURFACES
 from jaxid.data import Record
 from jaxid.design import (
     Design,
@@ -50,6 +70,7 @@ from jaxid.design import (
 from jaxid.models import AbstractModel, Free
 from jaxid.models.names import read_parameters
 
+COUPLED_ALPHA = math.radians(15.0)
 FREQUENCY_FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
 UNBOUNDED = math.radians(80.0)  # envelope of the designs under equal energy and equal peak
 
@@ -140,7 +161,42 @@ def dutch_roll() -> Case:
     )
 
 
-CASES = {"short period": short_period, "dutch roll": dutch_roll}
+def coupled() -> Case:
+    """Return the F-4-like aircraft in six degrees of freedom at 15 deg of angle of attack; all
+    surfaces, with corrections of its tables to estimate; 10 s at 25 Hz.
+    """
+    frame = corrected_f4(TABLES_ARE_OFF_BY)
+    engine, instruments = Engine(ConstantThrust(0.0)), report_instruments(RECORDED_CHANNELS)
+    controls = ControlSystem(standard_actuators(frame.limits))
+    flown = Aircraft(frame, engines=(engine,), controls=controls, instruments=instruments)
+    trim = trim_at_alpha(flown, COUPLED_ALPHA, TRIM_ALTITUDE)
+    surfaces = dict.fromkeys(SURFACES, jnp.zeros(())) | {"stabilator": trim.value("stabilator")}
+    engines = flown.trimmed(surfaces, trim.value("thrust")).engines
+    model = Aircraft(frame, engines=engines, controls=MeasuredSurfaces(), instruments=instruments)
+    state = model.flight_state(
+        velocity(trim.value("V"), COUPLED_ALPHA, 0.0),
+        jnp.zeros(3),
+        quaternion(0.0, COUPLED_ALPHA, 0.0),
+        jnp.array([0.0, 0.0, TRIM_ALTITUDE]),
+    )
+    noise = jnp.array([DEMONSTRATION.noise[name] for name in RECORDED_CHANNELS])
+    terms = [f"{c}.{term}" for c, terms in TABLES_ARE_OFF_BY.items() for term in terms]
+    return Case(
+        model,
+        free(model, *terms, per_record=tuple(f"initial_state.{name}" for name in STARTS)),
+        OutputError(FixedNoise(noise**2)).compact(),
+        sample_times(10.0, 0.04),
+        state,
+        jnp.stack([surfaces[name] for name in SURFACES]),
+        peak=math.radians(3.0),
+        energy=0.012,
+        envelope={"alpha": math.radians(4.0), "beta": math.radians(5.0)},
+        frequency=0.25,
+        knots=12,
+    )
+
+
+CASES = {"short period": short_period, "dutch roll": dutch_roll, "coupled": coupled}
 
 
 def limits_of(case: Case) -> dict[str, Limits]:

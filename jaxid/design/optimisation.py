@@ -197,10 +197,17 @@ def optimise(task: Task, start: np.ndarray) -> tuple[np.ndarray, float]:
         method="SLSQP",
         options={"maxiter": SQP_STEPS, "ftol": 1e-6},
     )
-    feasible = np.all(1.0 - evaluate(result.x)[2] > -1e-3)
-    if not (feasible and np.isfinite(result.fun) and cost(result.x) <= cost(start.ravel())):
-        return start, cost(start.ravel())
-    return result.x.reshape(shape), cost(result.x)
+    end = _scaled_to_limits(task, result.x.reshape(shape))
+    return min(((p, cost(p.ravel())) for p in (start, end)), key=lambda pair: pair[1])
+
+
+def _scaled_to_limits(task: Task, p: np.ndarray) -> np.ndarray:
+    """Return the parameters of the input times a factor of at most one with which it keeps its
+    limits: the quadratic programming often ends a little outside.
+    """
+    deviation = deviations_of(task, jnp.asarray(p)[None])
+    factor = min(float(in_chunks(lambda chunk: scales_of(task, chunk), deviation)[0]), 1.0)
+    return np.asarray(task.shape.scaled(jnp.asarray(p), jnp.asarray(factor)))
 
 
 @fast_compile_jit

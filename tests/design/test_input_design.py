@@ -1,6 +1,7 @@
 """Designed inputs of a spring: derivative, limits, refusals, and gain over conventional inputs."""
 
 import json
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import minimize
 from small_spring import SIGMA, Spring
 
 from jaxid import AbstractModel, FixedNoise, OutputError, free
@@ -101,6 +103,21 @@ def test_design_beats_conventional_inputs_within_the_limits(design):
     """A logarithmic variance lower by 0.72 is a total standard error lower by 30 %."""
     best = min(comparison.within_limits for comparison in design.comparisons)
     assert design.cost < best - 0.72
+
+
+def test_search_that_ends_outside_its_limits_is_scaled_to_them(design, conventional, monkeypatch):
+    """Its end counts: 5 % outside, scaled back, the standard errors are those of the design."""
+
+    def beyond(*arguments, **options):
+        result = minimize(*arguments, **options)
+        return SimpleNamespace(x=1.05 * result.x)
+
+    monkeypatch.setattr("jaxid.design.optimisation.minimize", beyond)
+    other = design_input(
+        SPRING, free(SPRING, "k", "c"), T, SHAPE, RELATIVE, LIMITS, NOISE, conventional=conventional
+    )
+    assert max(other.limits_used.values()) <= 1.0
+    np.testing.assert_allclose(other.cost, design.cost, atol=0.05)
 
 
 def test_envelope_holds_in_an_independent_simulation(design):

@@ -122,10 +122,10 @@ def declared(truth: Aircraft) -> Aircraft:
     zero = {
         coefficient: dict.fromkeys(terms, 0.0) for coefficient, terms in TABLES_ARE_OFF_BY.items()
     }
-    return _recorded(_airframe(zero), report_instruments(RECORDED_CHANNELS), truth)
+    return _recorded(corrected_f4(zero), report_instruments(RECORDED_CHANNELS), truth)
 
 
-def _airframe(corrections):
+def corrected_f4(corrections):
     """Return the F-4-like airframe with corrected tables."""
     frame = f4(interpolation="cubic")
     corrected = AerodynamicsWithIncrements(frame.aerodynamics, PolynomialAerodynamics(corrections))
@@ -206,7 +206,7 @@ def _fly(instruments: Instruments, samples: int):
 
     The truth is a model for identification.
     """
-    frame = _airframe(
+    frame = corrected_f4(
         {name: terms | PLANTED.get(name, {}) for name, terms in TABLES_ARE_OFF_BY.items()}
     )
     aircraft = Aircraft(

@@ -34,6 +34,7 @@ from .signals import (
     multisine_inputs,
     sample_times,
 )
+from .time_domain import energy_limited_input
 
 __all__ = [
     "AbstractMeasure",
@@ -71,6 +72,7 @@ __all__ = [
     "conventional_inputs",
     "curve_width",
     "design_input",
+    "energy_limited_input",
     "expected_chi_square",
     "information_of",
     "multisine",

@@ -3,14 +3,13 @@
 
 The aircraft of `reference_problem`, 30 coefficients that all records share, and independent noise
 in each record. Each number of records is estimated twice in a process of its own: the first time
-with compilation (`--once`: only that). The peak memory of the process is measured, and on a GPU
-that of the GPU too. The estimates are compared with the truth in standard errors.
+with compilation (`--once`: no second time). The peak memory is measured of the process, and of the
+GPU if there is one. The estimates are compared with the truth in standard errors.
 """
 
 import argparse
 import json
 import math
-import resource
 import subprocess
 import sys
 import time
@@ -20,17 +19,19 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.reference_problem.clocks import MEGABYTE, peak_megabytes
+from benchmarks.reference_problem.growth import exponent
+
 ROOT = Path(__file__).resolve().parents[1]
 RECORDS = (64, 256, 1024, 4096)
-MIB = 2**20
 COLUMNS = (  # key, head of the table's column, digits after the point
     ("records", "records", 0),
     ("first_seconds", "first [s]", 1),
     ("seconds", "last [s]", 1),
     ("iterations", "iterations", 0),
-    ("peak_mib", "memory [MiB]", 0),
-    ("peak_before_estimate_mib", "before the estimate", 0),
-    ("peak_of_device_mib", "of the GPU", 0),
+    ("peak_mb", "memory [MB]", 0),
+    ("peak_before_estimate_mb", "before the estimate", 0),
+    ("peak_of_device_mb", "of the GPU", 0),
     ("largest_deviation", "largest deviation", 2),
 )
 
@@ -46,7 +47,7 @@ def estimate(count: int, samples: int, calls: int) -> dict[str, Any]:
     jaxid.configure()
     problem = reference(samples)
     records = [problem.record(number) for number in range(count)]
-    before = peak_memory()
+    before = peak_megabytes()
     seconds = []
     for _ in range(calls):
         begin = time.perf_counter()
@@ -60,17 +61,12 @@ def estimate(count: int, samples: int, calls: int) -> dict[str, Any]:
         "seconds": seconds[-1],
         "converged": bool(found.successful),
         "iterations": int(found.iterations),
-        "peak_mib": peak_memory(),
-        "peak_before_estimate_mib": before,
-        "peak_of_device_mib": statistics.get("peak_bytes_in_use", math.nan) / MIB,
+        "peak_mb": peak_megabytes(),
+        "peak_before_estimate_mb": before,
+        "peak_of_device_mb": statistics.get("peak_bytes_in_use", math.nan) / MEGABYTE,
         "largest_deviation": float(np.max(np.abs(deviation))),
         "device": jax.devices()[0].device_kind,
     }
-
-
-def peak_memory() -> float:
-    """Return the largest resident memory of this process so far [MiB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
@@ -91,11 +87,11 @@ def row(one: dict[str, Any]) -> str:
     return "  ".join(cells) + ("" if one["converged"] else "  not converged")
 
 
-def exponent(rows: Sequence[dict[str, Any]]) -> float:
-    """Return the fitted exponent of the time of an iteration in the number of records."""
-    counts = [one["records"] for one in rows]
-    seconds = [one["seconds"] / one["iterations"] for one in rows]
-    return float(np.polyfit(np.log(counts), np.log(seconds), 1)[0])
+def growth(rows: Sequence[dict[str, Any]]) -> float:
+    """Return the exponent of the time of an iteration in the number of records."""
+    return exponent(
+        [one["records"] for one in rows], [one["seconds"] / one["iterations"] for one in rows]
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -104,14 +100,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--records", type=int, nargs="+", default=list(RECORDS))
     parser.add_argument("--samples", type=int, default=751)
     parser.add_argument("--once", action="store_true", help="estimate once, with compilation")
-    parser.add_argument("--one", type=int, help="estimate so many records in this process")
+    parser.add_argument("--one", type=int, help="number of records to estimate in this process")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
     if options.one is not None:
         print(json.dumps(estimate(options.one, options.samples, 1 if options.once else 2)))
         return
     rows = measure(options)
-    grown = exponent(rows) if len(rows) > 1 else math.nan
+    grown = growth(rows) if len(rows) > 1 else math.nan
     if options.json:
         print(json.dumps({"rows": rows, "exponent": grown}))
         return

@@ -21,16 +21,16 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxid import FixedNoise, OutputError, configure, estimate, free
+from benchmarks.input_design import flown, longitudinal_likelihood
+from jaxid import configure, free
 from jaxid._foundation.types import Array, Float
 from jaxid.aircraft.air.atmosphere import GRAVITY
 from jaxid.aircraft.flight.longitudinal import Longitudinal
-from jaxid.aircraft.flight.longitudinal_flight import NOISE_DEG, NOISE_SI, true_aircraft
+from jaxid.aircraft.flight.longitudinal_flight import true_aircraft
+from jaxid.data import signals
 from jaxid.design import (
     AbstractShape,
     InputSignal,
@@ -56,9 +56,9 @@ SHORTEST, LONGEST = 1.5, 12.0  # periods of the designed sine [s]; chosen
 
 
 class Sine(AbstractShape):
-    """A sine with free amplitude and period, `p_0 sin(2 pi t / period(p_1))`.
+    """A sine with free amplitude and period.
 
-    The logarithm of the period goes from that of `SHORTEST` to that of `LONGEST`.
+    p_0 sin(2 pi t / T),    T = SHORTEST (LONGEST / SHORTEST)^s,    s = (1 + tanh p_1) / 2
     """
 
     t: Float[Array, " time"]
@@ -73,7 +73,7 @@ class Sine(AbstractShape):
         return SHORTEST * (LONGEST / SHORTEST) ** share
 
     def samples(self, p):
-        return p[0] * jnp.sin(2.0 * jnp.pi * self.t / self.period(p))
+        return signals.sine(self.t, 1.0 / self.period(p), p[0])
 
     def starts(self, rng, number):
         sign = rng.choice([-1.0, 1.0], size=number)
@@ -86,8 +86,9 @@ class Sine(AbstractShape):
 def aircraft() -> Longitudinal:
     """Return the aircraft in level flight at the trim, with the coefficients of Table 6.11.
 
-    Mass and dimensions are those of the small flight of `python -m jaxid longitudinal`. Terms of
-    beta, products with q, small powers and the ninth power of alpha are left out.
+    Mass and dimensions are those of the small flight of `python -m jaxid longitudinal`. Our reading
+    of the table: alpha is counted from the trim, where the moment is balanced with the stabilator
+    at zero. Terms of beta, products of alpha, and its ninth power are left out.
     """
     base, centre = true_aircraft(), {"alpha": CENTRE}
     forces = {"1": -0.965, "alpha": -1.51, "alpha^2": 10.3, "qhat": -11.8, "elevator": -0.455}
@@ -120,15 +121,6 @@ def trim_state(model: Longitudinal) -> Float[Array, " state"]:
     return jnp.array([V * math.cos(CENTRE), V * math.sin(CENTRE), 0.0, CENTRE])
 
 
-def likelihood(model: Longitudinal) -> OutputError:
-    """Return output error with the noise of the small flight."""
-    deviations = [
-        math.radians(NOISE_DEG[name]) if name in NOISE_DEG else NOISE_SI[name]
-        for name in model.outputs
-    ]
-    return OutputError(FixedNoise(jnp.array(deviations) ** 2))
-
-
 def free_parameters(model: Longitudinal) -> Free:
     """Return the coefficients of both polynomials that move with the short period."""
     force = [f"CZ.{term}" for term in ("alpha", "alpha^2", "qhat", "elevator")]
@@ -143,7 +135,7 @@ def curve_rows(alpha, count: int) -> Float[Array, "point parameter"]:
 
 
 def curve_error(values, truth) -> float:
-    """Return the root mean square error of the curve over the range."""
+    """Return the root mean square error of the curve of an estimate over the range."""
     alpha = jnp.linspace(*RANGE, 91)
     error = np.asarray(curve_rows(alpha, values.size) @ (values - truth))
     return float(np.sqrt(np.mean(error**2)))
@@ -151,32 +143,35 @@ def curve_error(values, truth) -> float:
 
 def sine(t, amplitude_deg: float, period: float, name: str) -> InputSignal:
     """Return a sine of the stabilator."""
-    u = math.radians(amplitude_deg) * jnp.sin(2.0 * jnp.pi * t / period)
+    u = signals.sine(t, 1.0 / period, math.radians(amplitude_deg))
     return InputSignal(t, u[:, None], ("elevator",), name)
 
 
 def measure(flights: int, seed: int) -> dict[str, Any]:
     """Return the figures of all inputs."""
     model = aircraft()
-    chosen, noise, state = free_parameters(model), likelihood(model), trim_state(model)
+    chosen, noise, state = free_parameters(model), longitudinal_likelihood(model), trim_state(model)
     t, names = sample_times(SECONDS, SAMPLE_TIME), chosen.shared
     width = curve_width(lambda alpha: curve_rows(alpha, len(names)), *RANGE)
     limits = Limits({"elevator": AMPLITUDE}, {"elevator": RATE}, envelope={"alpha": ENVELOPE})
-    shape = Sine(t)
-    signals = [sine(t, *given, name) for name, given in REPORT.items()]
-    for name, form in (("designed sine", shape), ("designed spline", spline(t, KNOTS))):
+    truth = read_parameters(model, names)
+    inputs = [sine(t, *given, name) for name, given in REPORT.items()]
+    for name, form in (("designed sine", Sine(t)), ("designed spline", spline(t, KNOTS))):
         design = design_input(
             model, chosen, t, form, width, limits, noise, initial_state=state, seed=seed
         )
-        signals.append(InputSignal(t, design.signal.u, ("elevator",), name))
+        inputs.append(InputSignal(t, design.signal.u, ("elevator",), name))
     rows = {}
-    for signal in signals:
+    for signal in inputs:
         record = planned_record(model, signal, noise, initial_state=state)
         shown = information_of(model, chosen, record, noise, initial_state=state)
         alpha = np.degrees(np.asarray(record.z[:, 0]))
         rows[signal.name] = {
             "predicted": math.sqrt(shown.measure(width)),
-            "errors": flown(model, chosen, noise, record, flights, seed),
+            "errors": [
+                curve_error(values, truth)
+                for values in flown(model, chosen, noise, record, flights, seed)
+            ],
             "alpha_deg": [float(alpha.min()), float(alpha.max())],
             "peak_deg": math.degrees(float(jnp.max(jnp.abs(signal.u)))),
             "period": period_of(signal),
@@ -189,20 +184,6 @@ def period_of(signal: InputSignal) -> float:
     u = np.asarray(signal.u[:, 0])
     power = np.abs(np.fft.rfft(u - u.mean(), 16 * u.size))
     return 16.0 * u.size * SAMPLE_TIME / int(np.argmax(power))
-
-
-def flown(model, chosen: Free, noise, record, flights: int, seed: int) -> list[float]:
-    """Return the error of the curve from each of some flights with noise of their own."""
-    deviation = jnp.sqrt(jnp.diagonal(noise.noise.R))
-    errors = jax.random.normal(jax.random.key(seed), (flights, *record.z.shape)) * deviation
-    truth = jnp.asarray(read_parameters(model, chosen.shared))
-
-    def values(error):
-        noisy = eqx.tree_at(lambda one: one.z, record, record.z + error)
-        return estimate(model, chosen, noisy, noise).values
-
-    estimates = eqx.filter_jit(jax.vmap(values))(errors)
-    return [curve_error(one, truth) for one in estimates]
 
 
 def table(rows: dict[str, Any]) -> str:

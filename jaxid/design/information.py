@@ -300,6 +300,22 @@ def require_known_noise(likelihood: AbstractLikelihood) -> None:
     )
 
 
+def require_shown(model: AbstractModel, free: Free, rows: Float[np.ndarray, "row parameter"]):
+    """Refuse parameters that no random input shows, even all of them together.
+
+    Args:
+        model, free: the model and its free parameters.
+        rows: rows of the information of all random inputs.
+    """
+    shown = planned_information(model, free, np.zeros(len(free.shared)), rows, "random inputs")
+    if shown.undetermined:
+        weak = "; ".join(shown.weak_directions) or "their sensitivity is zero"
+        raise InputError(
+            f"No input of these axes shows {', '.join(shown.undetermined)}: {weak}. Fix a "
+            "parameter, give a prior, or move another axis."
+        )
+
+
 def _in_words(error: float, relative: float) -> str:
     if not np.isfinite(error):
         return "not"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import InputError, require, require_float64, require_known
+from .._foundation.checks import require, require_float64, require_known
 from .._foundation.types import Array, Float, Numbers
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, as_float, canonical
@@ -25,6 +25,7 @@ from .information import (
     planned_information,
     planned_record,
     require_known_noise,
+    require_shown,
 )
 from .limits import Limits, ratios
 from .measures import AbstractMeasure
@@ -42,6 +43,8 @@ from .optimisation import (
 )
 from .shapes import AbstractShape, default_shape
 from .signals import InputSignal
+
+DIVERGES = "The model diverges under all random inputs within the limits. Lower the amplitude."
 
 
 def design_input(
@@ -120,12 +123,11 @@ def design_input(
     task = Task(information, (hypothesis,), shape or default_shape(t), arrays, t, trim, none)
     task = _task_of(task, information, rival, draws, worst)
     starts, costs, factors = scaled_starts(task, information, seed, conventional)
-    _require_shown(model, free, factors)
+    finite = np.all(np.isfinite(factors), axis=(1, 2))
+    require(bool(finite.any()), DIVERGES)
+    require_shown(model, free, factors[finite].reshape(-1, factors.shape[-1]))
     order = np.argsort(costs)[:OPTIMISED]
-    require(
-        bool(np.isfinite(costs[order[0]])),
-        "The model diverges under all random inputs within the limits. Lower the amplitude.",
-    )
+    require(bool(np.isfinite(costs[order[0]])), DIVERGES)
     results = [optimise(task, starts[index]) for index in order if np.isfinite(costs[index])]
     p, _ = min(results, key=lambda result: result[1])
     p, used = within_limits(task, p)
@@ -194,24 +196,6 @@ def _require_control(model: AbstractModel, axes, state, trim) -> None:
             bool(np.any(effect != 0)),
             f"The input {axis!r} has no effect on states or outputs at trim: an axis without "
             "control. Leave it out of `axes`.",
-        )
-
-
-def _require_shown(model: AbstractModel, free: Free, factors: np.ndarray) -> None:
-    """Refuse parameters that no random input shows, even all of them together."""
-    finite = np.all(np.isfinite(factors), axis=(1, 2))
-    require(
-        bool(finite.any()),
-        "The model diverges under all random inputs within the limits. Lower the amplitude.",
-    )
-    together = factors[finite].reshape(-1, factors.shape[-1])
-    values = np.zeros(len(free.shared))
-    shown = planned_information(model, free, values, together, "random inputs")
-    if shown.undetermined:
-        weak = "; ".join(shown.weak_directions) or "their sensitivity is zero"
-        raise InputError(
-            f"No input of these axes shows {', '.join(shown.undetermined)}: {weak}. Fix a "
-            "parameter, give a prior, or move another axis."
         )
 
 

@@ -78,12 +78,10 @@ class Task(eqx.Module):
             values = quantities(hypothesis.model, self.limits.names, solution, u)
             return self.limits.of(t, deviation, values, largest)
 
-        rows = []
+        rows = [of(hypothesis)[None] for hypothesis in self.hypotheses]
         for hypothesis, draws in zip(self.hypotheses, self.draws, strict=True):
-            rows += [
-                of(hypothesis)[None],
-                jax.vmap(lambda flat, h=hypothesis: of(h.at(flat)))(draws),
-            ]
+            if draws.shape[0]:  # an empty loop would still be compiled
+                rows.append(jax.vmap(lambda flat, drawn=hypothesis: of(drawn.at(flat)))(draws))
         return jnp.concatenate(rows)
 
     def scale(self, deviation: Float[Array, "time input"]) -> Float[Array, ""]:

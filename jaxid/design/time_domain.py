@@ -27,7 +27,7 @@ from ..models.base import AbstractModel, as_float, canonical
 from ..models.free import Free
 from .design import Design
 from .explanations import hypothesis_of
-from .information import planned_information, planned_record, require_known_noise
+from .information import planned_information, planned_record, require_known_noise, require_shown
 from .measures import AbstractMeasure
 from .objectives import Hypothesis
 from .signals import InputSignal
@@ -65,8 +65,9 @@ def energy_limited_input(
         The design; no limit but the energy holds for it.
 
     Raises:
-        InputError: when the model is not linear, a parameter belongs to a record, an axis does not
-            exist, or the noise is unknown.
+        InputError: when the model is not linear, a parameter belongs to a record, no input of the
+            axes shows a parameter, an axis does not exist, the noise is unknown, or the energy is
+            not positive.
     """
     require_float64()
     axes = tuple(model.inputs) if axes is None else tuple(axes)
@@ -77,6 +78,7 @@ def energy_limited_input(
         not free.per_record,
         f"{', '.join(free.per_record)}: the start is at rest here. Free shared parameters only.",
     )
+    require(energy > 0, f"The energy is {energy:g}; it must be positive.")
     t, model = as_float(t), canonical(model)
     hypothesis = hypothesis_of(model, free, jnp.zeros(len(model.states)))
     columns = [model.inputs.index(axis) for axis in axes]
@@ -89,6 +91,7 @@ def energy_limited_input(
     sensitivities = _Sensitivities(hypothesis, t, likelihood, placed)
     u = np.random.default_rng(SEED).normal(size=shape)
     _require_linear(sensitivities, u)
+    require_shown(model, free, sensitivities(u))
     norm = np.sqrt(energy / step)
     u, costs = _improved(sensitivities, norm * u / np.linalg.norm(u), norm, measure)
     signal = InputSignal(t, placed(jnp.asarray(u)), model.inputs, "energy-limited design")

@@ -1,8 +1,9 @@
-"""The aircraft near its stall of `benchmarks.stall_input`, and the report's two sines."""
+"""Aircraft of `benchmarks.stall_input` and `benchmarks.input_design`; the report's two sines."""
 
 import jax.numpy as jnp
 import numpy as np
 
+from benchmarks.input_design import coupled, longitudinal_likelihood
 from benchmarks.stall_input import (
     CENTRE,
     RANGE,
@@ -12,7 +13,6 @@ from benchmarks.stall_input import (
     curve_error,
     curve_rows,
     free_parameters,
-    likelihood,
     sine,
     trim_state,
 )
@@ -32,7 +32,7 @@ def test_trim_is_level_flight_with_a_loss_of_stability_in_the_range():
 def test_slower_and_smaller_sine_shows_the_curve_better():
     """The report's lesson (section 5.4.1), by the predicted standard errors."""
     model = aircraft()
-    chosen, noise, state = free_parameters(model), likelihood(model), trim_state(model)
+    chosen, noise, state = free_parameters(model), longitudinal_likelihood(model), trim_state(model)
     t = sample_times(12.0, 0.04)
     width = curve_width(lambda alpha: curve_rows(alpha, len(chosen.shared)), *RANGE)
     variances = []
@@ -55,3 +55,20 @@ def test_periods_of_the_sine_are_bounded():
         np.testing.assert_allclose(shape.period(jnp.array([1.0, place])), period)
     scaled = shape.scaled(jnp.array([[0.5, 1.0]]), jnp.array(2.0))
     np.testing.assert_allclose(scaled, [[1.0, 1.0]])
+
+
+def test_coupled_aircraft_of_the_designs_is_trimmed_at_15_deg():
+    """But for the speed over ground, the derivatives of all states are zero."""
+    case = coupled()
+    rates = dict(
+        zip(
+            case.model.states,
+            case.model.rhs(jnp.zeros(()), case.trim_state, case.trim_input).tolist(),
+            strict=True,
+        )
+    )
+    moving = {name for name, rate in rates.items() if abs(rate) > 1e-9}
+    assert len(moving) == 1
+    u, w = case.trim_state[0], case.trim_state[2]
+    np.testing.assert_allclose(np.degrees(np.arctan2(w, u)), 15.0, rtol=1e-9)
+    np.testing.assert_allclose(rates[moving.pop()], np.hypot(u, w), rtol=1e-9)

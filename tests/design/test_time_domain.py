@@ -100,6 +100,13 @@ def test_models_that_are_not_linear_and_free_starts_are_refused():
     cubic = Cubic(jnp.array(1.0))
     with pytest.raises(InputError, match="not linear"):
         energy_limited_input(cubic, free(cubic, "k"), t, Combination([1.0]), KNOWN, ENERGY)
+    blind = LinearModel(
+        [[-A]], [[0.0]], [[1.0]], [[1.0]], states=("x",), inputs=("u",), outputs=("y",)
+    )
+    with pytest.raises(InputError, match="No input of these axes shows A"):
+        energy_limited_input(blind, free(blind, "A[0,0]"), t, Determinant(), KNOWN, ENERGY)
+    with pytest.raises(InputError, match="energy is -1"):
+        energy_limited_input(SPRING, free(SPRING, "k"), t, Determinant(), KNOWN, -1.0)
     started = free(SPRING, "k", per_record=("initial_state",))
     with pytest.raises(InputError, match="at rest"):
         energy_limited_input(SPRING, started, t, Combination([1.0]), KNOWN, ENERGY)

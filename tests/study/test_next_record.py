@@ -95,8 +95,8 @@ def test_envelope_holds_whichever_is_true(study, design):
 
 
 def test_envelope_holds_for_most_values_within_their_uncertainty(study, design):
-    """Of values drawn anew from the covariance of the estimate; 12 others are in the design, the
-    largest of which 92 % of such values are expected not to exceed.
+    """Values from the covariance of the estimate, other than the 12 of the design. The largest of
+    12 is exceeded by a further one with a probability of 1/13.
     """
     fit, model = study.after.estimate, study.after.model
     draws = np.random.default_rng(7).multivariate_normal(fit.values, fit.covariance, size=60)

@@ -6,7 +6,9 @@ single estimates, all compiled before. A last line shows the cost of slow cases:
 cases starts far away and ends at the limit of 200 steps. The time of the mixed batch less the time
 of the slow cases alone is divided by the time of the other cases alone.
 
-`--devices N` distributes the cases over N host devices, and compares the wall time with one device.
+`--devices N` distributes the cases over N host devices, and compares the wall time with one device;
+`--reference N` does so for N cases of the reference problem too (30 coefficients, 751 samples), in
+which the estimates take the time, not the reading of the records.
 
 `--gpu` compares the wall time per case on JAX's default device and on the CPU, by number of
 cases; its options stand in `many_cases_gpu`.
@@ -22,6 +24,7 @@ from collections.abc import Callable, Sequence
 
 DEVICES = "--xla_force_host_platform_device_count"
 SAMPLES, NOISE = 150, 0.02
+REFERENCE_SAMPLES = 751
 SLOW_SHARE = 10  # one case in as many is slow
 NORMAL_START = (1.2, 0.1)
 SLOW_START = (0.02, 0.003)  # no convergence within the limit of 200 steps
@@ -40,6 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--single", type=int, default=100, help="estimates one by one")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--devices", type=int, default=1)
+    parser.add_argument("--reference", type=int, default=0, help="cases of the reference problem")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
     if options.devices > 1:  # before JAX is imported
@@ -66,6 +70,10 @@ def measure(options: argparse.Namespace) -> dict:
     }
     if options.devices > 1:
         result["devices"] = device_cost(cases, max(options.cases), options.repeats)
+        if options.reference:
+            result["reference"] = device_cost(
+                reference_cases(options.reference), options.reference, 1
+            )
     return result
 
 
@@ -97,6 +105,14 @@ def spring_cases(count: int):
     ]
     model = Spring(*NORMAL_START)
     return model, jaxid.free(model, "k", "c", per_record=("initial_state",)), records
+
+
+def reference_cases(count: int):
+    """Return the model, the free parameters and records of the reference problem."""
+    from benchmarks.many_cases_rows import reference
+
+    problem = reference(REFERENCE_SAMPLES)
+    return problem.model, problem.free, [problem.record(number) for number in range(count)]
 
 
 def run(cases, count: int, starts=None, devices=None):
@@ -202,9 +218,14 @@ def table(result: dict) -> str:
         f"{slow['mixed_seconds']:.2f}, slow {slow['slow_seconds']:.2f}, others "
         f"{slow['others_seconds']:.2f})"
     )
-    if "devices" in result:
-        row = result["devices"]
-        lines.append(f"{row['devices']} devices: {row['speed_up']:.2f} times as fast as one")
+    for name in ("devices", "reference"):
+        if name in result:
+            row = result[name]
+            lines.append(
+                f"{row['devices']} devices, {row['cases']} cases"
+                f"{' of the reference problem' * (name == 'reference')}: "
+                f"{row['speed_up']:.2f} times as fast as one"
+            )
     return "\n".join([*lines, ""])
 
 

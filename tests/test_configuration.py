@@ -6,8 +6,12 @@ Each call runs in a new process, so that its settings do not reach other tests.
 import json
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
+
+from jaxid._foundation.checks import InputError
+from jaxid._foundation.device import require_threads
 
 SETTINGS = (
     "jax_enable_x64",
@@ -76,6 +80,49 @@ def test_false_leaves_settings_unchanged(new_environment, tmp_path):
         settings("", new_environment)
     )
     assert not (tmp_path / "user cache").exists()
+
+
+def test_pool_has_threads_for_several_devices_unless_the_user_sets_their_number(new_environment):
+    code = "jaxid.configure(cache=False)\nimport os; print(os.environ['NPROC'])"
+    without = {name: value for name, value in new_environment.items() if name != "NPROC"}
+    assert int(run(code, without).stdout) >= 32
+    assert int(run(code, without | {"NPROC": "3"}).stdout) == 3
+
+
+def test_devices_that_decompose_batches_at_once_do_not_stand_still(new_environment):
+    # Without `configure` it stood still in five of five trials on two processors (jax 0.10.2).
+    code = """
+jaxid.configure(cache=False)
+import jax.numpy as jnp, numpy as np
+from jax.sharding import Mesh, PartitionSpec
+
+def local(rows):
+    def step(total, _):
+        return total + jnp.sum(jnp.linalg.qr(rows + 1e-9 * total, mode="r")), None
+    return jax.lax.scan(step, 0.0, None, length=3000)[0][None]
+
+split = PartitionSpec("device")
+mesh = Mesh(jax.devices(), ("device",))
+both = jax.shard_map(local, mesh=mesh, in_specs=split, out_specs=split, check_vma=False)
+rows = np.random.default_rng(0).normal(size=(32, 200, 30))
+print(jax.jit(both)(jnp.asarray(rows)).shape)
+"""
+    flags = f"{new_environment.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"
+    without = {name: value for name, value in new_environment.items() if name != "NPROC"}
+    done = run(code, without | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"})
+    assert done.stdout == "(2,)\n", done.stderr
+
+
+def test_several_devices_on_too_few_threads_are_refused():
+    one, other = (SimpleNamespace(platform="cpu") for _ in range(2))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NPROC", "7")
+        require_threads([one])
+        require_threads([one, SimpleNamespace(platform="gpu")])
+        with pytest.raises(InputError, match=r"2 CPU devices share 7 threads.*NPROC.*8 or more"):
+            require_threads([one, other])
+        patch.setenv("NPROC", "8")
+        require_threads([one, other])
 
 
 def test_every_program_is_stored_also_after_a_compilation(new_environment, tmp_path):

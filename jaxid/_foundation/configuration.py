@@ -9,6 +9,7 @@ import scipy.linalg  # noqa: F401  (loads the library whose threads are limited)
 from jax.experimental.compilation_cache import compilation_cache
 
 from .checks import InputError, require
+from .device import enlarge_pool
 
 # Thresholds of JAX's persistent compilation cache at which it stores every program. A first
 # estimate of a small model compiles dozens of programs, each far below JAX's default of one second.
@@ -24,11 +25,12 @@ def configure(
     float64: bool = True,
     linear_algebra_threads: int | None = 1,
 ) -> None:
-    """Set JAX to 64 bit, store compiled programs on disk for the next process, and decompose
-    matrices on one thread.
+    """Set JAX to 64 bit, store compiled programs on disk for the next process, decompose matrices
+    on one thread, and give XLA's pool enough threads for several CPU devices.
 
     Call it once, after the imports and before the first array is made; arrays made earlier keep
-    their precision. Importing jaxid changes no setting, and a second call is allowed.
+    their precision. Importing jaxid changes no setting, and a second call is allowed. The number of
+    threads in XLA's pool is set by the environment variable `NPROC`, which is kept where it exists.
 
     Args:
         cache: folder of JAX's persistent compilation cache, made if it does not exist. True keeps a
@@ -57,6 +59,7 @@ def configure(
         from threadpoolctl import threadpool_limits
 
         threadpool_limits(linear_algebra_threads, user_api="blas")
+    enlarge_pool()
     if cache is not False:
         _use_cache(_default_folder() if cache is True else str(cache))
     if float64:

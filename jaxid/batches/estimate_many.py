@@ -11,6 +11,7 @@ import numpy as np
 from jax.sharding import Mesh
 
 from .._foundation.checks import InputError, require, require_float64
+from .._foundation.device import require_threads
 from .._foundation.host import on_cpu
 from ..data.record import Record
 from ..estimation.likelihoods import AbstractLikelihood
@@ -93,7 +94,8 @@ def estimate_many(
     Raises:
         InputError: when there is no case, models or starts do not suit the cases, every case is
             refused, the store belongs to another batch, cannot be written or is in use by another
-            process, a part has no store, or JAX is in 32 bit.
+            process, a part has no store, several CPU devices share too few threads, or JAX is in
+            32 bit.
     """
     require_float64()
     solver, own_part = solver or GaussNewton(), _part(part, store)
@@ -194,13 +196,17 @@ def _mesh(devices: Sequence[Device] | Mesh | None) -> Mesh | None:
 
 
 def _require_own_devices(mesh: Mesh | None) -> None:
-    """Refuse devices of another process: the processes share only the store."""
-    strangers = [] if mesh is None else [d for d in mesh.devices.flat if not _is_own(d)]
+    """Refuse devices of another process, as the processes share only the store, and more CPU
+    devices than the threads of this one serve.
+    """
+    devices = [] if mesh is None else list(mesh.devices.flat)
+    strangers = [device for device in devices if not _is_own(device)]
     require(
         not strangers,
         f"{len(strangers)} of the devices belong to another process. Give `jax.local_devices()`, "
         "and to each process its `part`.",
     )
+    require_threads(devices)
 
 
 def _is_own(device: Device) -> bool:

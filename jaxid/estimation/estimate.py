@@ -10,6 +10,7 @@ from jax.core import Tracer
 
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.device import require_threads
 from .._foundation.host import on_host
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Bool, Float, Int
@@ -111,10 +112,12 @@ def check_known(model: AbstractModel, records: Record, likelihood: AbstractLikel
 
     Raises:
         InputError: when the noise model does not suit the gaps, a time base has a hole that the
-            likelihood's stepper cannot cross, or an output has no valid sample.
+            likelihood's stepper cannot cross, an output has no valid sample, or the records lie on
+            more CPU devices than their threads serve.
     """
     if isinstance(records.t, Tracer):
         return
+    require_threads(getattr(records.t, "devices", set)())
     with jax.ensure_compile_time_eval():
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((records.mask, likelihood))):
             check_sampling(model, records, likelihood)

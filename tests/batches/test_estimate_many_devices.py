@@ -17,7 +17,8 @@ PAIRS = 24
 SCRIPT = """
 import sys
 import jax
-jax.config.update("jax_enable_x64", True)
+import jaxid
+jaxid.configure(cache=False)
 import numpy as np
 from jax.sharding import Mesh
 from many_lags import chosen, lag_pairs, model

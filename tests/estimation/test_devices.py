@@ -7,9 +7,9 @@ import sys
 SCRIPT = """
 import dataclasses
 import jax, jax.numpy as jnp, numpy as np
-jax.config.update("jax_enable_x64", True)
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 import jaxid
+jaxid.configure(cache=False)
 
 class Lag(jaxid.AbstractModel):
     p: jax.Array

@@ -1,5 +1,6 @@
 """Design of experiments: measures of information, inputs, spectra and experiment points."""
 
+from .describing_functions import QuasiLinearSpectrum, quasi_linear_spectrum
 from .design import Comparison, Design
 from .exchange import Allocation, allocate
 from .experiment_points import Candidates, ExperimentPoints, at_most, candidates, optimal_points
@@ -56,6 +57,7 @@ __all__ = [
     "MutualDiscrimination",
     "OptimalSpectrum",
     "PlannedInformation",
+    "QuasiLinearSpectrum",
     "RobustObjective",
     "SensorSet",
     "SmallestEigenvalue",
@@ -80,6 +82,7 @@ __all__ = [
     "optimal_points",
     "optimal_spectrum",
     "planned_record",
+    "quasi_linear_spectrum",
     "sample_times",
     "sensor_sets",
     "spline",

@@ -83,10 +83,13 @@ def test_false_leaves_settings_unchanged(new_environment, tmp_path):
 
 
 def test_pool_has_threads_for_several_devices_unless_the_user_sets_their_number(new_environment):
-    code = "jaxid.configure(cache=False)\nimport os; print(os.environ['NPROC'])"
+    code = "jaxid.configure(cache=False)\nimport os; print(os.environ.get('NPROC'))"
     without = {name: value for name, value in new_environment.items() if name != "NPROC"}
-    assert int(run(code, without).stdout) >= 32
-    assert int(run(code, without | {"NPROC": "3"}).stdout) == 3
+    flags = f"{without.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=5"
+    assert run(code, without).stdout == "None\n"
+    assert int(run(code, without | {"XLA_FLAGS": flags}).stdout) >= 20
+    assert int(run(code, without | {"JAX_NUM_CPU_DEVICES": "6"}).stdout) >= 24
+    assert run(code, without | {"XLA_FLAGS": flags, "NPROC": "3"}).stdout == "3\n"
 
 
 def test_devices_that_decompose_batches_at_once_do_not_stand_still(new_environment):

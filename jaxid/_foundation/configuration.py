@@ -26,11 +26,12 @@ def configure(
     linear_algebra_threads: int | None = 1,
 ) -> None:
     """Set JAX to 64 bit, store compiled programs on disk for the next process, decompose matrices
-    on one thread, and give XLA's pool enough threads for several CPU devices.
+    on one thread, and give XLA's pool enough threads where there are several CPU devices.
 
     Call it once, after the imports and before the first array is made; arrays made earlier keep
-    their precision. Importing jaxid changes no setting, and a second call is allowed. The number of
-    threads in XLA's pool is set by the environment variable `NPROC`, which is kept where it exists.
+    their precision. Importing jaxid changes no setting, and a second call is allowed. For
+    several CPU devices the number of threads in XLA's pool is set by the environment variable
+    `NPROC`, which is kept where it exists.
 
     Args:
         cache: folder of JAX's persistent compilation cache, made if it does not exist. True keeps a

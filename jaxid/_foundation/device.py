@@ -1,6 +1,7 @@
 """JAX's devices: the default one and its memory, and the threads of those of a CPU."""
 
 import os
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -12,12 +13,12 @@ from .checks import require
 # Environment variable that sets the number of threads in XLA's pool on a CPU, which all CPU devices
 # of a process share; by default as many as processors.
 POOL = "NPROC"
-# Threads of the pool for each device or processor (chosen). JAX decomposes a batch of matrices on
+# Threads of the pool for each of several devices (chosen). JAX decomposes a batch of matrices on
 # several threads of the pool while the calling one, of the same pool, waits (QR, jaxlib 0.10.2):
 # when as many threads wait as there are, none is left to work, and the programs stand still. Two
-# devices on two threads did; more threads than processors cost no time.
+# devices on two threads did.
 THREADS_EACH = 4
-LEAST_THREADS = 32
+DEVICES = re.compile(r"--xla_force_host_platform_device_count=(\d+)")
 
 # Of a GPU whose memory JAX does not know [bytes]; chosen.
 UNKNOWN_MEMORY = 4_000_000_000
@@ -41,11 +42,15 @@ def pool_threads() -> int:
 
 
 def enlarge_pool() -> None:
-    """Let XLA's pool have enough threads, unless the environment sets their number.
+    """Let XLA's pool have enough threads for several CPU devices, unless the environment sets their
+    number.
 
     XLA reads it when JAX makes its first array.
     """
-    os.environ.setdefault(POOL, str(max(LEAST_THREADS, THREADS_EACH * _processors())))
+    asked = int(jax.config.values["jax_num_cpu_devices"])
+    counts = [asked, *map(int, DEVICES.findall(os.environ.get("XLA_FLAGS", "")))]
+    if max(counts) > 1:
+        os.environ.setdefault(POOL, str(max(THREADS_EACH * max(counts), _processors())))
 
 
 def require_threads(devices: Iterable[Any]) -> None:

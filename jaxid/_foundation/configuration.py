@@ -1,6 +1,7 @@
 """`configure`: the settings of JAX and of linear algebra that jaxid recommends, by one call."""
 
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import scipy.linalg  # noqa: F401  (loads the library whose threads are limited)
 from jax.experimental.compilation_cache import compilation_cache
 
 from .checks import InputError, require
-from .device import enlarge_pool
+from .device import POOL, THREADS_EACH, processors
 
 # Thresholds of JAX's persistent compilation cache at which it stores every program. A first
 # estimate of a small model compiles dozens of programs, each far below JAX's default of one second.
@@ -17,6 +18,10 @@ STORE_EVERY_PROGRAM = {
     "jax_persistent_cache_min_compile_time_secs": 0.0,
     "jax_persistent_cache_min_entry_size_bytes": -1,
 }
+
+
+# The option of XLA that divides a CPU into several devices.
+DEVICE_COUNT = re.compile(r"--xla_force_host_platform_device_count=(\d+)")
 
 
 def configure(
@@ -60,11 +65,23 @@ def configure(
         from threadpoolctl import threadpool_limits
 
         threadpool_limits(linear_algebra_threads, user_api="blas")
-    enlarge_pool()
+    _enlarge_pool()
     if cache is not False:
         _use_cache(_default_folder() if cache is True else str(cache))
     if float64:
         jax.config.update("jax_enable_x64", True)
+
+
+def _enlarge_pool() -> None:
+    """Let XLA's pool have enough threads for several CPU devices, unless the environment sets their
+    number.
+
+    XLA reads it when JAX makes its first array.
+    """
+    of_jax = int(jax.config.values["jax_num_cpu_devices"])
+    counts = [of_jax, *map(int, DEVICE_COUNT.findall(os.environ.get("XLA_FLAGS", "")))]
+    if max(counts) > 1:
+        os.environ.setdefault(POOL, str(max(THREADS_EACH * max(counts), processors())))
 
 
 def settings_in_use() -> dict[str, Any]:

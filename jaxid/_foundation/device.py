@@ -1,7 +1,6 @@
 """JAX's devices: the default one and its memory, and the threads of those of a CPU."""
 
 import os
-import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -18,7 +17,6 @@ POOL = "NPROC"
 # when as many threads wait as there are, none is left to work, and the programs stand still. Two
 # devices on two threads did.
 THREADS_EACH = 4
-DEVICES = re.compile(r"--xla_force_host_platform_device_count=(\d+)")
 
 # Of a GPU whose memory JAX does not know [bytes]; chosen.
 UNKNOWN_MEMORY = 4_000_000_000
@@ -38,19 +36,7 @@ def memory_of(device: Any) -> int:
 def pool_threads() -> int:
     """Return the number of threads in XLA's pool on a CPU, as the environment sets it."""
     given = os.environ.get(POOL, "")
-    return int(given) if given.isdecimal() else _processors()
-
-
-def enlarge_pool() -> None:
-    """Let XLA's pool have enough threads for several CPU devices, unless the environment sets their
-    number.
-
-    XLA reads it when JAX makes its first array.
-    """
-    asked = int(jax.config.values["jax_num_cpu_devices"])
-    counts = [asked, *map(int, DEVICES.findall(os.environ.get("XLA_FLAGS", "")))]
-    if max(counts) > 1:
-        os.environ.setdefault(POOL, str(max(THREADS_EACH * max(counts), _processors())))
+    return int(given) if given.isdecimal() else processors()
 
 
 def require_threads(devices: Iterable[Any]) -> None:
@@ -72,7 +58,7 @@ def require_threads(devices: Iterable[Any]) -> None:
     )
 
 
-def _processors() -> int:
+def processors() -> int:
     """Return the number of processors of this process."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

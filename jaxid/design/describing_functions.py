@@ -27,6 +27,8 @@ from .._foundation.types import Array, Float, Numbers
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free
+from ..simulation.linearise import linearise
+from ..simulation.steppers import rate
 from .frequency import OptimalSpectrum, optimal_spectrum
 from .measures import AbstractMeasure
 
@@ -60,12 +62,12 @@ class QuasiLinear(AbstractModel):
         self.states, self.inputs, self.outputs = model.states, model.inputs, model.outputs
 
     def rhs(self, t, x, u):
-        return self.linear(t, self.model.rhs, x, u)
+        return self._linear(t, self.model.rhs, x, u)
 
     def output(self, t, x, u):
-        return self.linear(t, self.model.output, x, u)
+        return self._linear(t, self.model.output, x, u)
 
-    def linear(self, t, function, x, u) -> Float[Array, " row"]:
+    def _linear(self, t, function, x, u) -> Float[Array, " row"]:
         """Return the linear approximation of a function of time, state and input."""
         value, slopes = self.describing_function(t, function)
         return value + slopes @ (jnp.concatenate([x, u]) - self.mean)
@@ -149,14 +151,15 @@ def quasi_linear_spectrum(
             state=mean[: x.size],
             trim_input=u,
         )
-        value, slopes = map(np.asarray, _equations(linear))
-        shift = np.linalg.lstsq(slopes[:, : x.size], value)[0]
-        mean = mean - np.append(shift, np.zeros(u.size))
-        new = _covariance(slopes, x.size + model.inputs.index(axis), spectrum, power)
+        tangent = linearise(linear, 0.0, mean[: x.size], u)
+        value = rate(linear, jnp.zeros(()), jnp.asarray(mean[: x.size]), jnp.asarray(u))
+        A = np.asarray(tangent.A)
+        mean = mean - np.append(np.linalg.lstsq(A, np.asarray(value))[0], np.zeros(u.size))
+        new = _covariance(A, np.asarray(tangent.B), model.inputs.index(axis), spectrum, power)
         covariance = covariance + SHARE_OF_NEW * (new - covariance)
         before, deviations = deviations, np.sqrt(np.diagonal(covariance))
         if np.all(np.abs(deviations - before) <= AGREEMENT * deviations):
-            _require_stable(slopes[:, : x.size])
+            _require_stable(A)
             names = (*model.states, *model.inputs)
             by_name = dict(zip(names, deviations.tolist(), strict=True))
             return QuasiLinearSpectrum(spectrum, linear, by_name, power)
@@ -167,27 +170,23 @@ def quasi_linear_spectrum(
     )
 
 
-@eqx.filter_jit
-def _equations(linear: QuasiLinear):
-    """Return mean and slopes of the rates."""
-    return linear.describing_function(jnp.zeros(()), linear.model.rhs)
-
-
-def _covariance(slopes, column: int, spectrum: OptimalSpectrum, power: float) -> np.ndarray:
+def _covariance(A, B, column: int, spectrum: OptimalSpectrum, power: float) -> np.ndarray:
     """Return the covariance of states and inputs under a spectrum of one input.
 
     Args:
-        slopes: derivatives of the rates by state and input.
-        column: of the input.
+        A, B: matrices of the linear model.
+        column: index of the input.
+        spectrum, power: distribution over frequencies, and mean square, of the input.
     """
-    size, channels = slopes.shape
-    A, b = slopes[:, :size], slopes[:, column]
-    covariance = np.zeros((channels, channels))
+    size, inputs = B.shape
+    covariance = np.zeros((size + inputs, size + inputs))
     for frequency, share in zip(spectrum.frequencies, spectrum.shares, strict=True):
         if share > 0.0:
-            response = np.zeros(channels, complex)
-            response[:size] = np.linalg.solve(2j * np.pi * frequency * np.eye(size) - A, b)
-            response[column] = 1.0
+            response = np.zeros(size + inputs, complex)
+            response[:size] = np.linalg.solve(
+                2j * np.pi * frequency * np.eye(size) - A, B[:, column]
+            )
+            response[size + column] = 1.0
             covariance += share * power * np.real(np.outer(response, np.conj(response)))
     return covariance
 

@@ -81,9 +81,10 @@ def estimate(
 
     Raises:
         InputError: when channels of model and records differ, the noise model does not suit the
-            gaps, a time base has a hole that the likelihood's stepper cannot cross, or JAX is in 32
-            bit; with `throw`, also when the simulation diverges at the start or the iteration does
-            not converge.
+            gaps, a time base has a hole that the likelihood's stepper cannot cross, the records lie
+            on more CPU devices than XLA's pool of threads serves, or JAX is in 32 bit; with
+            `throw`, also when the simulation diverges at the start or the iteration does not
+            converge.
     """
     require_float64()
     records = as_stack(records)
@@ -117,7 +118,7 @@ def check_known(model: AbstractModel, records: Record, likelihood: AbstractLikel
     """
     if isinstance(records.t, Tracer):
         return
-    require_threads(getattr(records.t, "devices", set)())
+    require_threads(records.t.devices() if isinstance(records.t, jax.Array) else ())
     with jax.ensure_compile_time_eval():
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((records.mask, likelihood))):
             check_sampling(model, records, likelihood)

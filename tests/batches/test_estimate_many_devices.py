@@ -15,6 +15,7 @@ from jaxid.estimation import OutputError, estimate
 HELPERS = Path(__file__).resolve().parent.parent / "helpers"
 PAIRS = 24
 SCRIPT = """
+import os
 import sys
 import jax
 import jaxid
@@ -30,6 +31,13 @@ mesh = Mesh(np.array(jax.devices()), ("device",))
 for name, devices in (("list", jax.devices()), ("mesh", mesh)):
     many = estimate_many(model(), chosen(), lag_pairs({pairs}), OutputError(), devices=devices)
     many.to_zarr(sys.argv[1] + "/" + name, zarr_format=2, consolidated=False)
+os.environ["NPROC"] = "15"  # as if the user had a smaller pool
+try:
+    estimate_many(model(), chosen(), lag_pairs({pairs}), OutputError(), devices=mesh)
+except jaxid.InputError as error:
+    assert "4 CPU devices share 15 threads" in str(error)
+else:
+    raise AssertionError("a pool of 15 threads is not refused")
 """
 
 

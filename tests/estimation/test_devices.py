@@ -37,7 +37,13 @@ under_jit = jax.jit(
     lambda z: jaxid.estimate(model, chosen, dataclasses.replace(spread, z=z), likelihood).values
 )
 np.testing.assert_allclose(under_jit(spread.z), alone.values, rtol=1e-9)
-print("two devices agree")
+import os
+os.environ["NPROC"] = "7"  # as if the user had a smaller pool
+try:
+    jaxid.estimate(model, chosen, spread, likelihood)
+except jaxid.InputError as error:
+    assert "2 CPU devices share 7 threads" in str(error)
+    print("two devices agree")
 """
 
 

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.coverage import NOISE, SPEED, STEP, ShortPeriod
+from benchmarks.coverage.flights import NOISE, SPEED, STEP, ShortPeriod
 from benchmarks.reference_problem.__main__ import machine
 from jaxid import (
     Estimate,

@@ -1,0 +1,106 @@
+"""Cases of the benchmark: how the flights are made, and which intervals are counted."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import NamedTuple
+
+from scipy.stats import norm
+
+from benchmarks.coverage.flights import DERIVATIVES, GUST, GUST_TIME, NOISE, Flights, fly
+from benchmarks.coverage.intervals import Answer, asymptotic, considered, profiled
+from jaxid import FilterError, FirstOrder, OutputError
+
+LEVEL = 0.95
+
+
+class Case(NamedTuple):
+    """A case of the benchmark.
+
+    Attributes:
+        samples: samples of a record.
+        fly: from draws, samples and seed to the records.
+        intervals: from the records to the intervals.
+        truth: true values by name, besides those of the derivatives.
+        expected: share of intervals that should hold the truth.
+        claimed: False for errors that are known to be wrong, given for comparison.
+    """
+
+    samples: int
+    fly: Callable[..., Flights]
+    intervals: Callable[[Flights], Answer]
+    truth: Mapping[str, float] = MappingProxyType({})
+    expected: float = LEVEL
+    claimed: bool = True
+
+
+def expected_at_bound(distance: float) -> float:
+    """Return the share of profile intervals that hold a true value above a lower bound.
+
+    With d the distance and Z the error of an estimate without the bound, in standard errors, the
+    estimate is on the bound for Z < -d, and the cost there exceeds that at the truth by
+    -(2 d Z + d^2) / 2 less than nothing. The truth is outside for Z > q, and for
+
+        Z < -(q^2 + d^2) / (2 d)  if d < q,    Z < -q  otherwise
+
+    Args:
+        distance: d.
+    """
+    q = norm.ppf(0.5 * (1.0 + LEVEL))
+    if distance == 0.0:
+        return float(norm.cdf(q))
+    lower = (q**2 + distance**2) / (2.0 * distance) if distance < q else q
+    return float(norm.cdf(q) - norm.cdf(-lower))
+
+
+def _filter_error():
+    return FilterError(process={"gust": FirstOrder(0.7, 1.0)})
+
+
+SENSORS = {f"sensor.{name}": size for name, size in NOISE.items()}
+GUSTS = {"process.gust": GUST, "correlation_time.gust": GUST_TIME}
+CORRELATION = 0.8  # of a sensor's noise with that of the sample before, in the coloured cases
+MISSING = 0.3
+# of the constant that is held, and of the prior: a tenth of the derivative
+HELD = {"Zw": 0.1}
+PRIOR = {"Mq": 0.15}
+BOUNDED, DISTANCES = "Mq", (0.0, 0.5, 1.0, 3.0)
+
+in_gusts = partial(fly, gust=GUST)
+coloured = partial(fly, colour=CORRELATION)
+corrected = asymptotic(OutputError, coloured=True)
+CASES = {
+    "output error, white noise": Case(300, fly, asymptotic(OutputError)),
+    "output error, 30 % missing": Case(300, partial(fly, missing=MISSING), asymptotic(OutputError)),
+    **{
+        f"output error, coloured noise, {samples} samples": Case(samples, coloured, corrected)
+        for samples in (200, 600, 2400)
+    },
+    "output error, coloured noise, not corrected": Case(
+        600, coloured, asymptotic(OutputError), claimed=False
+    ),
+    "a constant held, considered": Case(300, partial(fly, spread=HELD), considered(HELD)),
+    "a constant held, not considered": Case(
+        300, partial(fly, spread=HELD), asymptotic(OutputError, held=tuple(HELD)), claimed=False
+    ),
+    "a prior": Case(
+        300,
+        partial(fly, spread=PRIOR),
+        asymptotic(OutputError, prior={n: (DERIVATIVES[n], s) for n, s in PRIOR.items()}),
+    ),
+    **{
+        f"a bound {distance:g} standard errors away, profile": Case(
+            300, fly, profiled(BOUNDED, distance), expected=expected_at_bound(distance)
+        )
+        for distance in DISTANCES
+    },
+    "filter error, first-order gusts, Q and R estimated": Case(
+        2000, in_gusts, asymptotic(_filter_error), SENSORS | GUSTS
+    ),
+    # asymptotic intervals of the noise's parameters on a short record
+    "filter error, the same gusts for 30 s": Case(
+        600, in_gusts, asymptotic(_filter_error), SENSORS | GUSTS, claimed=False
+    ),
+    # the wrong likelihood
+    "output error, the same gusts": Case(2000, in_gusts, asymptotic(OutputError), claimed=False),
+}

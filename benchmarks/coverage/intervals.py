@@ -1,0 +1,158 @@
+"""Intervals of all flights of a case, each as a user would compute it."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from benchmarks.coverage.flights import DERIVATIVES, Flights, ShortPeriod
+from jaxid import GaussNewton, OutputError, Record, free
+from jaxid.estimation.estimate import estimate
+from jaxid.estimation.likelihoods import AbstractLikelihood
+from jaxid.estimation.result import Estimate
+from jaxid.models import Free
+from jaxid.uncertainty import consider, profile_likelihood
+
+CHANNELS = (("elevator",), ("alpha", "q"), ("rad",), ("rad", "rad/s"), ("flight",))
+START = 0.8  # share of the derivatives at which an iteration starts
+
+
+class Answer(NamedTuple):
+    """Intervals of the parameters of many flights.
+
+    Attributes:
+        names: names of the parameters.
+        values, errors: estimates and standard errors, shape (draw, parameter).
+        ends: ends of the 95 % intervals, shape (draw, parameter, 2).
+        successful: true where the iteration converged.
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    errors: np.ndarray
+    ends: np.ndarray
+    successful: np.ndarray
+
+
+def asymptotic(likelihood: Callable[[], AbstractLikelihood], *, coloured: bool = False, **options):
+    """Return a function that gives the intervals of `Estimate.interval`.
+
+    Args:
+        likelihood: makes the likelihood.
+        coloured: correct for the colour of the residuals.
+        options: of `jaxid.free`.
+    """
+
+    def answer(flights: Flights) -> Answer:
+        fits = estimates(flights, likelihood(), *_started(**options))
+        ends = fits.interval(coloured=coloured)
+        errors = fits.corrected_errors if coloured else fits.standard_errors
+        return _answer(fits, errors, ends)
+
+    return answer
+
+
+def considered(deviations: dict[str, float]):
+    """Return a function that gives the intervals with fixed but uncertain constants.
+
+    Args:
+        deviations: standard deviation of each constant, which keeps the value of `DERIVATIVES`.
+    """
+
+    def answer(flights: Flights) -> Answer:
+        model, chosen = _started(held=tuple(deviations))
+        fits, likelihood = estimates(flights, OutputError(), model, chosen), OutputError()
+        errors = np.array(
+            [
+                consider(fit, record, likelihood, deviations).standard_errors
+                for fit, record in _each(fits, flights)
+            ]
+        )
+        ratio = np.asarray(errors / fits.standard_errors)[..., None]
+        values = np.asarray(fits.values)[..., None]
+        return _answer(fits, errors, values + (np.asarray(fits.interval()) - values) * ratio)
+
+    return answer
+
+
+def profiled(name: str, distance: float):
+    """Return a function that gives the intervals of one parameter by its profile likelihood, with a
+    lower bound some standard errors below its true value.
+
+    Args:
+        name: the parameter.
+        distance: of the bound, in standard errors of an estimate without it.
+    """
+
+    def answer(flights: Flights) -> Answer:
+        one = Flights(flights.t, flights.u, flights.z[:1], flights.valid[:1], flights.derivatives)
+        fit = estimates(one, OutputError(), *_started())
+        error = float(fit.standard_errors[0, fit.names.index(name)])
+        bound = DERIVATIVES[name] - distance * error
+        model, chosen = _started(bounds={name: (bound, None)})
+        fits, likelihood = estimates(flights, OutputError(), model, chosen), OutputError()
+        ends = [
+            profile_likelihood(fit, record, likelihood, name).ends
+            for fit, record in _each(fits, flights)
+        ]
+        keep = [fits.names.index(name)]
+        return Answer(
+            (name,),
+            np.asarray(fits.values)[:, keep],
+            np.asarray(fits.standard_errors)[:, keep],
+            np.array(ends)[:, None],
+            np.asarray(fits.successful),
+        )
+
+    return answer
+
+
+def estimates(
+    flights: Flights, likelihood: AbstractLikelihood, model: ShortPeriod, chosen: Free
+) -> Estimate:
+    """Return the estimates of all flights from one program.
+
+    They follow one another in it: each ends when it has converged.
+    """
+    t, u = jnp.asarray(flights.t), jnp.asarray(flights.u)
+
+    def one(measured):
+        record = Record(t, u, *measured, {}, *CHANNELS)
+        return estimate(model, chosen, record, likelihood, solver=GaussNewton(max_steps=80))
+
+    measured = jnp.asarray(flights.z), jnp.asarray(flights.valid)
+    return eqx.filter_jit(lambda measured: jax.lax.map(one, measured))(measured)
+
+
+def _started(held: tuple[str, ...] = (), **options) -> tuple[ShortPeriod, Free]:
+    """Return the model at its start, and its free parameters.
+
+    Args:
+        held: derivatives that keep their true mean value.
+        options: of `jaxid.free`.
+    """
+    values = {name: v if name in held else START * v for name, v in DERIVATIVES.items()}
+    model = ShortPeriod(*map(jnp.asarray, values.values()))
+    names = tuple(name for name in DERIVATIVES if name not in held)
+    return model, free(model, *names, per_record=("initial_state",), **options)
+
+
+def _each(fits: Estimate, flights: Flights):
+    """Yield estimate and record of each flight."""
+    t, u = flights.t[None], flights.u[None]
+    for draw in range(len(flights.z)):
+        z, valid = flights.z[draw : draw + 1], flights.valid[draw : draw + 1]
+        arrays = map(jnp.asarray, (t, u, z, valid))
+        yield _of_draw(fits, draw), Record(*arrays, {}, *CHANNELS)
+
+
+def _of_draw(fits: Estimate, draw: int) -> Estimate:
+    return jax.tree.map(lambda leaf: leaf[draw], fits)
+
+
+def _answer(fits: Estimate, errors, ends) -> Answer:
+    arrays = map(np.asarray, (fits.values, errors, ends, fits.successful))
+    return Answer(fits.names, *arrays)

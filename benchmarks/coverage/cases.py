@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from benchmarks.coverage.flights import DERIVATIVES, GUST, GUST_TIME, NOISE, Flights, fly
 from benchmarks.coverage.intervals import Answer, asymptotic, considered, profiled
-from jaxid import FilterError, FirstOrder, OutputError
+from jaxid import FilterError, FirstOrder, FixedNoise, OutputError
 
 LEVEL = 0.95
 
@@ -57,6 +57,10 @@ def _filter_error():
     return FilterError(process={"gust": FirstOrder(0.7, 1.0)})
 
 
+def _known_noise():
+    return OutputError(FixedNoise([size**2 for size in NOISE.values()]))
+
+
 SENSORS = {f"sensor.{name}": size for name, size in NOISE.items()}
 GUSTS = {"process.gust": GUST, "correlation_time.gust": GUST_TIME}
 CORRELATION = 0.8  # of a sensor's noise with that of the sample before, in the coloured cases
@@ -79,7 +83,13 @@ CASES = {
     "output error, coloured noise, not corrected": Case(
         600, coloured, asymptotic(OutputError), claimed=False
     ),
-    "a constant held, considered": Case(300, partial(fly, spread=HELD), considered(HELD)),
+    "a constant held, considered, R known": Case(
+        300, partial(fly, spread=HELD), considered(_known_noise, HELD)
+    ),
+    # the estimate of R takes in the misfit of the constant, so that it counts twice
+    "a constant held, considered, R estimated": Case(
+        300, partial(fly, spread=HELD), considered(OutputError, HELD), claimed=False
+    ),
     "a constant held, not considered": Case(
         300, partial(fly, spread=HELD), asymptotic(OutputError, held=tuple(HELD)), claimed=False
     ),

@@ -55,19 +55,20 @@ def asymptotic(likelihood: Callable[[], AbstractLikelihood], *, coloured: bool =
     return answer
 
 
-def considered(deviations: dict[str, float]):
+def considered(likelihood: Callable[[], AbstractLikelihood], deviations: dict[str, float]):
     """Return a function that gives the intervals with fixed but uncertain constants.
 
     Args:
+        likelihood: makes the likelihood.
         deviations: standard deviation of each constant, which keeps the value of `DERIVATIVES`.
     """
 
     def answer(flights: Flights) -> Answer:
         model, chosen = _started(held=tuple(deviations))
-        fits, likelihood = estimates(flights, OutputError(), model, chosen), OutputError()
+        fits = estimates(flights, likelihood(), model, chosen)
         errors = np.array(
             [
-                consider(fit, record, likelihood, deviations).standard_errors
+                consider(fit, record, likelihood(), deviations).standard_errors
                 for fit, record in _each(fits, flights)
             ]
         )

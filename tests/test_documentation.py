@@ -35,6 +35,7 @@ MODULES = (  # with a page in docs/api
         f"jaxid.{name}"
         for name in ("uncertainty", "batches", "structure", "diagnosis", "design", "study")
     ),
+    "jaxid.report",
     "jaxid.aircraft",
 )
 TRUE_K, TRUE_C = 2.0, 0.3  # of the spring on the first page

@@ -130,9 +130,17 @@ MODELS = {
 }
 FILES = {
     "no such column": ("t,force,y\n0,1,2\n", {}, "no column in log.csv 'x'.*names are"),
-    "decimal comma": ("t;force;x\n0;1,5;2\n", {"delimiter": ";"}, "line 2.*'1,5' is not a number"),
+    "decimal comma": (
+        "t;force;x\n0;1,5;2\n",
+        {"delimiter": ";"},
+        "line 2.*'1,5' is not a number.*decimal=','",
+    ),
     "forgotten units row": ("t,force,x\ns,N,m\n0,1,2\n", {}, "'s' is not a number.*units_row=True"),
-    "other delimiter": ("t;force;x\n0;1;2\n", {}, "no column in log.csv 't'.*t;force;x"),
+    "other delimiter": (
+        "t;force;x\n0;1;2\n",
+        {},
+        "log.csv: the header 't;force;x' is one cell. Give `delimiter=';'`",
+    ),
     "a row too short": ("t,force,x\n0,1\n", {}, "line 2: 2 cells, and the header has 3"),
 }
 

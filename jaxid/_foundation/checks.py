@@ -37,8 +37,10 @@ def require_float64() -> None:
     )
 
 
-def require_known(kind: str, names: Iterable[str], available: Iterable[str]) -> None:
-    """Refuse names that do not exist, and list those that do, nearest first.
+def require_known(
+    kind: str, names: Iterable[str], available: Iterable[str], remedy: str = ""
+) -> None:
+    """Refuse names that do not exist, and list those that do, nearest first, and a remedy.
 
     Raises:
         InputError: when a name is not among the available ones.
@@ -50,7 +52,7 @@ def require_known(kind: str, names: Iterable[str], available: Iterable[str]) -> 
             hint = f" Did you mean {' or '.join(map(repr, near))}?" if near else ""
             raise InputError(
                 f"There is no {kind} {name!r}.{hint} The names are: "
-                f"{', '.join(available) or '(none)'}."
+                f"{', '.join(available) or '(none)'}.{remedy and ' '}{remedy}"
             )
 
 

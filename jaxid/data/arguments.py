@@ -5,6 +5,11 @@ from typing import Any
 
 from .._foundation.checks import require
 
+# The remedy for a record without a channel that the model names.
+OTHER_NAMES = (
+    "A column of a file that has another name is named in `columns`, of `read_csv` or a study file."
+)
+
 
 def channel_names(names: Any, argument: str, where: str) -> tuple[str, ...]:
     """Return channel names as a tuple. A string is refused: it would be split into its letters.

@@ -150,6 +150,11 @@ def _checked_conversion(unit: str, channel: str) -> _Conversion:
         f"{_subject(channel)}the unit {unit!r} is ambiguous. Write 'g0' for the acceleration of "
         "gravity, 'gram' for the mass.",
     )
+    require(
+        not re.search(r"(?<![A-Za-z_])U(?![A-Za-z_0-9])", text),
+        f"{_subject(channel)}the unit {unit!r} is ambiguous: 'U' is a revolution (Umdrehung) in "
+        "German, and the enzyme unit in biochemistry. Write 'rpm' for revolutions in a minute.",
+    )
     prefixed = _prefixed_angle(text)
     require(
         not prefixed,

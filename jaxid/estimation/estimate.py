@@ -237,7 +237,8 @@ def check_channels(model: AbstractModel, records: Record) -> None:
             raise InputError(
                 f"The model's {kind} are ({', '.join(expected)}), the records' are "
                 f"({', '.join(recorded)}). "
-                "Name and order the record's channels as the model's. `model.prepared(record)` "
+                "Name and order the record's channels as the model's: `columns` of `read_csv` "
+                "names the columns of a file. `model.prepared(record)` "
                 "selects them from a record with more channels, and copies a measured state that "
                 "is an input of this model from the outputs."
             )

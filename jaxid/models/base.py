@@ -12,6 +12,7 @@ from jax.core import Tracer
 from .._foundation.checks import InputError, require, require_known
 from .._foundation.host import is_integer_array
 from .._foundation.types import Array, Float
+from ..data.arguments import OTHER_NAMES
 from ..data.record import Record
 from .pseudo_measurements import PseudoMeasurements
 
@@ -263,8 +264,9 @@ def selected(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ...]) 
     Raises:
         InputError: when a channel is missing, or an input has samples that are not valid.
     """
-    require_known("channel (needed as input)", inputs, (*record.inputs, *record.outputs))
-    require_known("channel (needed as output)", outputs, record.outputs)
+    present = (*record.inputs, *record.outputs)
+    require_known("channel (needed as input)", inputs, present, OTHER_NAMES)
+    require_known("channel (needed as output)", outputs, record.outputs, OTHER_NAMES)
     for name in inputs:
         gaps = (
             0

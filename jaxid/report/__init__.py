@@ -3,14 +3,10 @@
 This is the only package that uses matplotlib and jinja2.
 """
 
-from . import figures, figures_design, figures_signals
 from .folder import require_new, require_writable, write_json, write_or_elsewhere, write_study
 from .html import html
 
 __all__ = [
-    "figures",
-    "figures_design",
-    "figures_signals",
     "html",
     "require_new",
     "require_writable",

@@ -165,6 +165,7 @@ def ranking(search_round: Round) -> Figure:
     dots = np.array([_positive(float("nan") if fall is None else fall) for fall in falls])
     known = np.concatenate([scores, dots, [search_round.threshold, 1.0]])
     low, high = 0.5 * min(np.nanmin(np.maximum(known, 0.1)), 1.0), 2.0 * np.nanmax(known)
+    ax.set(xlim=(low, high), xscale="log")  # first: the axis cannot be scaled by scores of zero
     ax.barh(
         np.arange(len(best)),
         np.nan_to_num(scores),
@@ -180,7 +181,7 @@ def ranking(search_round: Round) -> Figure:
         color="white",
         markeredgecolor=INK,
     )
-    ax.set(xscale="log", xlim=(low, high), ylim=(len(best) - 0.4, -0.6))
+    ax.set(ylim=(len(best) - 0.4, -0.6))
     ax.set_yticks(
         range(len(best)), [raised(candidate.name) for candidate in best], parse_math=False
     )

@@ -91,6 +91,4 @@ def _against(ax: Axes, located: LocalisationResult, place: Place) -> None:
         color=MEASURED,
     )
     ax.axhline(0.0, color=INK, linewidth=0.5)
-    plain(
-        ax, f"{name} (SI)", "", f"follows {name}: a cubic of it explains {percent(max(share, 0.0))}"
-    )
+    plain(ax, f"{name} (SI)", "", f"cubic of {name}: {percent(max(share, 0.0))}")

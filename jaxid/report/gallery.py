@@ -89,7 +89,8 @@ def _where(study: Study) -> Picture | None:
         "Left: share of the declared model's residual (training records) that a free-form "
         "disturbance in a single place explains, beyond the effect of the free parameters. "
         "Right: the disturbance in the first of these places, with two standard deviations, in "
-        "time and against the variable that it follows best."
+        "time and against the variable that it follows best; above it, the share of the "
+        "disturbance that a cubic of this variable explains."
     )
     return (
         None

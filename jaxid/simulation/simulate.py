@@ -142,5 +142,6 @@ def explain_divergence(solution: Solution, model: AbstractModel, where: str) -> 
         f"The simulation of {where} stops being finite at t = {float(solution.t[row]):g} s, in "
         f"{', '.join(states)}. "
         "Start from parameters for which the model is stable over the record, shorten the record, "
-        "or raise `substeps`."
+        "or integrate a fast model in finer steps: `RK4(10)` as `stepper`, `substeps` in a study "
+        "file."
     )

@@ -23,6 +23,7 @@ from ..models.free import Free, free
 from ..models.noise import FixedNoise
 from ..models.polynomial import Polynomial
 from ..models.replace import with_polynomials
+from ..simulation.hold import AbstractHold, BandLimited, Cubic, Linear, ZeroOrder
 from ..simulation.steppers import RK4
 from ..structure import columns
 from .close_loop import candidates
@@ -30,6 +31,12 @@ from .identify import identify
 from .identify_options import IdentifyOptions
 
 MODEL = Product(AbstractModel, is_collection=False, description="a model")
+HOLDS: dict[str, Callable[[], AbstractHold]] = {
+    "linear": Linear,
+    "zero_order": ZeroOrder,
+    "cubic": Cubic,
+    "band_limited": BandLimited,
+}
 EFFECTS = Product(Effect, is_collection=True, description="effects")
 
 
@@ -265,9 +272,12 @@ def _regressed(file: StudyFile, blank: AbstractModel, likelihood: OutputError) -
 
 def _likelihood(file: StudyFile, model: AbstractModel) -> OutputError:
     """Output error, with known noise if the file states it."""
-    stepper = RK4(substeps=file.model.get("substeps", 1))
+    stepper, name = RK4(substeps=file.model.get("substeps", 1)), file.model.get("hold", "linear")
+    with file.at("model", "hold"):
+        require_known("hold of the inputs", [name], HOLDS)
+    hold = HOLDS[name]()
     if not file.noise:
-        return OutputError(stepper=stepper)
+        return OutputError(hold=hold, stepper=stepper)
     with file.at("noise"):
         require_known("output", file.noise, model.outputs)
         missing = [name for name in model.outputs if name not in file.noise]
@@ -280,7 +290,7 @@ def _likelihood(file: StudyFile, model: AbstractModel) -> OutputError:
         deviations = [
             _deviation(file.noise[name], units.get(name, ""), name) for name in model.outputs
         ]
-    return OutputError(FixedNoise([deviation**2 for deviation in deviations]), stepper=stepper)
+    return OutputError(FixedNoise([deviation**2 for deviation in deviations]), hold, stepper)
 
 
 def _prepared(model: AbstractModel, records: tuple[Record, ...]) -> tuple[Record, ...]:

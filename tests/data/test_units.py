@@ -74,6 +74,7 @@ def test_temperatures_have_offset_and_temperature_differences_have_none():
     [
         ("knts", ["'speed'", "'knts'", "'kt'", "products as 'kg*m^2'"]),
         ("g", ["'speed'", "ambiguous", "'g0'", "'gram'"]),
+        ("U/min", ["'speed'", "ambiguous", "'rpm'"]),
         ("m/g", ["'speed'", "'g0'"]),
         ("dB", ["'speed'", "'dB'", "not linear"]),
         ("((", ["'speed'", "'(('", "Examples: deg"]),

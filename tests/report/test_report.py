@@ -255,6 +255,16 @@ def test_ranking_figure_marks_added_candidate(study):
     assert any(np.all(np.asarray(line.get_xdata()) == 9.0) for line in ax.lines)
 
 
+def test_ranking_figure_of_candidates_without_score_gives_no_warning(study):
+    entry = study.rounds[0]
+    blank = tuple(
+        dataclasses.replace(candidate, score=0.0, cost_fall=None) for candidate in entry.candidates
+    )
+    (ax,) = figures.ranking(dataclasses.replace(entry, candidates=blank)).axes
+    assert ax.get_xscale() == "log"
+    assert len(ax.patches) == len(blank)
+
+
 def test_axis_of_diverging_prediction_keeps_range_of_measurements(study):
     wild = {
         name: dataclasses.replace(

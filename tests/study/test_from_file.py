@@ -19,6 +19,7 @@ from jaxid.aircraft import model_of
 from jaxid.data.io.study import read_study
 from jaxid.models import DiagonalNoise
 from jaxid.models.names import read_parameters
+from jaxid.simulation.hold import BandLimited, Cubic, Linear, ZeroOrder
 from jaxid.study.from_file import BuiltIn, case_of
 
 GUIDE = Path(__file__).resolve().parent.parent.parent / "docs" / "study_file.md"
@@ -122,6 +123,21 @@ def test_class_in_folder_of_file_becomes_declared_model(said):
     assert (case.check, case.test) == (None, None)
 
 
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("linear", Linear),
+        ("zero_order", ZeroOrder),
+        ("cubic", Cubic),
+        ("band_limited", BandLimited),
+    ],
+)
+def test_hold_of_file_is_that_of_likelihood_with_and_without_noise(name, kind, said):
+    hold = ("[free]", f'hold = "{name}"\n[free]')
+    assert isinstance(said(hold).likelihood.hold, kind)
+    assert isinstance(said(hold, ('[noise]\nx = "5 mm"', "")).likelihood.hold, kind)
+
+
 def test_file_accepts_every_option_of_loop(said):
     """But noise hypotheses, which are classes."""
     defaults = {field.name: field.default for field in dataclasses.fields(LoopOptions)}
@@ -215,6 +231,16 @@ def test_defaults_of_file_equal_defaults_of_loop(said):
             "bias of z",
             r"\[library\] leave_out: There is no candidate or family 'bias "
             r"of z'",
+        ),
+        (
+            "[free]",
+            'hold = "zero"\n[free]',
+            r"\[model\] hold: There is no hold of the inputs 'zero'.*'zero_order'",
+        ),
+        (
+            'outputs = ["x", "y"]',
+            'outputs = ["y"]',
+            r"\[records\]: There is no channel \(needed as output\) 'x'.*`columns`",
         ),
         ('["bias of x"]', '["bias of x", "x^5 in v"]', r"\[library\]: no candidate is left"),
     ],

@@ -52,6 +52,17 @@ def model_of(
         model = model_of(record)               # mass and size are constants of the record
         model = model_of(record, mass=7472.0, Iy=91420.0, ..., states="longitudinal")
 
+    **Channels** are known by these names, with units in SI and axes x forward, y right, z down:
+
+        inputs   stabilator (the elevator) aileron rudder: positive pitches the nose down, rolls to
+                 the left, yaws to the left [rad]; thrust [N]
+        outputs  V [m/s], alpha beta [rad]; p q r [rad/s]; phi pitch psi [rad]; altitude [m];
+                 ax ay az: specific force, az about -9.8 in level flight [m/s^2];
+                 pdot qdot rdot [rad/s^2], by `differentiate` where they are not measured
+
+    A longitudinal model needs V, alpha, q, pitch, ax, az, qdot and the stabilator. `columns` and
+    `signs` of `jaxid.read_csv` rename and turn those of a log.
+
     **Mass and size** are constants of the record, or arguments. The default of `Ixz` is zero. A
     longitudinal model needs no `Ix` and `Iz`: they are then set equal, and roll and yaw do not
     couple into pitch.

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..._foundation.checks import InputError, require, require_known
 from ..._foundation.types import Array, Float
+from ...data.arguments import OTHER_NAMES
 from ...data.record import Record
 from ...models.base import AbstractModel
 from ...models.free import with_values
@@ -68,7 +69,8 @@ def prepared(readings: Readings, record: Record) -> Record:
         InputError: if a channel is missing, or an input has invalid samples.
     """
     inputs = readings.channels.inputs
-    require_known("channel (needed as output)", readings.channels.outputs, record.outputs)
+    known = readings.channels.outputs
+    require_known("channel (needed as output)", known, record.outputs, OTHER_NAMES)
     motions = _motions(readings, *histories(readings, record))
     for name in inputs:
         if name not in motions:

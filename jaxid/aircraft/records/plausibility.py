@@ -69,7 +69,8 @@ def require_plausible(record: Record, *, mass: float, S: float, airspeed: str = 
         raise InputError(
             f"{prefix}: az is {az:.3g} m/s^2 in the middle, and a specific force, positive down, "
             "is about -9.8 in level flight. It "
-            f"looks {cause}. {advice}"
+            f"looks {cause}. Read it with its unit and sign (`signs={{'az': -1}}` of `read_csv`), "
+            "or pass `check=False` where it is right."
         )
     _require_air(record, prefix, advice, airspeed)
     V, qbar = _values(record, "V"), _values(record, "qbar")

@@ -1,8 +1,5 @@
 """Reading and writing of records as CSV files, with their units."""
 
-import codecs
-import csv
-import itertools
 import json
 import math
 import re
@@ -10,19 +7,17 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..._foundation.checks import InputError, require, require_known, require_unique
-from ..arguments import channel_names, text
+from ..arguments import by_name, channel_names, text, texts_by_name
 from ..build import TIME
 from ..record import Record
 from .assemble import assemble, clock, existing, parse_number
+from .cells import UTF8, Layout, cells_of
 from .document import write_new
-
-MOST_LINES = 10**6  # above a header (chosen)
-UTF8 = "utf-8-sig"  # UTF-8, with or without its mark at the start
 
 
 def read_csv(
@@ -30,9 +25,11 @@ def read_csv(
     *,
     inputs: Sequence[str],
     outputs: Sequence[str],
+    columns: Mapping[str, str] | None = None,
     time: str = "t",
     sample_time: float | int | None = None,
     units: Mapping[str, str] | None = None,
+    signs: Mapping[str, int] | None = None,
     units_row: bool = False,
     name: str | None = None,
     constants: Mapping[str, Any] | None = None,
@@ -50,11 +47,15 @@ def read_csv(
 
     Args:
         path: the file.
-        inputs: columns that are inputs.
-        outputs: columns that are measured outputs.
+        inputs: names of the inputs, which are columns unless `columns` names others.
+        outputs: names of the measured outputs, by the same rule.
+        columns: the file's column by channel, where the two names differ, such as
+            `{"alpha": "AOA_1"}`; `"t"` may be among them.
         time: name of the time column.
         sample_time: time between samples [s], for a file without a time column.
-        units: unit by name of column or constant.
+        units: unit by name of channel, column or constant.
+        signs: 1 or -1 by channel, such as `{"az": -1}` for one recorded positive up; 1 for the
+            other channels.
         units_row: True when the second line holds units.
         name: name of the record; the stem of the file when left out.
         constants: known quantities that are constant over the record [`units`, else SI].
@@ -75,25 +76,59 @@ def read_csv(
     outputs = channel_names(outputs, "outputs", path.name)
     text(time, "time", path.name)
     wanted = (*inputs, *outputs) if sample_time is not None else (time, *inputs, *outputs)
-    columns, file_units, lines = named_columns(
+    column_of = _columns_by_channel(columns, wanted, path)
+    table, file_units, lines = named_columns(
         path,
-        wanted,
+        tuple(column_of.values()),
         units_row=units_row,
         layout=Layout(delimiter, decimal, encoding, skip),
-        time=None if sample_time is not None else time,
+        time=None if sample_time is not None else column_of[time],
     )
+    sign_of = _signs_by_channel(signs, (*inputs, *outputs), path)
+    values = {name: sign_of.get(name, 1) * table[column] for name, column in column_of.items()}
     if sample_time is not None:
-        time, columns[TIME] = TIME, clock(sample_time, len(lines), path)
+        time, values[TIME] = TIME, clock(sample_time, len(lines), path)
     return assemble(
-        columns,
+        values,
         time,
         inputs,
         outputs,
-        file_units,
-        units,
+        {name: file_units[column] for name, column in column_of.items() if column in file_units},
+        _units_by_channel(units, column_of, path),
         path.stem if name is None else name,
         constants,
     )
+
+
+def _columns_by_channel(
+    columns: Mapping[str, str] | None, wanted: Sequence[str], path: Path
+) -> dict[str, str]:
+    """Column of the file by channel, for all channels and the time."""
+    given = texts_by_name(columns, "columns", path.name)
+    require_known(f"channel in `columns` of {path.name}", given, wanted, "Write {channel: column}.")
+    return {name: given.get(name, name) for name in wanted}
+
+
+def _signs_by_channel(
+    signs: Mapping[str, int] | None, channels: Sequence[str], path: Path
+) -> dict[str, int]:
+    """Signs of the channels that have one, 1 or -1."""
+    given = by_name(signs, "signs", path.name)
+    require_known(f"channel in `signs` of {path.name}", given, channels)
+    for name, sign in given.items():
+        require(sign in (1, -1), f"{path.name}: the sign of {name!r} is {sign!r}. Give 1 or -1.")
+    return given
+
+
+def _units_by_channel(
+    units: Mapping[str, str] | None, column_of: Mapping[str, str], path: Path
+) -> dict[str, str]:
+    """Units by channel, where some may be given by column; constants keep their names."""
+    given = texts_by_name(units, "units", path.name)
+    channel_of = {column: name for name, column in column_of.items() if column != name}
+    names = [name if name in column_of else channel_of.get(name, name) for name in given]
+    require_unique(f"unit in {path.name}:", names)
+    return dict(zip(names, given.values(), strict=True))
 
 
 def write_csv(record: Record, path: str | Path) -> Path:
@@ -138,22 +173,6 @@ def write_csv(record: Record, path: str | Path) -> Path:
     return write_new(path, "\n".join(lines) + "\n")
 
 
-class Layout(NamedTuple):
-    """How a CSV file is written.
-
-    Attributes:
-        delimiter: separator of the cells.
-        decimal: sign before the decimals.
-        encoding: of the file.
-        skip: number of lines above the header.
-    """
-
-    delimiter: str = ","
-    decimal: str = "."
-    encoding: str = UTF8
-    skip: int = 0
-
-
 def named_columns(
     path: Path,
     wanted: Sequence[str],
@@ -181,7 +200,7 @@ def named_columns(
     header, *body = cells_of(path, layout)
     titles = [_title(cell, wanted) for cell in header[1]]
     names = [n for n, _ in titles]
-    require_known(f"column in {path.name}", wanted, names)
+    _require_columns(wanted, names, time, path)
     require_unique(f"column in {path.name}:", [n for n in names if n in wanted])
     file_units = {n: unit for n, unit in titles if unit}
     if units_row:
@@ -197,77 +216,20 @@ def named_columns(
     return columns, file_units, [number for number, _ in body]
 
 
+def _require_columns(wanted: Sequence[str], names: list[str], time: str | None, path: Path) -> None:
+    """Refuse columns that the file does not have, with the argument that names another one."""
+    for name in wanted:
+        remedy = (
+            "`time` names the column of time; a file without one needs `sample_time`."
+            if name == time
+            else "`columns` names the column of a channel with another name."
+        )
+        require_known(f"column in {path.name}", [name], names, remedy)
+
+
 def _units_of_row(names: list[str], cells: list[str]) -> dict[str, str]:
     """Units by name of column, from the cells that are not blank."""
     return {name: cell.strip() for name, cell in zip(names, cells, strict=True) if cell.strip()}
-
-
-def cells_of(path: Path, layout: Layout) -> list[tuple[int, list[str]]]:
-    """Lines of a CSV file that are not blank, with their line numbers counted from 1.
-
-    Raises:
-        InputError: when the file is not CSV or is empty, or the numbers of cells differ.
-    """
-    _require_layout(path, layout)
-    try:
-        with path.open(newline="", encoding=layout.encoding) as file:
-            skipped = sum(1 for _ in itertools.islice(file, layout.skip))
-            reader = csv.reader(file, delimiter=layout.delimiter)
-            lines = [
-                (reader.line_num + skipped, cells)
-                for cells in reader
-                if any(cell.strip() for cell in cells)
-            ]
-    except (UnicodeError, csv.Error) as error:
-        name = "UTF-8" if layout.encoding == UTF8 else layout.encoding
-        raise InputError(
-            f"{path.name} is not a CSV file in {name}: {error}. Save it again in UTF-8, or give "
-            "`encoding`."
-        ) from error
-    require(
-        len(lines) > 0, f"{path.name} is empty. Its first line must hold the names of the columns."
-    )
-    width = len(lines[0][1])
-    for number, cells in lines:
-        require(
-            len(cells) == width,
-            f"{path.name}, line {number}: {len(cells)} cells, and the header has {width}. Give "
-            "every line as many cells as the header; numbers take a decimal point, not a comma.",
-        )
-    return lines
-
-
-def _require_layout(path: Path, layout: Layout) -> None:
-    """Refuse signs and numbers of lines that no file can have."""
-    for argument in ("delimiter", "decimal", "encoding"):
-        text(getattr(layout, argument), argument, path.name)
-    require(
-        len(layout.delimiter) == 1 and layout.delimiter not in '"\r\n',
-        f"{path.name}: the delimiter is {layout.delimiter!r}. Give one character, such as ',' or "
-        "';'.",
-    )
-    require(
-        layout.decimal in (".", ","),
-        f"{path.name}: the decimal sign is {layout.decimal!r}. Give '.' or ','.",
-    )
-    require(
-        layout.decimal != layout.delimiter,
-        f"{path.name}: {layout.decimal!r} is both `decimal` and `delimiter`. Give the delimiter of "
-        "the file, such as ';'.",
-    )
-    require(
-        not isinstance(layout.skip, bool)
-        and isinstance(layout.skip, int)
-        and 0 <= layout.skip <= MOST_LINES,
-        f"{path.name}: `skip` is {layout.skip!r}. Give a number of lines from 0 on.",
-    )
-    try:
-        codecs.lookup(layout.encoding)
-    except (LookupError, ValueError) as error:
-        raise InputError(
-            f"{path.name}: the encoding {layout.encoding!r} is not known. Give a name such as "
-            "'utf-8', 'latin-1' or 'utf-16'."
-        ) from error
 
 
 def _title(cell: str, wanted: Sequence[str]) -> tuple[str, str]:
@@ -295,9 +257,10 @@ def _column(
             values[i] = _number(text, decimal) if read is None else read(text)
         except (ValueError, TypeError) as error:  # TypeError: a date with and one without a zone
             wanted = "is not a number" if read is None else "is not a date like the first one"
+            comma = " a decimal comma needs `decimal=','`," if "," in text else ""
             raise InputError(
                 f"{path.name}, line {line}, column {name!r}: {text!r} {wanted}. Correct "
-                "the cell, or empty it where the sample is missing; a row of units needs "
+                f"the cell, or empty it where the sample is missing;{comma} a row of units needs "
                 "`units_row=True`."
             ) from error
     return values

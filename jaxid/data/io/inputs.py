@@ -17,7 +17,8 @@ from ..._foundation.checks import (
 from ..._foundation.types import Array, Float
 from ..units import convert, to_si
 from .assemble import clock, existing
-from .csv import Layout, named_columns
+from .cells import Layout
+from .csv import named_columns
 
 Hold = Literal["zero_order", "linear"]
 

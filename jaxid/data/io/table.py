@@ -10,7 +10,7 @@ import numpy as np
 from ..._foundation.checks import InputError, require
 from ..units import to_si
 from .assemble import existing, parse_number
-from .csv import Layout, cells_of
+from .cells import Layout, cells_of
 
 ORIGIN = "origin"
 

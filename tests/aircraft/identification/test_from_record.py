@@ -303,7 +303,7 @@ WRONG = {
     "elevator in degrees": ({"stabilator": -2.0}, ["stabilator reaches 2 rad"]),
     "rates in degrees": ({"q": 10.0}, ["q reaches 10 rad/s", "573"]),
     "az in g": ({"az": -1.0}, ["az is -1 m/s^2", "in g, or without gravity"]),
-    "az up": ({"az": 9.8}, ["az is 9.8 m/s^2", "positive up"]),
+    "az up": ({"az": 9.8}, ["az is 9.8 m/s^2", "positive up", "signs={'az': -1}"]),
     "az up in g": ({"az": 1.0}, ["in g and positive up"]),
     "V in knots": ({"V": 75.0 / 0.514444}, ["2 qbar / V^2", "altitude of 1500 m"]),
     "V indicated": (

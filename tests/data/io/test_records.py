@@ -60,6 +60,23 @@ def test_csv_units_come_from_header_row_units_file_or_call(tmp_path):
     check(path, units={"alpha": "deg"})  # the call has precedence over the file
 
 
+@pytest.mark.parametrize("key", ["alpha", "AOA"])
+def test_csv_columns_are_renamed_with_units_and_signs(key, tmp_path):
+    path = write(tmp_path, GOOD.replace("time,de,alpha", "TIME [ms],DE_1 [deg],AOA"))
+    r = read_csv(
+        path,
+        inputs=("de",),
+        outputs=("alpha",),
+        columns={"t": "TIME", "de": "DE_1", "alpha": "AOA"},
+        units={key: "deg"},
+        signs={"alpha": -1},
+    )
+    np.testing.assert_allclose(r.t, [0, 0.02, 0.04], rtol=1e-15)
+    np.testing.assert_allclose(r.channel("de"), np.deg2rad([1, 2, 3]), rtol=1e-15)
+    np.testing.assert_allclose(r.channel("alpha"), -np.deg2rad([10, np.nan, 30]), rtol=1e-15)
+    assert (r.inputs, r.outputs, r.output_units) == (("de",), ("alpha",), ("rad",))
+
+
 def test_csv_accepts_sample_time_blank_lines_and_delimiter(tmp_path):
     path = write(tmp_path, "\ufeffu;y\n1;2\n\n3;4\n5;6\n\n")
     r = read_csv(path, inputs=("u",), outputs=("y",), sample_time=0.5, delimiter=";", name="x")
@@ -77,13 +94,27 @@ CSV_REFUSALS = {
     "decimal comma": (
         GOOD.replace("40,3,", "40,3,5,"),
         {},
-        ["log.csv", "line 4", "5 cells", "4", "decimal point"],
+        ["log.csv", "line 4", "5 cells", "4", "decimal comma", "`delimiter=';'"],
     ),
     "no such column": (
         GOOD,
         {"outputs": ("alfa",)},
-        ["column in log.csv", "'alfa'", "Did you mean 'alpha'"],
+        ["column in log.csv", "'alfa'", "Did you mean 'alpha'", "`columns`"],
     ),
+    "no column of time": (GOOD, {"time": "t"}, ["'t'", "`time` names", "`sample_time`"]),
+    "columns of no channel": (
+        GOOD,
+        {"columns": {"de": "de", "time": "time", "alfa": "alpha"}},
+        ["channel in `columns` of log.csv 'alfa'", "Did you mean 'alpha'", "{channel: column}"],
+    ),
+    "columns reversed": (GOOD, {"columns": {"AOA": "alpha"}}, ["'AOA'", "{channel: column}"]),
+    "unit given twice": (
+        GOOD.replace("alpha", "AOA"),
+        {"columns": {"alpha": "AOA"}, "units": {"AOA": "deg", "alpha": "rad"}},
+        ["unit in log.csv", "'alpha'", "twice"],
+    ),
+    "sign of no channel": (GOOD, {"signs": {"beta": -1}}, ["`signs` of log.csv 'beta'"]),
+    "sign of two": (GOOD, {"signs": {"alpha": -2}}, ["the sign of 'alpha' is -2", "1 or -1"]),
     "column twice": (GOOD.replace("note", "alpha"), {}, ["log.csv", "'alpha'", "twice", "Rename"]),
     "empty input": (GOOD.replace("20,2", "20,"), {}, ["log", "input 'de'", "row 1", "interpolate"]),
     "empty file": ("\n", {}, ["log.csv", "empty", "names of the columns"]),

@@ -164,6 +164,17 @@ def test_invalid_study_file_is_refused_with_section_and_key(old, new, words, fol
         read(folder, GOOD.replace(old, new, 1))
 
 
+def test_study_file_renames_and_reverses_columns(folder):
+    columns = 'columns = { s = "s", force = "force", y = "x" }\nsigns = { y = -1 }\ninputs ='
+    text = GOOD.replace("inputs =", columns, 1).replace('outputs = ["x"]', 'outputs = ["y"]')
+    text = text.replace('{ x = "mm" }', '{ y = "mm" }').replace(
+        '{ x = "speed" }', '{ y = "speed" }'
+    )
+    record, original = (read(folder, content).train[0] for content in (text, GOOD))
+    np.testing.assert_array_equal(record.channel("y"), -original.channel("x"))
+    assert record.outputs == ("y", "speed")
+
+
 def test_missing_study_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="There is no file"):
         read_study(tmp_path / "none.toml")

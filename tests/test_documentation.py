@@ -148,6 +148,16 @@ def test_the_cost_falls_and_nothing_is_weak(output):
     assert output("method.md", "weak directions").endswith("()")
 
 
+def test_the_second_opinion_is_sure_of_the_cubic_term_and_of_nothing_else(output):
+    added = output("method.md", "round 1: added x^3 in v")
+    assert "p = 0.001" in added
+    rest = output("method.md", "round 2: added None")
+    _, p, drawn, required = numbers(rest)
+    assert p > 0.01
+    # 10 of 999 draws lie beyond the threshold, which is known to 7 %; that of blocks to 10 %
+    assert drawn == pytest.approx(required, rel=0.3)
+
+
 def test_the_mass_determines_the_error_of_k(printed):
     table = printed["uncertainty.md"].output.split("parameter std. error")[1].splitlines()
     _, k, c = (numbers(line) for line in table[:3])

@@ -24,6 +24,8 @@ IDENTIFIABLE = 1e-8
 # Chosen: least share of a column's squared length outside the span of the columns added with it. A
 # pair that overlaps more has gains that grow without limit against each other.
 LEAST_APART = 0.02
+# Chosen: products that are in memory at once, 8 MB, for many right-hand sides.
+BATCH = 1_000_000
 
 
 class Triangle(NamedTuple):
@@ -74,9 +76,9 @@ def reduce(triangle: Triangle, out: Sequence[int] = ()) -> Reduced:
     removed = np.zeros(T.shape[1], bool)
     removed[list(out)] = True
     kept = triangle.free & ~removed
-    basis = _basis(T[:, kept])
+    span = basis(T[:, kept])
     extended = np.column_stack([T, r + T[:, removed] @ triangle.values[removed]])
-    remainder = extended - basis @ (basis.T @ extended)
+    remainder = extended - span @ (span.T @ extended)
     orthogonal, target = remainder[:, :-1], remainder[:, -1]
     length = np.linalg.norm(orthogonal, axis=0)
     apart = (length**2 > IDENTIFIABLE * np.sum(T**2, axis=0)) & (length > 0) & ~kept
@@ -102,6 +104,33 @@ def falls(reduced: Reduced, into: Int[np.ndarray, "set member"]) -> Float[np.nda
     return np.where(determined, reduced.base + gained, -np.inf)
 
 
+def largest_falls(
+    correlation: Float[np.ndarray, "column column"],
+    products: Float[np.ndarray, "side column"],
+    into: Int[np.ndarray, "set member"],
+) -> Float[np.ndarray, " side"]:
+    """Return the largest fall of chi-square among sets of added columns, for many right-hand sides.
+
+    Args:
+        correlation: correlations between the columns, as in `Reduced`.
+        products: products of the columns with each right-hand side, as in `Reduced`.
+        into: added columns, one row per set, all of one size.
+
+    Returns:
+        Largest falls; zero if in every set one column is reproduced by others.
+    """
+    gram = correlation[into[:, :, None], into[:, None, :]]
+    determined = np.linalg.eigvalsh(gram)[:, 0] > LEAST_APART
+    inverse, members = np.linalg.inv(gram[determined]), into[determined]
+    parts = np.array_split(products, 1 + len(products) * members.size // BATCH)
+    largest = []
+    for part in parts:
+        b = part[:, members]
+        gained = np.sum(b * np.einsum("sij,dsj->dsi", inverse, b), axis=-1)
+        largest.append(np.max(gained, axis=1, initial=0.0))
+    return np.concatenate(largest)
+
+
 def fall(triangle: Triangle, out: Sequence[int], into: Sequence[int]) -> float:
     """Return the fall of chi-square by removing columns and adding others.
 
@@ -121,7 +150,7 @@ def gains(reduced: Reduced, into: Sequence[int]) -> Float[np.ndarray, " member"]
     return scaled[0] / np.where(length > 0, length, 1.0)
 
 
-def _basis(columns):
+def basis(columns: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row direction"]:
     """Return an orthonormal basis of some columns, weak directions left out."""
     length = np.linalg.norm(columns, axis=0)
     U, s, _ = np.linalg.svd(columns / np.where(length > 0, length, 1.0), full_matrices=False)

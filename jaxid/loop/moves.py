@@ -91,7 +91,7 @@ class Proposals:
         best_of_place: dict = {}
         for name in significant:
             best_of_place.setdefault(self.problem.cards[name].location, name)
-        blind = [name for name in self.candidates if self._is_blind(name)]
+        blind = [name for name in self.candidates if self.is_blind(name)]
         blind.sort(key=lambda name: not self.problem.is_evident(name))
         chosen = [*significant[: self.options.refits], *best_of_place.values()]
         chosen += blind[: self.options.refits]
@@ -124,14 +124,15 @@ class Proposals:
                 moves.append(self._move(MoveKind.GROUP, tuple(names), (), joint, self.reduced))
         return moves
 
+    def pair_sets(self) -> list[tuple[str, ...]]:
+        """Return the pairs of candidates of two families."""
+        family = {name: card.family for name, card in self.problem.cards.items()}
+        pairs = itertools.combinations(self.candidates, 2)
+        return [pair for pair in pairs if family[pair[0]] != family[pair[1]]]
+
     def pairs(self) -> list[Move]:
         """Return the best pairs of effects that hide each other: weak alone, strong together."""
-        families = {name: card.family for name, card in self.problem.cards.items()}
-        pairs = [
-            pair
-            for pair in itertools.combinations(self.candidates, 2)
-            if families[pair[0]] != families[pair[1]]
-        ]
+        pairs = self.pair_sets()
         if not pairs:
             return []
         joint = self._joint(self.reduced, pairs)
@@ -185,7 +186,8 @@ class Proposals:
     def _removable(self) -> list[str]:
         return [name for name in self.fit.effects if not self.problem.is_evident(name)]
 
-    def _is_blind(self, name: str) -> bool:
+    def is_blind(self, name: str) -> bool:
+        """Return True if the score of a candidate does not predict its fall of the cost."""
         if self.problem.cards[name].refines:
             return True
         return self.problem.effects[name].score_blind(self.problem.measured)

@@ -26,6 +26,9 @@ class LoopOptions(eqx.Module):
         beam_width: number of hypotheses that are kept in each round.
         max_predictable_share: largest share of the residual's power that its past may explain for
             the residual to count as noise.
+        draws: number of draws of the second opinion on each round; with 0 there is none. They
+            resolve a level of `1 / (draws + 1)` and more.
+        seed: seed of these draws.
         noises: noise hypotheses of your own, which are compared with the others.
 
     Raises:
@@ -40,13 +43,15 @@ class LoopOptions(eqx.Module):
     max_rounds: int = eqx.field(static=True, default=8)
     beam_width: int = eqx.field(static=True, default=1)
     max_predictable_share: float = eqx.field(static=True, default=0.03)
+    draws: int = eqx.field(static=True, default=999)
+    seed: int = eqx.field(static=True, default=0)
     noises: tuple[NoiseHypothesis, ...] = ()
 
     def __check_init__(self):
         for name in ("level", "min_check_gain", "max_predictable_share"):
             value = getattr(self, name)
             require(0 < value < 1, f"{name} is {value}; it must lie between 0 and 1.")
-        for name in ("max_check_loss", "swap_limit"):
+        for name in ("max_check_loss", "swap_limit", "draws", "seed"):
             value = getattr(self, name)
             require(value >= 0, f"{name} is {value}; it must not be negative.")
         for name in ("refits", "max_rounds", "beam_width"):

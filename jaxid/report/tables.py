@@ -7,6 +7,7 @@ import numpy as np
 from ..diagnosis.residual_report import ResidualReport
 from ..estimation.result import Estimate
 from ..study.rounds import Candidate, Round
+from ..study.second_opinion import second_opinion_words
 from ..study.study import Study
 from .words import display_unit, number, percent, raised, unit_words, with_error
 
@@ -57,7 +58,7 @@ class CandidateRow(NamedTuple):
 
 
 class RoundRow(NamedTuple):
-    """One round: effects before, changes, refitted candidates, and initial errors."""
+    """One round: effects before, changes, refitted candidates, initial errors, second opinion."""
 
     number: int
     effects: tuple[str, ...]
@@ -66,6 +67,7 @@ class RoundRow(NamedTuple):
     candidates: tuple[CandidateRow, ...]
     others: int
     errors: tuple[tuple[str, ...], ...]
+    second_opinion: str
 
 
 class RemainsRow(NamedTuple):
@@ -172,6 +174,7 @@ def round_rows(study: Study) -> tuple[RoundRow, ...]:
     rows = []
     for index, search_round in enumerate(study.rounds, 1):
         refitted = _listed_candidates(search_round)
+        opinion = search_round.second_opinion
         rows.append(
             RoundRow(
                 number=index,
@@ -181,6 +184,9 @@ def round_rows(study: Study) -> tuple[RoundRow, ...]:
                 candidates=tuple(map(_candidate, refitted)),
                 others=len(search_round.candidates) - len(refitted),
                 errors=_errors(study, search_round),
+                second_opinion=second_opinion_words(opinion, search_round.required)
+                if opinion
+                else "",
             )
         )
     return tuple(rows)

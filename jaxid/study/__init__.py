@@ -15,6 +15,7 @@ from .record_checks.advice import advice
 from .record_checks.findings import Advice, Excitation, Finding, FindingKind
 from .rivals import discrimination
 from .rounds import Alternative, Candidate, Round
+from .second_opinion import Refusal, SecondOpinion
 from .study import Study
 
 __all__ = [
@@ -31,7 +32,9 @@ __all__ = [
     "IdentifyOptions",
     "LoopOptions",
     "Outcome",
+    "Refusal",
     "Round",
+    "SecondOpinion",
     "Studies",
     "Study",
     "StudyResult",

@@ -15,6 +15,7 @@ from ..loop.search import SearchTree, Step
 from ..loop.wording import DECISIONS, noise_words
 from ..models.base import AbstractModel
 from ..models.free import Free
+from .second_opinion import Refusal, SecondOpinion, second_opinion
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,6 +101,8 @@ class Round:
             `check`), then by channel.
         predictable: share of the variance of each training residual that its past predicts.
         threshold: chi-square that a single candidate must exceed to be significant.
+        second_opinion: the same question by random signs of the residual, or the reason why it has
+            no answer; None without candidates or with `LoopOptions(draws=0)`.
     """
 
     effects: tuple[str, ...]
@@ -109,6 +112,16 @@ class Round:
     errors: dict[str, dict[str, float]]
     predictable: dict[str, float]
     threshold: float
+    second_opinion: SecondOpinion | Refusal | None
+
+    @property
+    def required(self) -> float:
+        """Chi-square that the search required of the change that was made, colour accounted for; of
+        a single candidate if none was made.
+        """
+        if self.winner is None or self.winner.required is None:
+            return self.threshold
+        return self.winner.required
 
     @property
     def added_effects(self) -> tuple[str, ...]:
@@ -168,6 +181,7 @@ def _round(tree: SearchTree, parent: LoopFit, made: Step | None, options: LoopOp
         },
         parent.predictable,
         proposals.threshold,
+        second_opinion(proposals, made, tree.best),
     )
 
 

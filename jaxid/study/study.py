@@ -22,6 +22,7 @@ from ..loop.outcome import Outcome
 from ..loop.wording import noise_words
 from ..models.base import AbstractModel
 from .rounds import Alternative, Candidate, Round
+from .second_opinion import SecondOpinion, second_opinion_words
 
 RUNAWAY_REMEDY = (
     "If a motion is unstable, drifts far, or is held by a pilot or a controller, cut the records "
@@ -201,6 +202,9 @@ class Study:
                 f"round {index}: {added}" + (f" (best score: {best.name})" if best else "")
             )
             lines += [f"         dropped {name}" for name in entry.dropped]
+            if entry.second_opinion is not None:
+                words = second_opinion_words(entry.second_opinion, entry.required)
+                lines.append(f"         {words}")
         return lines
 
     def _location_lines(self) -> list[str]:
@@ -246,7 +250,13 @@ def _residual_tests(report: ResidualReport) -> dict[str, dict[str, Any]]:
 
 
 def _round(entry: Round) -> dict[str, Any]:
-    return dataclasses.asdict(entry) | {"candidates": tuple(map(_candidate, entry.candidates))}
+    opinion = entry.second_opinion
+    words = opinion and second_opinion_words(opinion, entry.required)
+    numbers = dataclasses.asdict(opinion) if isinstance(opinion, SecondOpinion) else {}
+    return dataclasses.asdict(entry) | {
+        "candidates": tuple(map(_candidate, entry.candidates)),
+        "second_opinion": None if opinion is None else {"words": words, **numbers},
+    }
 
 
 def _candidate(candidate: Candidate) -> dict[str, Any]:

@@ -1,9 +1,11 @@
 """The linear value of a change: additions, pairs, swaps and removals by one formula."""
 
+import itertools
+
 import numpy as np
 import pytest
 
-from jaxid.loop.linear import Triangle, fall, falls, gains, reduce
+from jaxid.loop.linear import Triangle, fall, falls, gains, largest_falls, reduce
 
 NAMES = ("a", "b", "c", "d", "e", "f")
 FREE = np.array([True, True, True, False, False, False])
@@ -65,3 +67,16 @@ def test_column_that_the_free_ones_reproduce_has_no_value():
     assert fall(triangle, (), (3,)) == -np.inf
     assert fall(triangle, (), (2, 4)) == -np.inf
     assert np.isfinite(fall(triangle, (), (2,)))
+
+
+@pytest.mark.parametrize("members", [1, 2])
+def test_largest_fall_of_many_sides_equals_fall_of_each(regression, members):
+    S, _, _, triangle = regression
+    rng = np.random.default_rng(5)
+    into = np.array([*itertools.combinations((3, 4, 5), members)])
+    reduced = reduce(triangle)
+    sides = rng.normal(size=(7, S.shape[1]))
+    each = [np.max(falls(reduced._replace(product=side), into)) for side in sides]
+    np.testing.assert_allclose(largest_falls(reduced.correlation, sides, into), each, rtol=1e-12)
+    zero = np.zeros_like(reduced.correlation)
+    assert np.all(largest_falls(zero, sides, into) == 0.0)

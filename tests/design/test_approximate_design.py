@@ -133,7 +133,7 @@ def test_predicted_errors_are_the_scatter_of_regressions_with_noisy_states(seed)
 
 
 def test_standard_errors_are_near_those_of_the_direct_design(near):
-    """The margins cover three seeds. A doublet in the limits has 1.7 and 1.4 times the errors."""
+    """The margins cover three seeds. A doublet in the limits has 1.4 and 1.7 times the errors."""
     pairs = ((near, SPRING_CASE, 1.10), (designed(LAG_CASE), LAG_CASE, 1.15))
     for design, case, largest in pairs:
         assert np.exp((design.cost - directly(case).cost) / 2) < largest

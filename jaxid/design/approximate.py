@@ -48,7 +48,7 @@ from .signals import InputSignal
 # Random histories that are improved and followed, evaluations for each weight, and knots of the
 # default histories, where these have four times as many samples (all chosen).
 HISTORIES, EVALUATIONS, HISTORY_KNOTS = 4, 100, 40
-# Weights eps in turn (tuned with the evaluations on a linear spring, three seeds: five times as many
+# Weights eps in turn (tuned with the evaluations on a spring with three seeds: five times as many
 # evaluations with a last weight of 1000 raise the standard errors by 2 to 11 %, a weight of 100
 # alone by 5 to 23 %).
 COMPATIBILITY = (1.0, 10.0, 100.0)

@@ -1,7 +1,9 @@
 """Design of experiments: measures of information, inputs, spectra and experiment points."""
 
+from .approximate import approximate_design
 from .describing_functions import QuasiLinearSpectrum, quasi_linear_spectrum
 from .design import Comparison, Design
+from .equation_error import equation_error_information
 from .exchange import Allocation, allocate
 from .experiment_points import Candidates, ExperimentPoints, at_most, candidates, optimal_points
 from .explanations import Explanation, expected_chi_square
@@ -67,6 +69,7 @@ __all__ = [
     "Trace",
     "allocate",
     "alternating_pulses",
+    "approximate_design",
     "at_most",
     "candidates",
     "combine",
@@ -75,6 +78,7 @@ __all__ = [
     "curve_width",
     "design_input",
     "energy_limited_input",
+    "equation_error_information",
     "expected_chi_square",
     "information_of",
     "multisine",

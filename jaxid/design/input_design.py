@@ -103,6 +103,47 @@ def design_input(
             shows a parameter, the noise is unknown, or no start has a finite simulation.
     """
     require_float64()
+    task, information = task_of(
+        *(model, free, t, shape, measure, limits, likelihood),
+        axes=axes,
+        trim_input=trim_input,
+        initial_state=initial_state,
+        earlier=earlier,
+        conventional=conventional,
+    )
+    task = _with_objective(task, information, rival, draws, worst)
+    starts, costs, factors = scaled_starts(task, information, seed, conventional)
+    finite = np.all(np.isfinite(factors), axis=(1, 2))
+    require(bool(finite.any()), DIVERGES)
+    require_shown(model, free, factors[finite].reshape(-1, factors.shape[-1]))
+    order = np.argsort(costs)[:OPTIMISED]
+    require(bool(np.isfinite(costs[order[0]])), DIVERGES)
+    results = [optimise(task, starts[index]) for index in order if np.isfinite(costs[index])]
+    p, _ = min(results, key=lambda result: result[1])
+    result = design_of(task, information, free, p, [cost for _, cost in results], conventional)
+    if rival is None:
+        return result
+    return dataclasses.replace(result, chi_square=2.0 * float(np.exp(-result.cost)))
+
+
+def task_of(
+    model: AbstractModel,
+    free: Free,
+    t: Float[Numbers, " time"],
+    shape: AbstractShape | None,
+    measure: AbstractMeasure,
+    limits: Limits,
+    likelihood: AbstractLikelihood,
+    *,
+    axes: Sequence[str] | None,
+    trim_input: Float[Numbers, " input"] | None,
+    initial_state: Float[Numbers, " state"] | None,
+    earlier: Float[Numbers, "row parameter"] | None,
+    conventional: Sequence[InputSignal],
+) -> tuple[Task, InformationObjective]:
+    """Return the task of a design by its information, and this objective; arguments as for
+    `design_input`.
+    """
     axes = tuple(model.inputs) if axes is None else tuple(axes)
     require_known("input", axes, model.inputs)
     likelihood = canonical(likelihood)
@@ -115,25 +156,45 @@ def design_input(
     arrays = ratios(limits, model, axes, state, trim)
     _require_control(model, axes, state, trim)
     hypothesis = hypothesis_of(model, free, state)
-    known = known_information(free, earlier)
     information = InformationObjective(
-        hypothesis=hypothesis, measure=measure, earlier=known, likelihood=likelihood
+        hypothesis=hypothesis,
+        measure=measure,
+        earlier=known_information(free, earlier),
+        likelihood=likelihood,
     )
     none = (jnp.zeros((0, hypothesis.flat.size)),)
-    task = Task(information, (hypothesis,), shape or default_shape(t), arrays, t, trim, none)
-    task = _task_of(task, information, rival, draws, worst)
-    starts, costs, factors = scaled_starts(task, information, seed, conventional)
-    finite = np.all(np.isfinite(factors), axis=(1, 2))
-    require(bool(finite.any()), DIVERGES)
-    require_shown(model, free, factors[finite].reshape(-1, factors.shape[-1]))
-    order = np.argsort(costs)[:OPTIMISED]
-    require(bool(np.isfinite(costs[order[0]])), DIVERGES)
-    results = [optimise(task, starts[index]) for index in order if np.isfinite(costs[index])]
-    p, _ = min(results, key=lambda result: result[1])
+    shape = shape or default_shape(t)
+    return Task(information, (hypothesis,), shape, arrays, t, trim, none), information
+
+
+def design_of(
+    task: Task,
+    information: InformationObjective,
+    free: Free,
+    p: np.ndarray,
+    starts: Sequence[float],
+    conventional: Sequence[InputSignal],
+) -> Design:
+    """Return the design with the parameters of an input, scaled to the limits where it breaks them.
+
+    Args:
+        task: the task, whose objective is the cost of the design.
+        information: the information on the free parameters.
+        free: the free parameters.
+        p: parameters of the shape, one row per axis.
+        starts: costs that the optimisation reached from its starts.
+        conventional: inputs to compare.
+    """
+    hypothesis = information.hypothesis
+    model, trim = hypothesis.model, task.trim_input
     p, used = within_limits(task, p)
     deviation = deviations_of(task, jnp.asarray(p)[None])[0]
-    signal = InputSignal(t, deviation, model.inputs, "design")
-    record = planned_record(model, signal, likelihood, trim_input=trim, initial_state=state)
+    signal = InputSignal(task.t, deviation, model.inputs, "design")
+    record = planned_record(
+        *(model, signal, information.likelihood),
+        trim_input=trim,
+        initial_state=hypothesis.initial_state,
+    )
     cost, factor = summaries(task, information, deviation[None])
     values = np.asarray(hypothesis.flat[hypothesis.positions.shared])
     return Design(
@@ -142,13 +203,14 @@ def design_input(
         planned_information(model, free, values, factor[0], "design"),
         float(cost[0]),
         _comparisons(task, information, deviation, conventional),
-        dict(zip(arrays.labels(), used.tolist(), strict=True)),
-        tuple(cost for _, cost in results),
-        None if rival is None else 2.0 * float(np.exp(-cost[0])),
+        dict(zip(task.limits.labels(), used.tolist(), strict=True)),
+        tuple(starts),
     )
 
 
-def _task_of(task: Task, information: InformationObjective, rival, draws, worst: bool) -> Task:
+def _with_objective(
+    task: Task, information: InformationObjective, rival, draws, worst: bool
+) -> Task:
     """Return the task with the objective that is requested."""
     require(
         rival is None or draws is None,

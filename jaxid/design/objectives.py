@@ -88,10 +88,8 @@ class InformationObjective(AbstractObjective):
         fixed_own, fixed = jax.lax.stop_gradient((own, shared))
         absorbed = _least_squares(fixed_own, fixed)
         factor = jnp.concatenate([fixed - fixed_own @ absorbed, self.earlier])
-        value = self.measure.cost(factor)
-        slope = self.measure.gradient(factor)[: fixed.shape[0]]
-        if self.measure.is_variance:
-            slope, value = slope / value, jnp.log(value)
+        value, slope = logarithmic_cost(self.measure, factor)
+        slope = slope[: fixed.shape[0]]
         slope_own = -slope @ absorbed.T
         change = jnp.sum(slope * (shared - fixed)) + jnp.sum(slope_own * (own - fixed_own))
         return value + change
@@ -197,6 +195,14 @@ class MutualDiscrimination(AbstractObjective):
     def cost(self, t, u):
         first, second = (direction.chi_square(t, u) for direction in self.directions)
         return jnp.log(1.0 / first + 1.0 / second)
+
+
+def logarithmic_cost(
+    measure: AbstractMeasure, factor: Float[Array, "row parameter"]
+) -> tuple[Float[Array, ""], Float[Array, "row parameter"]]:
+    """Return the cost of a measure, a variance as its logarithm, and its derivative by the rows."""
+    value, slope = jnp.asarray(measure.cost(factor)), jnp.asarray(measure.gradient(factor))
+    return (jnp.log(value), slope / value) if measure.is_variance else (value, slope)
 
 
 def _least_squares(columns, right):

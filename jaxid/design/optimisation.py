@@ -70,7 +70,7 @@ class Task(eqx.Module):
             deviation: inputs at these times, less their values at trim.
             largest: function that returns the maximum over time.
         """
-        hold, stepper = _integration(self.objective.likelihood)
+        hold, stepper = integration_of(self.objective.likelihood)
         u = deviation + self.trim_input[None]
 
         def of(hypothesis: Hypothesis):
@@ -100,7 +100,8 @@ class Task(eqx.Module):
         return factor / jnp.maximum(jnp.where(jnp.isfinite(value), value, 2.0), 1.0)
 
 
-def _integration(likelihood: AbstractLikelihood) -> tuple[AbstractHold, Any]:
+def integration_of(likelihood: AbstractLikelihood) -> tuple[AbstractHold, Any]:
+    """Return the hold and the stepper of a likelihood, or the default ones."""
     return getattr(likelihood, "hold", Linear()), getattr(likelihood, "stepper", RK4())
 
 
@@ -195,16 +196,21 @@ def optimise(task: Task, start: np.ndarray) -> tuple[np.ndarray, float]:
         method="SLSQP",
         options={"maxiter": SQP_STEPS, "ftol": 1e-6},
     )
-    end = _scaled_to_limits(task, result.x.reshape(shape))
+    end = reaching_limits(task, result.x.reshape(shape), 1.0)
     return min(((p, cost(p.ravel())) for p in (start, end)), key=lambda pair: pair[1])
 
 
-def _scaled_to_limits(task: Task, p: np.ndarray) -> np.ndarray:
-    """Return the parameters of the input times a factor of at most one with which it keeps its
-    limits: the quadratic programming often ends a little outside.
+def reaching_limits(task: Task, p: np.ndarray, largest: float = np.inf) -> np.ndarray:
+    """Return the parameters of the input times the factor with which it reaches its limits.
+
+    Args:
+        task: the task.
+        p: parameters of the shape, one row per axis.
+        largest: limit of the factor; 1 only shrinks the input of a search that ended a little
+            outside, as quadratic programming often does.
     """
     deviation = deviations_of(task, jnp.asarray(p)[None])
-    factor = min(float(in_chunks(lambda chunk: scales_of(task, chunk), deviation)[0]), 1.0)
+    factor = min(float(in_chunks(lambda chunk: scales_of(task, chunk), deviation)[0]), largest)
     return np.asarray(task.shape.scaled(jnp.asarray(p), jnp.asarray(factor)))
 
 
@@ -240,7 +246,7 @@ def within_limits(task: Task, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @fast_compile_jit
 def _fine_ratios(task: Task, p):
     """Return the ratios of a simulation at a higher rate, with the input as the hold gives it."""
-    hold, _ = _integration(task.objective.likelihood)
+    hold, _ = integration_of(task.objective.likelihood)
     deviation = task.deviation(p)
     path = hold.path(task.t, deviation)
     count = FINER * (task.t.size - 1)

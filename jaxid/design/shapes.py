@@ -149,11 +149,20 @@ def spline(t: Float[Array, " time"], knots: int) -> Spline:
         2 <= knots < t.size,
         f"{knots} knots for {t.size} samples: give at least 2, and fewer than samples.",
     )
-    times = np.asarray(t)
+    return Spline(jnp.asarray(b_splines(np.asarray(t), knots)[:, 1:-1]))
+
+
+def b_splines(
+    times: Float[np.ndarray, " time"], knots: int
+) -> Float[np.ndarray, "time coefficient"]:
+    """Return the cubic B-splines of uniform knots at sample times, two more than knots.
+
+    Only the first is not zero at the first time, only the last at the last time. Their sum is one,
+    so that a curve does not leave the range of its coefficients.
+    """
     inner = np.linspace(times[0], times[-1], knots)
     full = np.concatenate([[times[0]] * 3, inner, [times[-1]] * 3])
-    basis = BSpline.design_matrix(times, full, 3).toarray()[:, 1:-1]
-    return Spline(jnp.asarray(basis))
+    return BSpline.design_matrix(times, full, 3).toarray()
 
 
 def default_shape(t: Float[Array, " time"]) -> Spline:

@@ -4,9 +4,8 @@ A case is one estimate: its records, its model, and the values at which its iter
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 
@@ -28,7 +27,7 @@ CaseRecords = Record | Sequence[Record]
 Starts = Mapping[str, Numbers | Sequence[float]] | Numbers
 
 
-class CaseArrays(eqx.Module):
+class CaseArrays(NamedTuple):
     """Model, free parameters and records of one case, or of many with a leading axis.
 
     Attributes:
@@ -48,14 +47,23 @@ class Case(NamedTuple):
     Attributes:
         index: position in the batch.
         name: names of its records, joined by a comma.
-        arrays: its arrays, the records on the host; None for a case that was refused.
         refusal: the reason for which the case cannot be estimated; empty for all others.
+        parameters: arrays of the model and the free parameters; empty for a refused case.
+        records: arrays of the records on the host, in the order of the fields of `Record`.
+        structure: structure of its `CaseArrays`.
     """
 
     index: int
     name: str
-    arrays: CaseArrays | None
-    refusal: str = ""
+    refusal: str
+    parameters: Sequence[Numbers] = ()
+    records: Sequence[np.ndarray] = ()
+    structure: Any = None
+
+    @property
+    def arrays(self) -> CaseArrays:
+        """Model, free parameters and records; not of a refused case."""
+        return self.structure.unflatten([*self.parameters, *self.records])
 
 
 class Bucket(NamedTuple):
@@ -71,8 +79,8 @@ class Bucket(NamedTuple):
 
     def batch(self, cases: Sequence[Case]) -> CaseArrays:
         """Return the padded arrays of some cases of the bucket with a leading axis."""
-        padded = [_padded(case.arrays, self.rows) for case in cases]
-        return jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
+        columns = zip(*(_padded(case, self.rows) for case in cases), strict=True)
+        return cases[0].structure.unflatten([np.stack(column) for column in columns])
 
 
 def read_cases(
@@ -91,7 +99,9 @@ def read_cases(
         InputError: when there is no case, the number of models or starts differs, a
             parameter does not exist, or every case is refused.
     """
-    groups = list(jax.device_get(cases))
+    if isinstance(cases, Record) or jax.default_backend() != "cpu":
+        cases = jax.device_get(cases)  # all at once
+    groups = list(cases)
     require(len(groups) > 0, "There is no case to estimate. Give at least one record.")
     free = canonical(free)
     free.positions(model)  # refuses names that do not exist, before any case is read
@@ -102,7 +112,7 @@ def read_cases(
         for index, (case_model, records) in enumerate(zip(own_models, groups, strict=True))
     ]
     require(
-        any(case.arrays is not None for case in read),
+        not all(case.refusal for case in read),
         f"Every case was refused. The first one, {read[0].name!r}: {read[0].refusal}",
     )
     return read
@@ -112,8 +122,8 @@ def buckets(cases: Sequence[Case]) -> list[Bucket]:
     """Return the cases that are not refused in buckets of one shape, long records first."""
     groups: dict[object, list[Case]] = {}
     for case in cases:
-        if case.arrays is not None:
-            groups.setdefault(_layout(case.arrays), []).append(case)
+        if not case.refusal:
+            groups.setdefault(_layout(case), []).append(case)
     return [bucket for group in groups.values() for bucket in _by_length(group)]
 
 
@@ -128,39 +138,27 @@ def _by_length(cases: list[Case]) -> Iterable[Bucket]:
 
 
 def _rows(case: Case) -> int:
-    assert case.arrays is not None
-    return case.arrays.records.t.shape[1]
+    return case.records[0].shape[1]
 
 
-def _layout(arrays: CaseArrays) -> object:
+def _layout(case: Case) -> object:
     """Return the structure of a case and the shapes of its arrays, lengths of records left out."""
-    others = (arrays.model, arrays.free, arrays.records.constants)
-    shapes = tuple(leaf.shape for leaf in jax.tree.leaves(others))
-    return jax.tree.structure(arrays), shapes, arrays.records.t.shape[0]
+    shapes = tuple(leaf.shape for leaf in case.parameters)
+    return case.structure, shapes, case.records[0].shape[0]
 
 
-def _padded(arrays: CaseArrays | None, rows: int) -> CaseArrays:
-    """Return a case with its records padded as by `stack`."""
-    assert arrays is not None
-    records = arrays.records
-    missing = rows - records.t.shape[1]
+def _padded(case: Case, rows: int) -> list[Numbers]:
+    """Return the arrays of a case with its records padded as by `stack`."""
+    missing = rows - _rows(case)
     if not missing:
-        return arrays
+        return [*case.parameters, *case.records]
 
     def pad(values, mode):
         return np.pad(values, [(0, 0), (0, missing)] + [(0, 0)] * (values.ndim - 2), mode=mode)
 
-    longer = (
-        pad(records.t, "edge"),
-        pad(records.u, "edge"),
-        pad(records.z, "constant"),
-        pad(records.mask, "constant"),
-    )
-    return eqx.tree_at(
-        lambda case: (case.records.t, case.records.u, case.records.z, case.records.mask),
-        arrays,
-        longer,
-    )
+    t, u, z, mask, *constants = case.records
+    padded = pad(t, "edge"), pad(u, "edge"), pad(z, "constant"), pad(mask, "constant")
+    return [*case.parameters, *padded, *constants]
 
 
 def _read(
@@ -169,23 +167,19 @@ def _read(
     """Return one case, with all checks of `estimate`."""
     name = f"case {index}"
     try:
-        stacked = _on_host(records)
-        name = ", ".join(stacked.names)
-        anonymous = checks.without_names(model, stacked)
-        prepared = checks.likelihood.prepared(model, free, anonymous)
+        if not isinstance(records, Record):
+            records = as_stack(jax.device_get(records))
+        name = ", ".join(records.names)
+        anonymous = checks.without_names(model, records)
+        prepared = checks.prepared(model, free, anonymous)
     except InputError as error:
-        return Case(index, name, None, str(error))
+        return Case(index, name, str(error))
     if prepared[0] is not model or prepared[1] is not free:
         prepared = canonical(prepared)
     case_model, case_free = prepared
-    return Case(index, name, CaseArrays(case_model, case_free, anonymous))
-
-
-def _on_host(records: CaseRecords) -> Record:
-    """Return the records of a case as a stack with its arrays on the host."""
-    if isinstance(records, Record) and not records.is_stack:
-        return jax.tree.map(lambda leaf: np.asarray(leaf)[None], records)
-    return jax.tree.map(np.asarray, as_stack(records))
+    leaves, structure = jax.tree.flatten(CaseArrays(case_model, case_free, anonymous))
+    first = len(leaves) - len(jax.tree.leaves(anonymous))
+    return Case(index, name, "", leaves[:first], leaves[first:], structure)
 
 
 def _models(

@@ -11,7 +11,6 @@ import jax
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from .._foundation.host import to_device
 from .cases import Bucket, Case
 from .iteration import CaseResult, Settings, Slots, advance, enter, finish, slot_shapes
 
@@ -131,10 +130,9 @@ class Chunk:
         return (by_device + np.arange(self.devices)[:, None] * by_device.shape[1]).ravel()
 
     def _put(self, tree):
-        """Return arrays of the host on the devices."""
-        tree = jax.tree.map(np.asarray, tree)
+        """Return arrays of the host on the devices; a program moves them to a single one."""
         if self.mesh is None:
-            return to_device(tree)
+            return tree
         return jax.device_put(tree, NamedSharding(self.mesh, PartitionSpec(self.mesh.axis_names)))
 
 

@@ -215,11 +215,9 @@ def _is_own(device: Device) -> bool:
 
 def _require_one_set_of_parameters(cases: Sequence[Case]) -> None:
     """Refuse cases whose likelihood adds different parameters."""
-    names = {
-        (case.arrays.free.shared, case.arrays.free.per_record)
-        for case in cases
-        if case.arrays is not None
-    }
+    by_structure = {case.structure: case for case in cases if not case.refusal}
+    free = [case.arrays.free for case in by_structure.values()]
+    names = {(one.shared, one.per_record) for one in free}
     if len(names) > 1:
         raise InputError(
             "The cases have different free parameters: "

@@ -1,8 +1,9 @@
 """Version, settings and data of a batch as short texts, by which a store is recognised."""
 
+import functools
 import hashlib
 import importlib.metadata
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -38,35 +39,41 @@ def identity_of(
         "free": _described(free),
         "likelihood": _described(likelihood),
         "solver": _described(solver),
-        "data": _digest([_bytes(case) for case in cases]),
+        "data": _digest(part for case in cases for part in _parts(case)),
     }
 
 
 def digest_of(tree: Any) -> str:
     """Return a digest of the structure and the values of a tree of modules, arrays and texts."""
     tree = canonical(tree)
-    return _digest([eqx.tree_pformat(tree, width=10_000), _leaf_bytes(tree)])
+    return _digest([eqx.tree_pformat(tree, width=10_000), *_leaf_parts(tree)])
 
 
 def _described(module: eqx.Module) -> str:
     """Return the text of a module with a digest of its arrays, whose values the text leaves out."""
     module = canonical(module)
-    return f"{eqx.tree_pformat(module, width=10_000)} {_digest([_leaf_bytes(module)])}"
+    return f"{eqx.tree_pformat(module, width=10_000)} {_digest(_leaf_parts(module))}"
 
 
-def _bytes(case: Case) -> bytes:
-    """Return all values of a case."""
-    head = f"{case.index} {case.name} {case.refusal}"
-    return head.encode() + _leaf_bytes(case.arrays)
+def _parts(case: Case) -> Iterator[str | bytes]:
+    """Yield all values of a case."""
+    yield f"{case.index} {case.name} {case.refusal}"
+    yield from _leaf_parts([*case.parameters, *case.records])
 
 
-def _leaf_bytes(tree) -> bytes:
-    """Return shapes and values of the arrays of a tree."""
-    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(tree) if eqx.is_array(leaf)]
-    return b"".join(str((leaf.shape, leaf.dtype)).encode() + leaf.tobytes() for leaf in leaves)
+def _leaf_parts(tree) -> Iterator[str | bytes]:
+    """Yield the shape, the type and the values of each array of a tree."""
+    for leaf in filter(eqx.is_array, jax.tree.leaves(tree)):
+        yield _heading(leaf.shape, leaf.dtype)
+        yield np.asarray(leaf).tobytes()
 
 
-def _digest(parts: Sequence[str | bytes]) -> str:
+@functools.cache
+def _heading(shape: tuple[int, ...], dtype: np.dtype) -> str:
+    return str((shape, dtype))
+
+
+def _digest(parts: Iterable[str | bytes]) -> str:
     """Return the first 16 digits of the SHA-256 of some parts."""
     total = hashlib.sha256()
     for part in parts:

@@ -93,15 +93,15 @@ class Layout(NamedTuple):
     @classmethod
     def of(cls, cases: Sequence[Case], threshold: float) -> "Layout":
         """Return the layout of the results of some cases."""
-        arrays = [case.arrays for case in cases if case.arrays is not None]
-        free, model = arrays[0].free, arrays[0].model
+        accepted = [case for case in cases if not case.refusal]
+        model, free, _ = accepted[0].arrays
         units = model.units()
         return cls(
             tuple(case.name for case in cases),
             free.shared,
             tuple(units.get(name, "") for name in free.shared),
             free.per_record,
-            max(one.records.t.shape[0] for one in arrays),
+            max(case.records[0].shape[0] for case in accepted),
             model.outputs,
             threshold,
         )
@@ -134,24 +134,22 @@ class Layout(NamedTuple):
     def add(self, arrays: Arrays, finished: Finished) -> list[int]:
         """Write the results of finished cases into the arrays, and return their indices."""
         indices = [case.index for case in finished.cases]
-        for row, index in enumerate(indices):
-            one = jax.tree.map(lambda leaf, row=row: leaf[row], finished.results)
-            status = _status(one)
-            arrays["status"][index] = status
-            arrays["reason"][index] = self._reason(one, status)
-            for name in CaseResult._fields:
-                if name in ("own", "own_errors"):
-                    rows = getattr(one, name)
-                    arrays[name][index, : len(rows)] = rows
-                elif name in arrays:
-                    arrays[name][index] = getattr(one, name)
+        results, status = finished.results, _status(finished.results)
+        arrays["status"][indices] = status
+        arrays["reason"][indices] = [self._reason(results, *row) for row in enumerate(status)]
+        for name, values in results._asdict().items():
+            if name in ("own", "own_errors"):
+                arrays[name][indices, : values.shape[1]] = values
+            elif name in arrays:
+                arrays[name][indices] = values
         return indices
 
-    def _reason(self, one: CaseResult, status: str) -> str:
+    def _reason(self, results: CaseResult, row: int, status: str) -> str:
         """Return the outcome of one case in words."""
         sentence = _sentence(status)
         if status != UNDETERMINED:
             return sentence
+        one = jax.tree.map(lambda leaf: leaf[row], results)
         words = describe_weak_directions(
             self.parameters,
             np.asarray(one.values),
@@ -194,19 +192,18 @@ class Layout(NamedTuple):
 
 def refuse(arrays: Arrays, cases: Sequence[Case]) -> list[int]:
     """Write the refusals of cases into the arrays, and return the indices of these cases."""
-    refused = [case for case in cases if case.arrays is None]
+    refused = [case for case in cases if case.refusal]
     for case in refused:
         arrays["status"][case.index] = REFUSED
         arrays["reason"][case.index] = f"{_sentence(REFUSED)} {case.refusal}"
     return [case.index for case in refused]
 
 
-def _status(one: CaseResult) -> str:
-    """Return the name of the status of one case."""
-    status = _names()[int(one.result)]
-    if status in SUCCESSFUL and bool(np.any(np.isinf(one.standard_errors))):
-        return UNDETERMINED
-    return status
+def _status(results: CaseResult) -> np.ndarray:
+    """Return the names of the statuses of some cases."""
+    status = np.array([_names()[code] for code in results.result.tolist()], STATUS_TYPE)
+    is_undetermined = np.any(np.isinf(results.standard_errors), axis=1)
+    return np.where(np.isin(status, SUCCESSFUL) & is_undetermined, UNDETERMINED, status)
 
 
 @functools.cache

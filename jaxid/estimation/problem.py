@@ -217,10 +217,18 @@ class Problem(eqx.Module):
         def of_batch(batch):
             rows, cases, own = batch
             _, S = self._sensitivities(rows, parameters.shared, cases)
-            return power(transforms(S, own, self.likelihood.row_mask(cases[1].mask)))[None]
+            return power(transforms(S, own, self.likelihood.row_mask(cases[1].mask)))
 
-        by_batch = self._by_batch(of_batch, (parameters.rows, self.cases(), own), self.batch)
-        return ScoreSpectrum(jnp.sum(by_batch, axis=0), None, count)
+        batches = self._split((parameters.rows, self.cases(), own), self.batch)
+        of_batch = jax.jit(of_batch)  # so that it is traced once
+        shape = jax.eval_shape(of_batch, jax.tree.map(lambda leaf: leaf[0], batches))
+        # A sum along the way: the spectra of all batches would be larger than the records.
+        total, _ = jax.lax.scan(
+            lambda total, batch: (total + of_batch(batch), None),
+            jnp.zeros(shape.shape, shape.dtype),
+            batches,
+        )
+        return ScoreSpectrum(total, None, count)
 
     @property
     def batch(self) -> int:
@@ -241,17 +249,18 @@ class Problem(eqx.Module):
 
     def _by_batch(self, function, arguments, size: int):
         """Return the results of a function of `size` records at a time, for all records."""
-        n_cases = self.records.n_cases
-        if size == n_cases:
+        if size == self.records.n_cases:
             return function(arguments)
-
-        def split(leaf):
-            return leaf.reshape(n_cases // size, size, *leaf.shape[1:])
 
         def join(leaf):
             return leaf.reshape(leaf.shape[0] * leaf.shape[1], *leaf.shape[2:])
 
-        return jax.tree.map(join, jax.lax.map(function, jax.tree.map(split, arguments)))
+        return jax.tree.map(join, jax.lax.map(function, self._split(arguments, size)))
+
+    def _split(self, arguments, size: int):
+        """Return arguments of all records in batches of `size` records."""
+        count = self.records.n_cases // size
+        return jax.tree.map(lambda leaf: leaf.reshape(count, size, *leaf.shape[1:]), arguments)
 
     def _fold(self, S, v, mask, whiten: AbstractWhitening):
         """Return the triangles of some records, and their rows of the noise's curvature."""

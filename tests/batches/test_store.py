@@ -18,6 +18,9 @@ from many_lags import chosen, lag_records, model
 
 from jaxid._foundation.checks import InputError
 from jaxid.batches import estimate_many
+from jaxid.batches.cases import read_cases
+from jaxid.batches.identity import identity_of
+from jaxid.data import record
 from jaxid.estimation import GaussNewton, OutputError
 
 HELPERS = Path(__file__).resolve().parent.parent / "helpers"
@@ -185,3 +188,15 @@ def test_full_disk_stops_the_run_and_keeps_finished_cases(
     assert 0 < complete.sum() < CASES
     run(records, path)
     require_identical(read(path), read(undisturbed))
+
+
+def test_identity_of_records_is_that_of_earlier_stores():
+    """The digest is of jaxid 0.1.0 at 72d4019; with another one its stores would not continue."""
+    t = 0.5 * np.arange(4)
+    pair = [
+        record(t, t, z, inputs=("u",), outputs=("x",), name=name, constants={"mass": 2.0})
+        for name, z in (("a", t), ("b", -t))
+    ]
+    cases = read_cases(model(), chosen(), [pair[0], pair], OutputError(), None, {"p": [1.0, 2.0]})
+    identity = identity_of(model(), chosen(), OutputError(), GaussNewton(), cases)
+    assert identity["data"] == "480e7703f482862a"

@@ -10,11 +10,12 @@ from .likelihoods import OutputError
 from .listing import listing
 from .result import Estimate
 from .solver import GaussNewton
-from .spectrum_policy import Clip, Plain, Truncate, TwoStep
+from .spectrum_policy import Clip, Damp, Plain, Truncate, TwoStep
 
 __all__ = [
     "AutoregressiveNoise",
     "Clip",
+    "Damp",
     "Estimate",
     "FilterError",
     "FirstOrder",

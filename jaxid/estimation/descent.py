@@ -1,10 +1,13 @@
 """`SpectrumDescent`: the Gauss-Newton step within the bounds."""
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import optimistix as optx
 
-from .._foundation.types import Array, Float
+from .._foundation.types import Array, Bool, Float, Int
 from ..models.free import Parameters
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum
@@ -67,6 +70,26 @@ def profiled_step(
     )
 
 
+class DescentState(NamedTuple):
+    """A direction, and what may take its place.
+
+    Attributes:
+        direction: the full step.
+        phase: number of directions so far.
+        optional: True if a search along it without descent only ends its phase.
+        clipped, has_other: the step clipped at the bounds, and whether it is another one.
+        begin: shared parameters and information at its begin, for a policy with a curved step; else
+            None.
+    """
+
+    direction: Parameters
+    phase: Int[Array, ""]
+    optional: Bool[Array, ""]
+    clipped: Float[Array, " parameter"]
+    has_other: Bool[Array, ""]
+    begin: tuple[Float[Array, " parameter"], Information] | None
+
+
 class SpectrumDescent(optx.AbstractDescent):
     """Gauss-Newton step within the bounds, under a policy for weak eigenvalues.
 
@@ -88,38 +111,50 @@ class SpectrumDescent(optx.AbstractDescent):
     upper: Float[Array, " parameter"]
 
     def init(self, y, f_info_struct):
-        return y, jnp.array(0), jnp.array(False), y.shared, jnp.array(False)
+        no = jnp.array(False)
+        return DescentState(y, jnp.array(0), no, y.shared, no, self._begin(y, f_info_struct))
 
     def query(self, y, f_info, state):
-        phase = state[1]
+        phase = state.phase
         information: Information = f_info.information
+        begin = self._begin(y, f_info)
         if not self.scale.size:
             nothing, no = jnp.zeros(0), jnp.array(False)
-            return Parameters(nothing, information.own.solve(nothing)), phase + 1, no, nothing, no
+            direction = Parameters(nothing, information.own.solve(nothing))
+            return DescentState(direction, phase + 1, no, nothing, no, begin)
         svd = spectrum(information.triangle, information.rhs, self.scale)
-        optional = self.policy.optional(svd, phase)
-        full_step = profiled_step(information, svd, self.policy.weights(svd, phase))
-        shared = self._within_bounds(y.shared, full_step.shared, information, phase)
+        full_step, shared, direction = self._direction(y.shared, information, svd, phase, 1.0)
         clipped = jnp.clip(full_step.shared, self.lower - y.shared, self.upper - y.shared)
         has_other = jnp.any(clipped != shared)
+        optional = self.policy.optional(svd, phase)
+        return DescentState(direction, phase + 1, optional, clipped, has_other, begin)
+
+    def _begin(self, y: Parameters, f_info):
+        return (y.shared, f_info.information) if self.policy.curved else None
+
+    def _direction(self, values, information: Information, svd: Spectrum, phase, size):
+        """Return the step without bounds, its shared part within them, and the step within them."""
+
+        def weights(svd):
+            return self.policy.weights(svd, phase, size)
+
+        full_step = profiled_step(information, svd, weights(svd))
+        shared = self._within_bounds(values, full_step.shared, information, weights)
         inside = jnp.all(shared == full_step.shared)
-        direction = Parameters(
-            shared, jnp.where(inside, full_step.rows, information.own.solve(shared))
-        )
-        return direction, phase + 1, optional, clipped, has_other
+        rows = jnp.where(inside, full_step.rows, information.own.solve(shared))
+        return full_step, shared, Parameters(shared, rows)
 
     def turn(self, f_info, state):
         """Return the state with the clipped step as its direction."""
-        _, phase, optional, clipped, _ = state
-        direction = Parameters(clipped, f_info.information.own.solve(clipped))
-        return direction, phase, optional, clipped, jnp.array(False)
+        direction = Parameters(state.clipped, f_info.information.own.solve(state.clipped))
+        return state._replace(direction=direction, has_other=jnp.array(False))
 
     def _within_bounds(
         self,
         values: Float[Array, " parameter"],
         full_step: Float[Array, " parameter"],
         information: Information,
-        phase,
+        weights: Callable[[Spectrum], Array],
     ) -> Float[Array, " parameter"]:
         """Return the step that respects the bounds, from the unconstrained one."""
         low, high = self.lower - values, self.upper - values
@@ -141,7 +176,7 @@ class SpectrumDescent(optx.AbstractDescent):
             fixed = jnp.where(blocked, step, 0.0)
             columns = jnp.where(blocked[None], 0.0, information.triangle)
             svd = spectrum(columns, information.rhs - information.triangle @ fixed, self.scale)
-            target = jnp.where(blocked, step, svd.step(self.policy.weights(svd, phase)))
+            target = jnp.where(blocked, step, svd.step(weights(svd)))
             return target, step, blocked
 
         initial = (full_step, jnp.zeros_like(full_step), jnp.zeros(full_step.shape, bool))
@@ -161,5 +196,10 @@ class SpectrumDescent(optx.AbstractDescent):
         )
 
     def step(self, step_size, state):
-        direction, *_ = state
-        return jax.tree.map(lambda leaf: step_size * leaf, direction), optx.RESULTS.successful
+        if self.policy.curved and self.scale.size:
+            values, information = state.begin
+            svd = spectrum(information.triangle, information.rhs, self.scale)
+            *_, step = self._direction(values, information, svd, state.phase, step_size)
+        else:
+            step = jax.tree.map(lambda leaf: step_size * leaf, state.direction)
+        return step, optx.RESULTS.successful

@@ -220,7 +220,7 @@ class Minimiser(optx.AbstractMinimiser):
     def _progress(self, state: State, trial: _Trial) -> _Progress:
         """Return the progress of the iteration after a trial."""
         accept = trial.accept
-        moved, optional = accept & ~state.first & ~state.renew, state.descent[2]
+        moved, optional = accept & ~state.first & ~state.renew, state.descent.optional
         decrement = self.descent.decrement(trial.linearised.information)
         fall = jnp.abs(state.cost - trial.evaluated)
         small_gain = moved & ~optional & (fall < self.least_fall)
@@ -245,8 +245,8 @@ class Minimiser(optx.AbstractMinimiser):
         After a refused step that has become too short the direction is changed: turned away from a
         corner, or without its optional part.
         """
-        turn = refused & state.descent[4] & (step_size < SMALLEST_STEP)
-        skip = refused & state.descent[2] & (step_size < GIVE_UP) & ~turn
+        turn = refused & state.descent.has_other & (step_size < SMALLEST_STEP)
+        skip = refused & state.descent.optional & (step_size < GIVE_UP) & ~turn
         query = self.descent.query(y, evaluation, state.descent)
         turned = self.descent.turn(evaluation, state.descent)
         descent = jax.tree.map(partial(jnp.where, accept | skip), query, state.descent)

@@ -20,7 +20,7 @@ class GaussNewton(eqx.Module):
 
     Args:
         policy: the treatment of weak eigenvalues; the report found clipping adequate in most cases.
-        search: a search of optimistix; backtracking by default.
+        search: a search of optimistix; by default that of the policy.
         tolerance: the iteration ends when the full step is shorter than this [standard errors].
         least_fall: the iteration also ends when an accepted step lowers the cost by less than this
             (zero: never). Where a model has corners, steps stay short, and the last thousandth of a
@@ -37,9 +37,7 @@ class GaussNewton(eqx.Module):
     """
 
     policy: AbstractPolicy = eqx.field(default_factory=Clip)
-    search: optx.AbstractSearch = eqx.field(
-        default_factory=lambda: optx.BacktrackingArmijo(slope=1e-4)
-    )
+    search: optx.AbstractSearch | None = None
     tolerance: float = eqx.field(static=True, default=1e-6)
     least_fall: float = eqx.field(static=True, default=0.0)
     max_steps: int = eqx.field(static=True, default=200)
@@ -74,7 +72,7 @@ def minimiser_of(problem: Problem, solver: GaussNewton) -> Minimiser:
             problem.limits.lower.shared,
             problem.limits.upper.shared,
         ),
-        solver.search,
+        solver.search or solver.policy.search(),
         solver.tolerance,
         solver.least_fall,
         solver.max_steps,

@@ -1,14 +1,18 @@
 """Treatment of weak eigenvalues of the information matrix: the report's fixes (section 4.3.1)."""
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import optimistix as optx
 
 from .._foundation.types import Array, Bool, Float, Int
 from ..sensitivity.information import RANK_TOLERANCE
 from ..sensitivity.spectrum import Spectrum
 
+# By which the eigenvalues of the scaled information are raised at first (Marquardt 1963).
+DAMPING = 1e-2
 SPREAD = 1e-10  # the report acts when the spread of the eigenvalues exceeds 1e10 (section 4.4)
 
 
@@ -21,16 +25,27 @@ class AbstractPolicy(eqx.Module):
 
     Attributes:
         threshold: eigenvalues below this share of the largest are weak.
+        curved: True if the weights depend on the size of the step, which else shortens all alike.
     """
 
     threshold: eqx.AbstractVar[float]
+    curved: ClassVar[bool] = False
 
     @abc.abstractmethod
-    def weights(self, spectrum: Spectrum, phase: Int[Array, ""]) -> Float[Array, " parameter"]:
+    def weights(
+        self, spectrum: Spectrum, phase: Int[Array, ""], size: Float[Array, ""] | float = 1.0
+    ) -> Float[Array, " parameter"]:
         """Return the weights in a phase of the iteration.
 
-        The phase is the number of steps so far, accepted or abandoned.
+        Args:
+            spectrum: spectrum of the information.
+            phase: number of steps so far, accepted or abandoned.
+            size: share of the full step, which `curved` policies use.
         """
+
+    def search(self) -> optx.AbstractSearch:
+        """Return the search that decides on the size of the steps; backtracking by default."""
+        return optx.BacktrackingArmijo(slope=1e-4)
 
     def optional(self, spectrum: Spectrum, phase: Int[Array, ""]) -> Bool[Array, ""]:
         """Return True if a search without descent starts the next phase.
@@ -45,7 +60,7 @@ class Plain(AbstractPolicy):
 
     threshold: float = eqx.field(static=True, default=SPREAD)
 
-    def weights(self, spectrum, phase):
+    def weights(self, spectrum, phase, size=1.0):
         return _inverse(spectrum.singular_values)
 
 
@@ -54,7 +69,7 @@ class Truncate(AbstractPolicy):
 
     threshold: float = eqx.field(static=True, default=SPREAD)
 
-    def weights(self, spectrum, phase):
+    def weights(self, spectrum, phase, size=1.0):
         return jnp.where(spectrum.weak(self.threshold), 0.0, _inverse(spectrum.singular_values))
 
 
@@ -63,7 +78,7 @@ class Clip(AbstractPolicy):
 
     threshold: float = eqx.field(static=True, default=SPREAD)
 
-    def weights(self, spectrum, phase):
+    def weights(self, spectrum, phase, size=1.0):
         s = spectrum.singular_values
         raised = jnp.maximum(s**2, self.threshold * s[0] ** 2)
         return s / jnp.where(raised > 0, raised, 1.0)
@@ -94,13 +109,37 @@ class TwoStep(AbstractPolicy):
         count = jnp.sum(self._searched(spectrum))
         return jnp.where(count > 0, phase % (2 + count), 0)
 
-    def weights(self, spectrum, phase):
+    def weights(self, spectrum, phase, size=1.0):
         index, weak = self._phase_index(spectrum, phase), self._searched(spectrum)
         single = jnp.cumsum(weak) == index - 1
         chosen = jnp.where(
             index == 0, ~spectrum.weak(self.threshold), jnp.where(index == 1, weak, weak & single)
         )
         return jnp.where(chosen, _inverse(spectrum.singular_values), 0.0)
+
+
+class Damp(AbstractPolicy):
+    """Damping in place of a fix: the more all eigenvalues are raised, the shorter the step, and the
+    more it turns to the steepest descent.
+
+        weight_k = s_k / (s_k^2 + DAMPING / size)
+
+    A trust region decides on the size, which one step leaves to the next.
+
+    Sources: Levenberg, Quarterly of Applied Mathematics 2, 1944; Marquardt, SIAM Journal on Applied
+    Mathematics 11, 1963.
+    """
+
+    threshold: float = eqx.field(static=True, default=SPREAD)
+    curved: ClassVar[bool] = True
+
+    def weights(self, spectrum, phase, size=1.0):
+        s = spectrum.singular_values
+        return s / (s**2 + DAMPING / size)
+
+    def search(self):
+        # ratios of Moré, Lecture Notes in Mathematics 630, 1978; factors of optimistix
+        return optx.ClassicalTrustRegion(high_cutoff=0.75, low_cutoff=1e-4)
 
 
 def _inverse(s: Float[Array, " parameter"]) -> Float[Array, " parameter"]:

@@ -2,6 +2,7 @@
 plain solver diverges.
 """
 
+import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import pytest
@@ -9,8 +10,17 @@ from reference_estimation import lag_rhs, rk4
 
 from jaxid._foundation.types import Array
 from jaxid.data import record
-from jaxid.estimation import Clip, GaussNewton, OutputError, Plain, Truncate, TwoStep, estimate
-from jaxid.models import AbstractModel, free
+from jaxid.estimation import (
+    Clip,
+    Damp,
+    GaussNewton,
+    OutputError,
+    Plain,
+    Truncate,
+    TwoStep,
+    estimate,
+)
+from jaxid.models import AbstractModel, FixedNoise, free
 
 TRUTH = np.array([1.5, 6.0])
 POLICIES = [Clip(), Truncate(), TwoStep()]
@@ -132,3 +142,60 @@ def test_well_posed_problem_is_equal_under_every_policy(measured, policy):
     np.testing.assert_allclose(result.values, reference.values, rtol=1e-10)
     np.testing.assert_allclose(result.standard_errors, reference.standard_errors, rtol=1e-10)
     assert result.weak_directions == ()
+
+
+def test_damping_ends_within_its_tolerance_of_the_undamped_estimate(measured):
+    model = Ordinary(1.0, 1.0)
+    chosen = free(model, "p", "gain", per_record=("initial_state",))
+    damped = estimate(model, chosen, measured, OutputError(), solver=GaussNewton(policy=Damp()))
+    reference = estimate(model, chosen, measured, OutputError())
+    distance = (damped.values - reference.values) / reference.standard_errors
+    np.testing.assert_allclose(distance, 0.0, atol=GaussNewton().tolerance)
+    np.testing.assert_allclose(damped.standard_errors, reference.standard_errors, rtol=1e-6)
+    assert damped.status == "converged"
+
+
+class Exponentials(AbstractModel):
+    """Problem 6 of Moré, Garbow and Hillstrom, ACM Transactions on Mathematical Software 7, 1981
+    (Jennrich and Sampson): `2 + 2 i - exp(i x1) - exp(i x2)`; least sum of squares 124.362.
+    """
+
+    x1: Array
+    x2: Array
+    states, inputs, outputs = (), ("row",), ("residual",)
+
+    def rhs(self, t, x, u):
+        return jnp.zeros(0)
+
+    def output(self, t, x, u):
+        i = u[0]
+        return jnp.array([2.0 + 2.0 * i - jnp.exp(i * self.x1) - jnp.exp(i * self.x2)])
+
+
+def exponentials(policy, **options):
+    rows = np.arange(1.0, 11.0)
+    data = record(rows, rows[:, None], np.zeros((10, 1)), inputs=("row",), outputs=("residual",))
+    model = Exponentials(0.3, 0.4)
+    solver = GaussNewton(policy=policy)
+    known = OutputError(noise=FixedNoise(np.array([12.4])))
+    return estimate(model, free(model, "x1", "x2", **options), data, known, solver=solver)
+
+
+def test_damping_reaches_a_minimum_with_large_residuals():
+    """Gauss-Newton's direction is poor there at any length, and its search ends above it."""
+    damped, clipped = exponentials(Damp()), exponentials(Clip())
+    np.testing.assert_allclose(np.sum(np.square(damped.residuals)), 124.362, atol=1e-3)
+    np.testing.assert_allclose(damped.values, 0.257825, atol=1e-5)
+    assert float(clipped.cost) > float(damped.cost) + 0.1
+    assert not bool(clipped.successful)
+
+
+def test_damping_respects_bounds():
+    damped = exponentials(Damp(), bounds={"x1": (0.28, None)})
+    assert damped.value("x1") == 0.28
+    assert bool(damped.successful)
+    # the other parameter alone: its residuals have no slope
+    i, x2 = np.arange(1.0, 11.0), damped.value("x2")
+    slope = np.sum((2 + 2 * i - np.exp(0.28 * i) - np.exp(i * x2)) * i * np.exp(i * x2))
+    curvature = np.sum((i * np.exp(i * x2)) ** 2)
+    assert abs(slope / curvature) < 1e-5

@@ -138,7 +138,7 @@ def approximate_design(
     )
     require_shown(model, free, factors[np.isfinite(costs)].reshape(-1, factors.shape[-1]))
     best = followed[int(np.argmin(costs))]
-    return design_of(task, information, free, best, costs.tolist(), conventional)
+    return design_of(task, information, free, [best], costs.tolist(), conventional)
 
 
 class HistorySearch(eqx.Module):

@@ -119,8 +119,9 @@ def design_input(
     order = np.argsort(costs)[:OPTIMISED]
     require(bool(np.isfinite(costs[order[0]])), DIVERGES)
     results = [optimise(task, starts[index]) for index in order if np.isfinite(costs[index])]
-    p, _ = min(results, key=lambda result: result[1])
-    result = design_of(task, information, free, p, [cost for _, cost in results], conventional)
+    reached = [cost for _, cost in results]
+    best = [results[k][0] for k in np.argsort(reached)] + [starts[index] for index in order]
+    result = design_of(task, information, free, best, reached, conventional)
     if rival is None:
         return result
     return dataclasses.replace(result, chi_square=2.0 * float(np.exp(-result.cost)))
@@ -171,23 +172,23 @@ def design_of(
     task: Task,
     information: InformationObjective,
     free: Free,
-    p: np.ndarray,
+    inputs: Sequence[np.ndarray],
     starts: Sequence[float],
     conventional: Sequence[InputSignal],
 ) -> Design:
-    """Return the design with the parameters of an input, scaled to the limits where it breaks them.
+    """Return the design with the first of some inputs that can be scaled to the limits.
 
     Args:
         task: the task, whose objective is the cost of the design.
         information: the information on the free parameters.
         free: the free parameters.
-        p: parameters of the shape, one row per axis.
+        inputs: parameters of the shape, one row per axis, the best input first.
         starts: costs that the optimisation reached from its starts.
         conventional: inputs to compare.
     """
     hypothesis = information.hypothesis
     model, trim = hypothesis.model, task.trim_input
-    p, used = within_limits(task, p)
+    p, used = within_limits(task, inputs)
     deviation = deviations_of(task, jnp.asarray(p)[None])[0]
     signal = InputSignal(task.t, deviation, model.inputs, "design")
     record = planned_record(

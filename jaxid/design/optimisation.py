@@ -16,7 +16,7 @@ from ..estimation.likelihoods import AbstractLikelihood
 from ..simulation.hold import AbstractHold, Linear
 from ..simulation.simulate import run
 from ..simulation.steppers import RK4
-from .limits import Ratios, exact_maximum, quantities, smooth_maximum
+from .limits import Ratios, exact_maximum, quantities, smooth_maxima
 from .objectives import AbstractObjective, Hypothesis, InformationObjective
 from .shapes import AbstractShape
 from .signals import InputSignal
@@ -68,7 +68,7 @@ class Task(eqx.Module):
         Args:
             t: sample times [s].
             deviation: inputs at these times, less their values at trim.
-            largest: function that returns the maximum over time.
+            largest: function that returns the maximum over time, or over parts of it.
         """
         hold, stepper = integration_of(self.objective.likelihood)
         u = deviation + self.trim_input[None]
@@ -219,24 +219,30 @@ def _evaluate(task: Task, p):
     """Return cost and limits with their derivatives. Limits that are never reached are constant."""
 
     def limited(p):
-        ratios = task.ratios(task.t, task.deviation(p), smooth_maximum)
+        ratios = task.ratios(task.t, task.deviation(p), smooth_maxima)
         return jnp.minimum(ratios.ravel(), 1e3)
 
     value, slope = jax.value_and_grad(lambda p: task.cost(task.deviation(p)))(p)
     return value, slope, limited(p), jax.jacfwd(limited)(p)
 
 
-def within_limits(task: Task, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the parameters scaled so that the limits hold in a finer simulation.
+def within_limits(task: Task, inputs: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return parameters of the first input that, scaled, keeps the limits in a finer simulation,
+    and its ratios there.
+
+    Args:
+        task: the task.
+        inputs: parameters of inputs, the best first.
 
     Raises:
-        InputError: when the limits do not hold after several scalings.
+        InputError: when the limits hold for none of them after several scalings.
     """
-    for _ in range(CHECKS):
-        used = np.asarray(_fine_ratios(task, jnp.asarray(p)))
-        if np.all(used <= 1.0):
-            return p, used
-        p = np.asarray(task.shape.scaled(jnp.asarray(p), jnp.asarray(0.995 / np.max(used))))
+    for p in inputs:
+        for _ in range(CHECKS):
+            used = np.asarray(_fine_ratios(task, jnp.asarray(p)))
+            if np.all(used <= 1.0):
+                return p, used
+            p = np.asarray(task.shape.scaled(jnp.asarray(p), jnp.asarray(0.995 / np.max(used))))
     raise InputError(
         f"In a simulation at {FINER} times the sample rate the design does not keep its limits. "
         "Shorten the sample time."

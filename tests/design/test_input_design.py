@@ -29,7 +29,10 @@ from jaxid.design import (
     spline,
     square_wave,
 )
+from jaxid.design.input_design import task_of
+from jaxid.design.limits import PARTS, SHARPNESS, smooth_maxima
 from jaxid.design.objectives import Hypothesis
+from jaxid.design.optimisation import within_limits
 
 K, C = 1.5, 0.2
 SPRING = Spring(jnp.array(K), jnp.array(C))
@@ -103,6 +106,35 @@ def test_design_beats_conventional_inputs_within_the_limits(design):
     """A logarithmic variance lower by 0.72 is a total standard error lower by 30 %."""
     best = min(comparison.within_limits for comparison in design.comparisons)
     assert design.cost < best - 0.72
+
+
+def test_input_that_cannot_be_scaled_to_the_limits_leaves_its_place_to_the_next():
+    chosen = free(SPRING, "k", "c")
+    task, _ = task_of(
+        *(SPRING, chosen, T, SHAPE, RELATIVE, LIMITS, NOISE),
+        axes=None,
+        trim_input=None,
+        initial_state=None,
+        earlier=None,
+        conventional=(),
+    )
+    infinite, large = np.full((1, 9), np.nan), np.ones((1, 9))
+    p, used = within_limits(task, [infinite, large])
+    np.testing.assert_allclose(p / p[0, 0], large)
+    assert 0.9 < np.max(used) <= 1.0
+    with pytest.raises(InputError, match="does not keep its limits"):
+        within_limits(task, [infinite])
+
+
+def test_maxima_of_parts_are_bounds_from_above():
+    values = np.random.default_rng(1).normal(size=(77, 2))
+    maxima = np.asarray(smooth_maxima(jnp.asarray(values))).reshape(PARTS, 2)
+    length = -(-77 // PARTS)
+    for part, bound in enumerate(maxima):
+        block = values[part * length : (part + 1) * length]
+        exact = np.max(block if len(block) else values[-1:], axis=0)
+        assert np.all(bound >= exact)
+        assert np.all(bound <= exact + np.log(length) / SHARPNESS)
 
 
 def test_search_that_ends_outside_its_limits_is_scaled_to_them(design, conventional, monkeypatch):

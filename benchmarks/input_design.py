@@ -4,15 +4,18 @@ A nonlinear longitudinal aircraft (short period) and a linear lateral one (dutch
 rudder); with `--cases coupled`, which takes much longer, the F-4-like aircraft in six degrees of
 freedom at 15 deg of angle of attack. Each input is designed under three limits: equal energy, equal
 peak, and an envelope of the motion. The conventional inputs (doublet, 3-2-1-1, 2-1-1, sine, sweep,
-multisines), each with pulses for five frequencies about the mode's, are scaled to the same limits.
-The table shows the total standard error, `sqrt(sum (error / value)^2)`, of the design over that of
-the best input of each family, at equal duration. Goal: at least 30 % below the best of all.
+multisines), each with pulses for five frequencies about the mode's, and the families of aeroid
+where it is installed, are scaled to the same limits. The table shows the total standard error,
+`sqrt(sum (error / value)^2)`, of the design over that of the best input of each family, at equal
+duration. Goal: at least 30 % below the best of all.
 
 The standard errors that the design and the best conventional input within the envelope predict are
 compared with the scatter of the estimates from simulated flights, 500 by default, in one `vmap`.
 """
 
 import argparse
+import importlib.util
+import itertools
 import json
 import math
 import sys
@@ -71,6 +74,7 @@ from jaxid.design import (
 from jaxid.models import AbstractModel, Free
 from jaxid.models.names import read_parameters
 
+AEROID_DRAWS = 40  # random values of the variables of each family and control (chosen)
 COUPLED_ALPHA = math.radians(15.0)
 FREQUENCY_FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
 UNBOUNDED = math.radians(80.0)  # envelope of the designs under equal energy and equal peak
@@ -240,6 +244,31 @@ def families(case: Case) -> list[InputSignal]:
         f = factor * case.frequency
         inputs = conventional_inputs(case.t, f, (0.4 * f, 4.0 * f), case.model.inputs, start=0.2)
         signals += list(inputs.values())
+    return signals + aeroid_families(case)
+
+
+def aeroid_families(case: Case) -> list[InputSignal]:
+    """Return inputs of the families of aeroid, which move one control each, with random values of
+    their variables; none where aeroid is not installed.
+    """
+    if importlib.util.find_spec("aeroid") is None:
+        return []
+    import aeroid
+
+    f, t, duration = case.frequency, np.asarray(case.t), float(case.t[-1])
+    rng, signals = np.random.default_rng(0), []
+    lines = np.arange(1, 1 + int(4.0 * f * duration)) / duration
+    for axis, control in enumerate(case.model.inputs):
+        families = (
+            aeroid.Doublet(control, (0.5, 1.0), (0.1 / f, 1.5 / f), start=0.2),
+            aeroid.Multisine(control, tuple(lines), (0.0, 1.0)),
+            aeroid.Chirp(control, (0.5, 1.0), (0.1 * f, 2.0 * f), (0.2 * f, 4.0 * f)),
+        )
+        for family, _ in itertools.product(families, range(AEROID_DRAWS)):
+            u = np.zeros((t.size, len(case.model.inputs)))
+            u[:, axis] = family.signal(rng.uniform(*np.transpose(family.bounds)), t)
+            name = f"aeroid {type(family).__name__.lower()}"
+            signals.append(InputSignal(case.t, jnp.asarray(u), case.model.inputs, name))
     return signals
 
 

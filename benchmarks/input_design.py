@@ -202,7 +202,7 @@ def coupled() -> Case:
         energy=0.012,
         envelope={"alpha": math.radians(4.0), "beta": math.radians(5.0)},
         frequency=0.25,
-        knots=12,
+        knots=24,
     )
 
 

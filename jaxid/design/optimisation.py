@@ -171,15 +171,25 @@ def in_chunks(function, deviations):
 
 
 def optimise(task: Task, start: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the parameters and the cost that sequential quadratic programming reaches."""
-    shape = start.shape
+    """Return the parameters and the cost that sequential quadratic programming reaches.
+
+    Its first step is as long as the gradient, so the parameters are divided by the size of the
+    start. It often ends a little outside its limits. The best of its points inside counts, and its
+    end scaled to the limits; scaling alone fails where the motion is unstable.
+    """
+    shape, size = start.shape, float(np.max(np.abs(start)))
     memory: dict[bytes, tuple[np.ndarray, ...]] = {}
+    inside = [(start, np.inf)]
 
     def evaluate(p):
         key = p.tobytes()
         if key not in memory:
             memory.clear()
-            memory[key] = tuple(map(np.asarray, _evaluate(task, jnp.asarray(p.reshape(shape)))))
+            at = jnp.asarray(size * p.reshape(shape))
+            memory[key] = tuple(map(np.asarray, _evaluate(task, at)))
+            value, _, used, _ = memory[key]
+            if np.all(used <= 1.0) and value < inside[-1][1]:
+                inside.append((np.asarray(at), float(value)))
         return memory[key]
 
     def cost(p):
@@ -188,18 +198,19 @@ def optimise(task: Task, start: np.ndarray) -> tuple[np.ndarray, float]:
 
     result = minimize(
         cost,
-        start.ravel(),
-        jac=lambda p: np.nan_to_num(evaluate(p)[1].ravel()),
+        start.ravel() / size,
+        jac=lambda p: np.nan_to_num(size * evaluate(p)[1].ravel()),
         constraints={
             "type": "ineq",
-            "fun": lambda p: np.nan_to_num(1.0 - evaluate(p)[2], nan=-1e3),
-            "jac": lambda p: np.nan_to_num(-evaluate(p)[3].reshape(-1, p.size)),
+            "fun": lambda p: np.nan_to_num(REACHED - evaluate(p)[2], nan=-1e3),
+            "jac": lambda p: np.nan_to_num(-size * evaluate(p)[3].reshape(-1, p.size)),
         },
         method="SLSQP",
         options={"maxiter": SQP_STEPS, "ftol": 1e-6},
     )
-    end = reaching_limits(task, result.x.reshape(shape), 1.0)
-    return min(((p, cost(p.ravel())) for p in (start, end)), key=lambda pair: pair[1])
+    end = reaching_limits(task, size * result.x.reshape(shape), 1.0)
+    ends = [(p, cost(p.ravel() / size)) for p in (start, end)]
+    return min([*ends, inside[-1]], key=lambda pair: pair[1])
 
 
 def reaching_limits(task: Task, p: np.ndarray, largest: float = np.inf) -> np.ndarray:

@@ -6,8 +6,8 @@ freedom at 15 deg of angle of attack. Each input is designed under three limits:
 peak, and an envelope of the motion. The conventional inputs (doublet, 3-2-1-1, 2-1-1, sine, sweep,
 multisines), each with pulses for five frequencies about the mode's, and the families of aeroid
 where it is installed, are scaled to the same limits. The table shows the total standard error,
-`sqrt(sum (error / value)^2)`, of the design over that of the best input of each family, at equal
-duration. Goal: at least 30 % below the best of all.
+`sqrt(sum (error / value)^2)`, of the design, divided by the total of the best input of each family,
+at equal duration. Goal: at least 30 % below the best of all.
 
 The standard errors that the design and the best conventional input within the envelope predict are
 compared with the scatter of the estimates from simulated flights, 500 by default, in one `vmap`.

@@ -21,7 +21,7 @@ class Case(NamedTuple):
         samples: samples of a record.
         fly: from draws, samples and seed to the records.
         intervals: from the records to the intervals.
-        truth: true values by name, besides those of the derivatives.
+        truth: true values by name of all parameters but the derivatives.
         expected: share of intervals that should hold the truth.
         claimed: False for errors that are known to be wrong, given for comparison.
     """
@@ -63,7 +63,7 @@ def _known_noise():
 
 SENSORS = {f"sensor.{name}": size for name, size in NOISE.items()}
 GUSTS = {"process.gust": GUST, "correlation_time.gust": GUST_TIME}
-CORRELATION = 0.8  # of a sensor's noise with that of the sample before, in the coloured cases
+CORRELATION = 0.8  # of a sensor's noise from one sample to the next, in the coloured cases
 MISSING = 0.3
 # of the constant that is held, and of the prior: a tenth of the derivative
 HELD = {"Zw": 0.1}

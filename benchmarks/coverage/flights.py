@@ -85,7 +85,7 @@ def fly(
         samples: samples of each record.
         seed: seed of the noise.
         gust: standard deviation of the gust [m/s].
-        colour: correlation of a sensor's noise with that of the sample before.
+        colour: correlation of a sensor's noise from one sample to the next.
         missing: share of missing measurements.
         spread: standard deviations of true derivatives from flight to flight, by name.
     """

@@ -12,7 +12,7 @@ for growing weights `eps`. The input whose simulated motion is nearest to them i
 with the amplitude, rate, energy and envelope limits of that motion as constraints. The report
 chooses the histories without regard to the equations of motion (`eps = 0`). For a spring these are
 so far from any motion that the nearest one has 1.5 to 2.4 times the standard errors of a direct
-design, against 1.04 to 1.06 with the penalty, which is that of the report's Eq. C.34.
+design, against 1.04 to 1.06 with the penalty of the report's Eq. C.34.
 """
 
 import dataclasses
@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import minimize
 
-from .._foundation.checks import require, require_float64
+from .._foundation.checks import InputError, require, require_float64
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Float, Numbers
 from ..estimation.likelihoods import AbstractLikelihood
@@ -41,8 +41,16 @@ from .input_design import design_of, task_of
 from .limits import Limits, exact_maximum, quantities
 from .measures import AbstractMeasure
 from .objectives import AbstractObjective, Hypothesis, InformationObjective, logarithmic_cost
-from .optimisation import Task, deviations_of, integration_of, optimise, reaching_limits, summaries
-from .shapes import AbstractShape, b_splines
+from .optimisation import (
+    Task,
+    deviations_of,
+    integration_of,
+    nearest_input,
+    optimise,
+    reaching_limits,
+    summaries,
+)
+from .shapes import AbstractShape, b_splines, default_knots
 from .signals import InputSignal
 
 # Random histories that are improved and followed, evaluations for each weight, and knots of the
@@ -81,9 +89,9 @@ def approximate_design(
         1. max_(x, u) of the information  sum_i h' (g R g')^-1 h   within the limits
         2. min_p of the distance of the simulated motion x(p) to x
 
-    Approximate: the search sees the information of the equation error, not that of the estimate. No
+    Approximate: the search uses the information of the equation error, not of the estimate. No
     sensitivity is simulated in the search. The cost and the predicted standard errors of the result
-    are those of the given likelihood, exact as in `design_input`, which can begin with the result:
+    follow from the given likelihood, exact as in `design_input`, which can begin with the result:
     `conventional=[result.signal]`.
 
     Source: the report, section C.3.2, Eq. C.35 to C.41, with the penalty of Eq. C.34.
@@ -263,11 +271,7 @@ def _search_of(
     task: Task, regression: EquationError, information: InformationObjective, knots: int | None
 ) -> HistorySearch:
     """Return the search; its typical rates are one until the starts are known."""
-    knots = min(HISTORY_KNOTS, max(task.t.size // 4, 2)) if knots is None else knots
-    require(
-        2 <= knots < task.t.size,
-        f"{knots} knots for {task.t.size} samples: give at least 2, and fewer than samples.",
-    )
+    knots = default_knots(task.t.size, HISTORY_KNOTS) if knots is None else knots
     states = regression.hypothesis.model.states
     rows = np.array([task.limits.names.index(name) for name in states], int)
     amplitude = task.limits.amplitude[:, None]
@@ -314,16 +318,12 @@ def _followed(
         input_weight=jnp.asarray(weights),
         likelihood=task.objective.likelihood,
     )
-    nearest = [
-        task.shape.nearest(column)
-        for column in np.asarray(moved[0])[:, axes].T / amplitude[:, None]
-    ]
-    defined = [column for column in nearest if column is not None]
-    require(
-        len(defined) == len(nearest),
-        "No signal of this shape is nearest to a history. Take `spline` or `multisine`.",
-    )
-    p, _ = optimise(dataclasses.replace(task, objective=objective), np.stack(defined))
+    nearest = nearest_input(task, np.asarray(moved[0]))
+    if nearest is None:
+        raise InputError(
+            "No signal of this shape is nearest to a history. Take `spline` or `multisine`."
+        )
+    p, _ = optimise(dataclasses.replace(task, objective=objective), nearest)
     return reaching_limits(task, p)
 
 

@@ -9,7 +9,7 @@ with the noise `v_a` of the measured rates and `v_x` of the measured states, so 
     M = sum_i h_i' (g_i R g_i')^-1 h_i        (Eq. C.39, C.40; the sum over samples)
 
 follows from a history of states and inputs without a simulation and without sensitivities. The sign
-of `df/dx` is that of the derivation (Eq. C.36 prints the other one); M does not depend on it.
+of `df/dx` follows from the derivation (Eq. C.36 prints the other one); M does not depend on it.
 
 The information is approximate: the states count as known up to white noise at every sample, and an
 estimate by output error uses their dynamics as well.

@@ -127,13 +127,27 @@ def _nearest(task: Task, conventional: Sequence[InputSignal]) -> list[np.ndarray
     """Return the parameters of the signals nearest to conventional inputs of peak 1."""
     starts = []
     for signal in conventional:
-        u = np.asarray(signal.u)[:, list(task.limits.axes)] / np.asarray(task.limits.amplitude)
-        size = max(np.max(np.abs(u)), np.finfo(float).tiny)
-        nearest = [task.shape.nearest(column / size) for column in u.T]
-        defined = [column for column in nearest if column is not None]
-        if len(defined) == len(nearest):
-            starts.append(np.stack(defined)[None])
+        u = np.asarray(signal.u)
+        moved = u[:, list(task.limits.axes)] / np.asarray(task.limits.amplitude)
+        start = nearest_input(task, u / max(np.max(np.abs(moved)), np.finfo(float).tiny))
+        if start is not None:
+            starts.append(start[None])
     return starts
+
+
+def nearest_input(
+    task: Task, deviation: Float[np.ndarray, "time input"]
+) -> Float[np.ndarray, "axis parameter"] | None:
+    """Return the parameters of the shape nearest to an input; None if the shape has no nearest one.
+
+    Args:
+        task: the task.
+        deviation: samples of all inputs, less their values at trim.
+    """
+    moved = deviation[:, list(task.limits.axes)] / np.asarray(task.limits.amplitude)
+    nearest = [task.shape.nearest(column) for column in moved.T]
+    defined = [column for column in nearest if column is not None]
+    return np.stack(defined) if len(defined) == len(nearest) else None
 
 
 @fast_compile_jit
@@ -177,9 +191,9 @@ def optimise(task: Task, start: np.ndarray) -> tuple[np.ndarray, float]:
     start. It often ends a little outside its limits. The best of its points inside counts, and its
     end scaled to the limits; scaling alone fails where the motion is unstable.
     """
-    shape, size = start.shape, float(np.max(np.abs(start)))
+    shape, size = start.shape, float(np.max(np.abs(start))) or 1.0
     memory: dict[bytes, tuple[np.ndarray, ...]] = {}
-    inside = [(start, np.inf)]
+    inside: list[tuple[np.ndarray, float]] = []
 
     def evaluate(p):
         key = p.tobytes()
@@ -188,7 +202,7 @@ def optimise(task: Task, start: np.ndarray) -> tuple[np.ndarray, float]:
             at = jnp.asarray(size * p.reshape(shape))
             memory[key] = tuple(map(np.asarray, _evaluate(task, at)))
             value, _, used, _ = memory[key]
-            if np.all(used <= 1.0) and value < inside[-1][1]:
+            if np.all(used <= 1.0) and np.isfinite(value):
                 inside.append((np.asarray(at), float(value)))
         return memory[key]
 
@@ -210,7 +224,7 @@ def optimise(task: Task, start: np.ndarray) -> tuple[np.ndarray, float]:
     )
     end = reaching_limits(task, size * result.x.reshape(shape), 1.0)
     ends = [(p, cost(p.ravel() / size)) for p in (start, end)]
-    return min([*ends, inside[-1]], key=lambda pair: pair[1])
+    return min([*ends, *inside], key=lambda pair: pair[1])
 
 
 def reaching_limits(task: Task, p: np.ndarray, largest: float = np.inf) -> np.ndarray:

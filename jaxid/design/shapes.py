@@ -145,10 +145,6 @@ def spline(t: Float[Array, " time"], knots: int) -> Spline:
     Raises:
         InputError: for fewer than two coefficients, or more than samples.
     """
-    require(
-        2 <= knots < t.size,
-        f"{knots} knots for {t.size} samples: give at least 2, and fewer than samples.",
-    )
     return Spline(jnp.asarray(b_splines(np.asarray(t), knots)[:, 1:-1]))
 
 
@@ -159,7 +155,14 @@ def b_splines(
 
     Only the first is not zero at the first time, only the last at the last time. Their sum is one,
     so that a curve does not leave the range of its coefficients.
+
+    Raises:
+        InputError: for fewer than two knots, or as many as samples.
     """
+    require(
+        2 <= knots < times.size,
+        f"{knots} knots for {times.size} samples: give at least 2, and fewer than samples.",
+    )
     inner = np.linspace(times[0], times[-1], knots)
     full = np.concatenate([[times[0]] * 3, inner, [times[-1]] * 3])
     return BSpline.design_matrix(times, full, 3).toarray()
@@ -167,7 +170,12 @@ def b_splines(
 
 def default_shape(t: Float[Array, " time"]) -> Spline:
     """Return a cubic spline with up to `DEFAULT_KNOTS` coefficients."""
-    return spline(t, min(DEFAULT_KNOTS, max(t.size // 4, 2)))
+    return spline(t, default_knots(t.size, DEFAULT_KNOTS))
+
+
+def default_knots(samples: int, most: int) -> int:
+    """Return a number of knots, each with at least four samples where there are enough."""
+    return min(most, max(samples // 4, 2))
 
 
 def multisine(

@@ -71,7 +71,7 @@ def profiled_step(
 
 
 class DescentState(NamedTuple):
-    """A direction, and what may take its place.
+    """A direction, and the one that may replace it.
 
     Attributes:
         direction: the full step.
@@ -125,7 +125,8 @@ class SpectrumDescent(optx.AbstractDescent):
         svd = spectrum(information.triangle, information.rhs, self.scale)
         full_step, shared, direction = self._direction(y.shared, information, svd, phase, 1.0)
         clipped = jnp.clip(full_step.shared, self.lower - y.shared, self.upper - y.shared)
-        has_other = jnp.any(clipped != shared)
+        # a curved step turns as it shortens, and needs no other direction at a corner
+        has_other = jnp.any(clipped != shared) & (not self.policy.curved)
         optional = self.policy.optional(svd, phase)
         return DescentState(direction, phase + 1, optional, clipped, has_other, begin)
 

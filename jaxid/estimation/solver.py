@@ -20,7 +20,7 @@ class GaussNewton(eqx.Module):
 
     Args:
         policy: the treatment of weak eigenvalues; the report found clipping adequate in most cases.
-        search: a search of optimistix; by default that of the policy.
+        search: a search of optimistix; by default `policy.search()`.
         tolerance: the iteration ends when the full step is shorter than this [standard errors].
         least_fall: the iteration also ends when an accepted step lowers the cost by less than this
             (zero: never). Where a model has corners, steps stay short, and the last thousandth of a

@@ -25,7 +25,7 @@ class AbstractPolicy(eqx.Module):
 
     Attributes:
         threshold: eigenvalues below this share of the largest are weak.
-        curved: True if the weights depend on the size of the step, which else shortens all alike.
+        curved: True if the weights depend on the size of the step; otherwise it scales all alike.
     """
 
     threshold: eqx.AbstractVar[float]

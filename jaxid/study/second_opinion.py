@@ -51,7 +51,9 @@ class Refusal(enum.Enum):
     PREDICTABLE = (
         "the residual that remains is predictable from its past, so that its signs are not random"
     )
-    OTHER_NOISE = "the noise of the result is not that of this round, or acts on the motion"
+    OTHER_NOISE = (
+        "the result has another noise model than this round, or noise that acts on the motion"
+    )
     EXCHANGE = "the change replaced an effect, and chance does not decide between two effects"
     GROUP = "the change added a group of terms, and groups of several sizes have no common score"
     SCORE_BLIND = "the linear model does not show this effect, so that its score is no measure"

@@ -32,7 +32,7 @@ from jaxid.design import (
 from jaxid.design.input_design import task_of
 from jaxid.design.limits import PARTS, SHARPNESS, smooth_maxima
 from jaxid.design.objectives import Hypothesis
-from jaxid.design.optimisation import within_limits
+from jaxid.design.optimisation import optimise, within_limits
 
 K, C = 1.5, 0.2
 SPRING = Spring(jnp.array(K), jnp.array(C))
@@ -108,22 +108,34 @@ def test_design_beats_conventional_inputs_within_the_limits(design):
     assert design.cost < best - 0.72
 
 
-def test_input_that_cannot_be_scaled_to_the_limits_leaves_its_place_to_the_next():
-    chosen = free(SPRING, "k", "c")
+def small_task():
+    """The task of the spring's design."""
     task, _ = task_of(
-        *(SPRING, chosen, T, SHAPE, RELATIVE, LIMITS, NOISE),
+        *(SPRING, free(SPRING, "k", "c"), T, SHAPE, RELATIVE, LIMITS, NOISE),
         axes=None,
         trim_input=None,
         initial_state=None,
         earlier=None,
         conventional=(),
     )
+    return task
+
+
+def test_input_that_cannot_be_scaled_to_the_limits_leaves_its_place_to_the_next():
+    task = small_task()
     infinite, large = np.full((1, 9), np.nan), np.ones((1, 9))
     p, used = within_limits(task, [infinite, large])
     np.testing.assert_allclose(p / p[0, 0], large)
     assert 0.9 < np.max(used) <= 1.0
     with pytest.raises(InputError, match="does not keep its limits"):
         within_limits(task, [infinite])
+
+
+def test_search_can_begin_at_trim():
+    """The parameters are divided by the size of the start, which is zero there."""
+    p, cost = optimise(small_task(), np.zeros((1, 9)))
+    assert np.all(np.isfinite(p))
+    assert np.isfinite(cost)
 
 
 def test_maxima_of_parts_are_bounds_from_above():

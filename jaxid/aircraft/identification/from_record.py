@@ -61,7 +61,7 @@ def model_of(
                  pdot qdot rdot [rad/s^2], by `differentiate` where they are not measured
 
     A longitudinal model needs V, alpha, q, pitch, ax, az, qdot and the stabilator. `columns` and
-    `signs` of `jaxid.read_csv` rename and turn those of a log.
+    `signs` of `jaxid.read_csv` rename and reverse the columns of a log.
 
     **Mass and size** are constants of the record, or arguments. The default of `Ixz` is zero. A
     longitudinal model needs no `Ix` and `Iz`: they are then set equal, and roll and yaw do not

@@ -27,6 +27,15 @@ from .objectives import (
     MutualDiscrimination,
     RobustObjective,
 )
+from .polynomial_terms import (
+    PolynomialTerms,
+    Visited,
+    equal_time,
+    half_ranges,
+    polynomial_terms,
+    sinusoid,
+    visited,
+)
 from .sensors import SensorSet, sensor_sets
 from .shapes import AbstractShape, Multisine, Spline, SquareWave, multisine, spline, square_wave
 from .signals import (
@@ -59,6 +68,7 @@ __all__ = [
     "MutualDiscrimination",
     "OptimalSpectrum",
     "PlannedInformation",
+    "PolynomialTerms",
     "QuasiLinearSpectrum",
     "RobustObjective",
     "SensorSet",
@@ -67,6 +77,7 @@ __all__ = [
     "SquareWave",
     "SubsetDeterminant",
     "Trace",
+    "Visited",
     "allocate",
     "alternating_pulses",
     "approximate_design",
@@ -78,17 +89,22 @@ __all__ = [
     "curve_width",
     "design_input",
     "energy_limited_input",
+    "equal_time",
     "equation_error_information",
     "expected_chi_square",
+    "half_ranges",
     "information_of",
     "multisine",
     "multisine_inputs",
     "optimal_points",
     "optimal_spectrum",
     "planned_record",
+    "polynomial_terms",
     "quasi_linear_spectrum",
     "sample_times",
     "sensor_sets",
+    "sinusoid",
     "spline",
     "square_wave",
+    "visited",
 ]

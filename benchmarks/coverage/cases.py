@@ -9,9 +9,11 @@ from scipy.stats import norm
 
 from benchmarks.coverage.flights import DERIVATIVES, GUST, GUST_TIME, NOISE, Flights, fly
 from benchmarks.coverage.intervals import Answer, asymptotic, considered, profiled
+from benchmarks.coverage.selection import after_selection, fly_missing
 from jaxid import FilterError, FirstOrder, FixedNoise, OutputError
 
 LEVEL = 0.95
+AFTER_SELECTION = "after a study that finds a missing effect"
 
 
 class Case(NamedTuple):
@@ -104,6 +106,8 @@ CASES = {
         )
         for distance in DISTANCES
     },
+    # slow, and not in a vmap: a study of each flight, such as 270
+    AFTER_SELECTION: Case(400, fly_missing, after_selection),
     "filter error, first-order gusts, Q and R estimated": Case(
         2000, in_gusts, asymptotic(_filter_error), SENSORS | GUSTS
     ),

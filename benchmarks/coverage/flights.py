@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import expm
 
-from jaxid import AbstractModel
+from jaxid import AbstractModel, Augmented, simulate
 from jaxid._foundation.types import Array
+from jaxid.effects import Effect
 
 SPEED, STEP = 50.0, 0.05  # m/s, s
 NOISE = {"alpha": 0.004, "q": 0.004}  # rad, rad/s
@@ -89,9 +90,7 @@ def fly(
         missing: share of missing measurements.
         spread: standard deviations of true derivatives from flight to flight, by name.
     """
-    rng = np.random.default_rng(seed)
-    t = STEP * np.arange(samples)
-    u = 0.05 * np.sign(np.sin(1.3 * t)) + 0.03 * np.sign(np.sin(3.1 * t + 1.0))
+    rng, (t, u) = np.random.default_rng(seed), _manoeuvre(samples)
     derivatives = _derivatives(draws, spread or {}, rng)
     Phi, noise = _transition(derivatives if spread else derivatives[:1], gust)
     values, vectors = np.linalg.eigh(noise)
@@ -108,6 +107,29 @@ def fly(
     z += _coloured(rng.normal(size=z.shape), colour) * np.array(list(NOISE.values()))
     valid = rng.uniform(size=z.shape) >= missing
     return Flights(t, u[:, None], np.where(valid, z, 0.0), valid, derivatives)
+
+
+def fly_with(
+    effect: Effect, draws: int, samples: int, seed: int, declared: AbstractModel
+) -> Flights:
+    """Return records of the short period with an effect that the declared model lacks.
+
+    Args:
+        effect: the effect, with its true parameters.
+        draws, samples, seed: as for `fly`.
+        declared: the short period with its true derivatives.
+    """
+    rng, (t, u) = np.random.default_rng(seed), _manoeuvre(samples)
+    y = simulate(Augmented(declared, (effect,)), t, u[:, None], INITIAL).y
+    z = y + rng.normal(size=(draws, samples, 2)) * np.array(list(NOISE.values()))
+    valid, derivatives = np.ones(z.shape, bool), _derivatives(draws, {}, rng)
+    return Flights(t, u[:, None], np.asarray(z), valid, derivatives)
+
+
+def _manoeuvre(samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and elevator."""
+    t = STEP * np.arange(samples)
+    return t, 0.05 * np.sign(np.sin(1.3 * t)) + 0.03 * np.sign(np.sin(3.1 * t + 1.0))
 
 
 def _derivatives(draws: int, spread: dict[str, float], rng) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Intervals of all flights of a case, each as a user would compute it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import equinox as eqx
@@ -47,7 +47,7 @@ def asymptotic(likelihood: Callable[[], AbstractLikelihood], *, coloured: bool =
     """
 
     def answer(flights: Flights) -> Answer:
-        fits = estimates(flights, likelihood(), *_started(**options))
+        fits = estimates(flights, likelihood(), *started(**options))
         ends = fits.interval(coloured=coloured)
         errors = fits.corrected_errors if coloured else fits.standard_errors
         return _answer(fits, errors, ends)
@@ -64,7 +64,7 @@ def considered(likelihood: Callable[[], AbstractLikelihood], deviations: dict[st
     """
 
     def answer(flights: Flights) -> Answer:
-        model, chosen = _started(held=tuple(deviations))
+        model, chosen = started(held=tuple(deviations))
         fits = estimates(flights, likelihood(), model, chosen)
         errors = np.array(
             [
@@ -90,10 +90,10 @@ def profiled(name: str, distance: float):
 
     def answer(flights: Flights) -> Answer:
         one = Flights(flights.t, flights.u, flights.z[:1], flights.valid[:1], flights.derivatives)
-        fit = estimates(one, OutputError(), *_started())
+        fit = estimates(one, OutputError(), *started())
         error = float(fit.standard_errors[0, fit.names.index(name)])
         bound = DERIVATIVES[name] - distance * error
-        model, chosen = _started(bounds={name: (bound, None)})
+        model, chosen = started(bounds={name: (bound, None)})
         fits, likelihood = estimates(flights, OutputError(), model, chosen), OutputError()
         ends = [
             profile_likelihood(fit, record, likelihood, name).ends
@@ -128,7 +128,7 @@ def estimates(
     return eqx.filter_jit(lambda measured: jax.lax.map(one, measured))(measured)
 
 
-def _started(held: tuple[str, ...] = (), **options) -> tuple[ShortPeriod, Free]:
+def started(held: tuple[str, ...] = (), **options) -> tuple[ShortPeriod, Free]:
     """Return the model at its start, and its free parameters.
 
     Args:
@@ -141,13 +141,18 @@ def _started(held: tuple[str, ...] = (), **options) -> tuple[ShortPeriod, Free]:
     return model, free(model, *names, per_record=("initial_state",), **options)
 
 
-def _each(fits: Estimate, flights: Flights):
-    """Yield estimate and record of each flight."""
+def records_of(flights: Flights) -> Iterator[Record]:
+    """Yield the record of each flight."""
     t, u = flights.t[None], flights.u[None]
     for draw in range(len(flights.z)):
         z, valid = flights.z[draw : draw + 1], flights.valid[draw : draw + 1]
-        arrays = map(jnp.asarray, (t, u, z, valid))
-        yield _of_draw(fits, draw), Record(*arrays, {}, *CHANNELS)
+        yield Record(*map(jnp.asarray, (t, u, z, valid)), {}, *CHANNELS)
+
+
+def _each(fits: Estimate, flights: Flights):
+    """Yield estimate and record of each flight."""
+    for draw, record in enumerate(records_of(flights)):
+        yield _of_draw(fits, draw), record
 
 
 def _of_draw(fits: Estimate, draw: int) -> Estimate:

@@ -1,10 +1,10 @@
 """Share of 95 % intervals that hold the truth: `python -m benchmarks.coverage [--json]
 [--draws 2000] [--only NAME ...]`.
 
-Each case simulates many records of a known system, estimates from all of them in one program, or by
-a study of each, and counts for each parameter the intervals that hold the truth. A correct share
-lies within the band with 99.9 % probability, Bonferroni over the parameters of the case. A parameter
-on its bound has no asymptotic interval, and counts as one that does not hold the truth.
+Each case simulates many records of a known system, estimates from all of them in one program, or
+by a study of each, and counts for each parameter the intervals that hold the truth. A correct share
+lies within the band with 99.9 % probability, Bonferroni over the parameters of the case. A
+parameter on its bound has no asymptotic interval, and counts as one that does not hold the truth.
 """
 
 import argparse

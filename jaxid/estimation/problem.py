@@ -25,18 +25,20 @@ from .limits import Limits
 # bound (derived: eight times the spacing of float64 numbers at one).
 ROUNDING = 8 * float(jnp.finfo(jnp.float64).eps)
 
-# Largest size of the sensitivities of all records that are kept in memory at once (chosen). Of
-# a longer stack they are computed for some records at a time and folded into triangles.
-KEPT_BYTES = 16_000_000
+# Largest size of the sensitivities of all records that are kept, and of the blocks in which those of
+# a longer stack are computed and folded into triangles (chosen; larger blocks are no faster).
+KEPT_BYTES, BLOCK_BYTES = 16_000_000, 4_000_000
 # On a GPU, where a step of time takes as long for many records as for one, a 64th of its memory:
 # the arrays of a linearisation take some ten times the sensitivities (chosen).
 PARTS_OF_GPU_MEMORY = 64
 
 
-def kept_bytes() -> int:
-    """Return the largest size of sensitivities that are kept in memory at once [bytes]."""
+def kept_bytes(*, block: bool = False) -> int:
+    """Return the largest size of the sensitivities that are kept, or of a block [bytes]."""
     device = default_device()
-    return KEPT_BYTES if device.platform == "cpu" else memory_of(device) // PARTS_OF_GPU_MEMORY
+    if device.platform != "cpu":
+        return memory_of(device) // PARTS_OF_GPU_MEMORY
+    return BLOCK_BYTES if block else KEPT_BYTES
 
 
 class Linearised(eqx.Module):
@@ -237,15 +239,16 @@ class Problem(eqx.Module):
         return self._largest_batch(self.records.z.shape[2] * columns)
 
     def _largest_batch(self, values: int) -> int:
-        """Return the largest divisor of the number of records that keeps `kept_bytes`.
+        """Return all records if their values are kept, otherwise their largest divisor in a block.
 
         Args:
             values: number of values at each sample of a record.
         """
         n_cases, samples = self.records.t.shape
-        largest = max(kept_bytes() // max(8 * samples * values, 1), 1)
-        sizes = range(1, min(n_cases, largest) + 1)
-        return max(size for size in sizes if n_cases % size == 0)
+        if n_cases * (size := max(8 * samples * values, 1)) <= kept_bytes():
+            return n_cases
+        largest = max(kept_bytes(block=True) // size, 1)
+        return max(n for n in range(1, min(n_cases, largest) + 1) if n_cases % n == 0)
 
     def _by_batch(self, function, arguments, size: int):
         """Return the results of a function of `size` records at a time, for all records."""

@@ -147,7 +147,8 @@ def test_records_in_batches_give_same_information(monkeypatch):
     problem = Problem.of(model, free(model, "k", "c"), records, OutputError())
     at = Parameters(jnp.array([1.4, 0.25]), jnp.zeros((6, 0)))
     together = problem.linearise(at)
-    monkeypatch.setattr("jaxid.estimation.problem.KEPT_BYTES", 3 * 150 * 2 * 2 * 8)
+    for name in ("KEPT_BYTES", "BLOCK_BYTES"):
+        monkeypatch.setattr(f"jaxid.estimation.problem.{name}", 3 * 150 * 2 * 2 * 8)
     assert problem.batch == 3
     in_batches = problem.linearise(at)
     assert in_batches.S is None

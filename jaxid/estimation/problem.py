@@ -25,8 +25,8 @@ from .limits import Limits
 # bound (derived: eight times the spacing of float64 numbers at one).
 ROUNDING = 8 * float(jnp.finfo(jnp.float64).eps)
 
-# Largest size of the sensitivities of all records that are kept, and of the blocks in which those of
-# a longer stack are computed and folded into triangles (chosen; larger blocks are no faster).
+# Largest size of the sensitivities of all records that are kept, and of the blocks in which larger
+# ones are computed and folded into triangles (chosen; larger blocks are no faster).
 KEPT_BYTES, BLOCK_BYTES = 16_000_000, 4_000_000
 # On a GPU, where a step of time takes as long for many records as for one, a 64th of its memory:
 # the arrays of a linearisation take some ten times the sensitivities (chosen).

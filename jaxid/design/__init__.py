@@ -9,6 +9,7 @@ from .experiment_points import Candidates, ExperimentPoints, at_most, candidates
 from .explanations import Explanation, expected_chi_square
 from .frequency import OptimalSpectrum, optimal_spectrum
 from .information import PlannedInformation, compare_inputs, information_of, planned_record
+from .input_check import check_input
 from .input_design import design_input
 from .limits import Limits
 from .measures import (
@@ -27,6 +28,7 @@ from .objectives import (
     MutualDiscrimination,
     RobustObjective,
 )
+from .requirements import Check, Criterion, InputCheck, Requirements, Verdict
 from .sensors import SensorSet, sensor_sets
 from .shapes import AbstractShape, Multisine, Spline, SquareWave, multisine, spline, square_wave
 from .signals import (
@@ -44,8 +46,10 @@ __all__ = [
     "AbstractShape",
     "Allocation",
     "Candidates",
+    "Check",
     "Combination",
     "Comparison",
+    "Criterion",
     "CurveWidth",
     "Design",
     "Determinant",
@@ -53,6 +57,7 @@ __all__ = [
     "ExperimentPoints",
     "Explanation",
     "InformationObjective",
+    "InputCheck",
     "InputSignal",
     "Limits",
     "Multisine",
@@ -60,6 +65,7 @@ __all__ = [
     "OptimalSpectrum",
     "PlannedInformation",
     "QuasiLinearSpectrum",
+    "Requirements",
     "RobustObjective",
     "SensorSet",
     "SmallestEigenvalue",
@@ -67,11 +73,13 @@ __all__ = [
     "SquareWave",
     "SubsetDeterminant",
     "Trace",
+    "Verdict",
     "allocate",
     "alternating_pulses",
     "approximate_design",
     "at_most",
     "candidates",
+    "check_input",
     "combine",
     "compare_inputs",
     "conventional_inputs",

@@ -44,6 +44,7 @@ class _Plan(NamedTuple):
     """A record with all that the checks compare.
 
     Attributes:
+        model, requirements, information: the model, the requirements, the predicted errors.
         t, u, deviation: sample times [s], inputs, and inputs less their values at trim.
         motion: quantities over time, by name: outputs as recorded, else by the declared model.
         trim: their values at trim.
@@ -78,8 +79,9 @@ def check_input(
 ) -> InputCheck:
     """Return the seven checks of the input of a planned or measured record (section 5.1).
 
-    Outputs are taken as recorded, states and signals from the declared model under the record's
-    inputs, and so are signal-to-noise ratios and the frequencies of the outputs.
+    Outputs are taken as recorded, and by the declared model where a sample is missing. States and
+    signals are those of the declared model under the record's inputs, and so are the noise-free
+    outputs whose size and frequencies are compared with noise and sample rate.
 
     Source: the report, sections 5.1 and 5.3.2.
 
@@ -253,10 +255,12 @@ def _procedure(plan: _Plan) -> Iterator[Criterion]:
     remedy = f"{weak}: fix a parameter, give a prior, or move another input."
     yield Criterion("undetermined parameters", float(len(missing)), remedy, high=0.0)
     moving = np.flatnonzero(np.ptp(plan.u, axis=0) > 0)
+    if moving.size < 2:
+        return
+    remedy = "Move the inputs one after the other."
     for k, factor in zip(moving, variance_inflation(plan.u[:, moving]), strict=True):
-        if moving.size > 1:
-            name, remedy = plan.model.inputs[k], "Move the inputs one after the other."
-            yield Criterion(f"{name}, variance inflation", float(factor), remedy, high=INFLATION)
+        label = f"{plan.model.inputs[k]}, variance inflation"
+        yield Criterion(label, float(factor), remedy, high=INFLATION)
 
 
 def _modelling(plan: _Plan) -> Iterator[Criterion]:
@@ -264,6 +268,8 @@ def _modelling(plan: _Plan) -> Iterator[Criterion]:
     remedy = "Lower the amplitude, or take a model that is valid there."
     yield from _within(plan, requirements.valid, remedy)
     for name, (low, high) in requirements.interest.items():
+        assert low is not None
+        assert high is not None
         values = plan.motion[name]
         inside = float(np.mean((values >= low) & (values <= high)))
         remedy = "Begin at a trim inside the range of interest, with a smaller amplitude."

@@ -28,15 +28,15 @@ class Requirements(eqx.Module):
     Attributes:
         limits: amplitude, rate and energy of the inputs, and the safe envelope of the motion.
         pilot_frequency: frequency up to which the pilot can fly an input [Hz].
-        pilot_share: largest share of the power of an input above it (chosen).
+        pilot_share: largest share of the power of an input above it, under a Hann window (chosen).
         reversals: largest number of reversals per second of an input; a movement of less than 5 %
             of its range is none (chosen).
         trim_distance: largest distance of a quantity from trim in the last tenth of the record
-            (chosen).
+            (chosen) [unit of the quantity].
         ranges: range of the instrument of each output.
         signal_to_noise: least ratio of the standard deviation of an output to its noise.
-        quantum: quantum of the instrument of each output, at most one standard deviation of the
-            noise: rounding then adds at most 1/12 to the variance of the noise.
+        quantum: quantum of the instrument of each output [unit of the output], at most one standard
+            deviation of the noise: rounding then adds at most 1/12 to the variance of the noise.
         fast_share: largest share of the power of an output above half of the Nyquist frequency
             (chosen). Checked for outputs that move by more than their noise.
         valid: ranges of quantities in which the model is valid.
@@ -102,7 +102,7 @@ class Criterion(NamedTuple):
     def is_met(self) -> bool:
         """True if the number is within its limits, up to rounding; False if it is NaN."""
         low, high = (bound * EXCESS for bound in (abs(self.low), abs(self.high)))
-        return self.low - low <= self.value <= self.high + high
+        return bool(self.low - low <= self.value <= self.high + high)
 
     def __str__(self) -> str:
         words = {f"at least {self.low:.4g}": self.low, f"at most {self.high:.4g}": self.high}
@@ -160,13 +160,13 @@ class InputCheck(eqx.Module):
         information: the predicted standard errors.
     """
 
-    pilot: Check = eqx.field(static=True)
-    instruments: Check = eqx.field(static=True)
-    procedure: Check = eqx.field(static=True)
-    modelling: Check = eqx.field(static=True)
-    objective: Check = eqx.field(static=True)
-    integrity: Check = eqx.field(static=True)
-    sensitivity: Check = eqx.field(static=True)
+    pilot: Check
+    instruments: Check
+    procedure: Check
+    modelling: Check
+    objective: Check
+    integrity: Check
+    sensitivity: Check
     information: PlannedInformation
 
     @property

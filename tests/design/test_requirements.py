@@ -198,9 +198,11 @@ def test_undetermined_combination_and_parameter_are_named():
     assert same.sensitivity.numbers["a, error inflation"] == np.inf
     assert "confounded with b" in str(same.sensitivity)
     rest = gains_checked(of_gains(sine(1.0), 0.0 * PERIODIC), parameters=("b",))
-    assert "b is not determined" in str(rest.procedure) or "b without effect" in str(rest.procedure)
+    assert "b is not determined: fix a parameter" in str(rest.procedure)
     assert "No output depends on b" in str(rest.sensitivity)
     assert not rest.is_met
+    still = checked(flown(jnp.zeros(T.size)))
+    assert "undetermined parameters 2 (at most 0). k, c without effect" in str(still.procedure)
 
 
 def test_time_in_the_range_of_interest_and_its_part_that_is_covered():

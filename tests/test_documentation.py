@@ -175,6 +175,14 @@ def test_the_errors_of_the_3211_are_the_smallest(output, printed):
         assert errors["3-2-1-1"] < 0.5 * errors["step"]  # "less than half"
 
 
+def test_the_requirements_are_met_by_the_smaller_input(output):
+    for requirement in ("pilot", "instruments", "modelling", "integrity"):
+        assert output("input_design.md", requirement).split()[1:3] == ["not", "met"]
+    for requirement in ("procedure", "objective", "sensitivity"):
+        assert output("input_design.md", requirement).split()[1] == "met"
+    assert output("input_design.md", "smaller input:").startswith("smaller input: True")
+
+
 def test_the_faults_of_the_record_are_found(output, printed):
     assert printed["advice.md"].output.startswith("No finding.")
     share, longest = numbers(output("advice.md", "missing samples"))

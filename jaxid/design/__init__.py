@@ -1,16 +1,16 @@
 """Design of experiments: measures of information, inputs, spectra and experiment points."""
 
 from .approximate import approximate_design
-from .describing_functions import QuasiLinearSpectrum, quasi_linear_spectrum
 from .design import Comparison, Design
 from .equation_error import equation_error_information
 from .exchange import Allocation, allocate
-from .experiment_points import Candidates, ExperimentPoints, at_most, candidates, optimal_points
 from .explanations import Explanation, expected_chi_square
-from .frequency import OptimalSpectrum, optimal_spectrum
 from .information import PlannedInformation, compare_inputs, information_of, planned_record
 from .input_design import design_input
 from .limits import Limits
+from .linear.describing_functions import QuasiLinearSpectrum, quasi_linear_spectrum
+from .linear.frequency import OptimalSpectrum, optimal_spectrum
+from .linear.time_domain import energy_limited_input
 from .measures import (
     AbstractMeasure,
     Combination,
@@ -27,7 +27,14 @@ from .objectives import (
     MutualDiscrimination,
     RobustObjective,
 )
-from .polynomial_terms import (
+from .polynomials.experiment_points import (
+    Candidates,
+    ExperimentPoints,
+    at_most,
+    candidates,
+    optimal_points,
+)
+from .polynomials.polynomial_terms import (
     PolynomialTerms,
     Visited,
     equal_time,
@@ -36,6 +43,8 @@ from .polynomial_terms import (
     sinusoid,
     visited,
 )
+from .requirements.input_check import check_input
+from .requirements.requirements import Check, Criterion, InputCheck, Requirements, Verdict
 from .sensors import SensorSet, sensor_sets
 from .shapes import AbstractShape, Multisine, Spline, SquareWave, multisine, spline, square_wave
 from .signals import (
@@ -46,15 +55,16 @@ from .signals import (
     multisine_inputs,
     sample_times,
 )
-from .time_domain import energy_limited_input
 
 __all__ = [
     "AbstractMeasure",
     "AbstractShape",
     "Allocation",
     "Candidates",
+    "Check",
     "Combination",
     "Comparison",
+    "Criterion",
     "CurveWidth",
     "Design",
     "Determinant",
@@ -62,6 +72,7 @@ __all__ = [
     "ExperimentPoints",
     "Explanation",
     "InformationObjective",
+    "InputCheck",
     "InputSignal",
     "Limits",
     "Multisine",
@@ -70,6 +81,7 @@ __all__ = [
     "PlannedInformation",
     "PolynomialTerms",
     "QuasiLinearSpectrum",
+    "Requirements",
     "RobustObjective",
     "SensorSet",
     "SmallestEigenvalue",
@@ -77,12 +89,14 @@ __all__ = [
     "SquareWave",
     "SubsetDeterminant",
     "Trace",
+    "Verdict",
     "Visited",
     "allocate",
     "alternating_pulses",
     "approximate_design",
     "at_most",
     "candidates",
+    "check_input",
     "combine",
     "compare_inputs",
     "conventional_inputs",

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require, require_known
-from .._foundation.types import Array, Float
+from .._foundation.types import Array, Bool, Float
 from ..models.base import AbstractModel
 from ..simulation.solution import Solution
 
@@ -65,6 +65,11 @@ class Ratios(eqx.Module):
             "energy",
             *(f"{name}, {side}" for name in self.names for side in ("lower", "upper")),
         )
+
+    def is_given(self) -> Bool[np.ndarray, " ratio"]:
+        """Return which of the ratios have a limit."""
+        limits = (self.amplitude, self.rate, self.energy[None], self.room.reshape(-1))
+        return np.isfinite(np.concatenate([np.asarray(part) for part in limits]))
 
     def of(
         self, t: Float[Array, " time"], deviation: Float[Array, "time input"], quantities, largest
@@ -144,11 +149,11 @@ def ratios(
             axis in limits.amplitude,
             f"The amplitude of the input {axis!r} has no limit. Give one in `amplitude`.",
         )
-    _require_positive({**limits.amplitude, **limits.rate, "energy": limits.energy})
+    require_positive({**limits.amplitude, **limits.rate, "energy": limits.energy})
     names = tuple(limits.envelope)
-    known = (*model.states, *model.outputs, *_signal_names(model, initial_state, trim_input))
-    require_known("state, output or signal", names, tuple(dict.fromkeys(known)))
-    trim = _trim_values(model, names, initial_state, trim_input)
+    known = quantity_names(model, initial_state, trim_input)
+    require_known("state, output or signal", names, known)
+    trim = trim_values(model, names, initial_state, trim_input)
     room = np.full((len(names), 2), np.inf)
     for row, (name, (low, high)) in enumerate(limits.envelope.items()):
         value = trim[row]
@@ -171,21 +176,30 @@ def ratios(
     )
 
 
-def _signal_names(model, x, u) -> tuple[str, ...]:
-    return tuple(jax.eval_shape(lambda x, u: model.signals(jnp.zeros(()), x, u), x, u))
+def quantity_names(model: AbstractModel, x, u) -> tuple[str, ...]:
+    """Return the names of the states, outputs and signals of a model, each once."""
+    signals = jax.eval_shape(lambda x, u: model.signals(jnp.zeros(()), x, u), x, u)
+    return tuple(dict.fromkeys((*model.states, *model.outputs, *signals)))
 
 
 @eqx.filter_jit
-def _trim_values(model, names: tuple[str, ...], x, u):
+def trim_values(
+    model: AbstractModel,
+    names: tuple[str, ...],
+    x: Float[Array, " state"],
+    u: Float[Array, " input"],
+) -> Float[Array, " quantity"]:
+    """Return states, outputs or signals of the model at an instant, by name."""
     t = jnp.zeros(())
     y = model.output(t, x, u)
     solution = Solution(t[None], x[None], y[None], jnp.asarray(True))
     return quantities(model, names, solution, u[None])[0]
 
 
-def _require_positive(values: Mapping[str, float | None]) -> None:
+def require_positive(values: Mapping[str, float | None]) -> None:
+    """Refuse limits that are zero or negative; None is no limit."""
     for name, value in values.items():
         require(
-            value is None or value > 0.0,
+            value is None or bool(value > 0.0),
             f"The limit of {name!r} is {value}; it must be positive.",
         )

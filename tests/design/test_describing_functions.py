@@ -15,7 +15,7 @@ from jaxid.design import (
     quasi_linear_spectrum,
     sample_times,
 )
-from jaxid.design.describing_functions import QuasiLinear
+from jaxid.design.linear.describing_functions import QuasiLinear
 
 STEP, NOISE = 0.05, 0.02
 KNOWN = OutputError(FixedNoise(jnp.array([NOISE**2])))

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from jaxid._foundation.checks import InputError
-from jaxid.design.experiment_points import at_most, candidates, optimal_points
 from jaxid.design.measures import Determinant, Trace, curve_width
+from jaxid.design.polynomials.experiment_points import at_most, candidates, optimal_points
 
 ALPHA = np.linspace(0.0, 30.0, 3001)  # deg
 # The stability augmentation, on beyond 20 deg, makes standard deviations three times larger.

@@ -7,7 +7,8 @@ from scipy.optimize import minimize
 
 from jaxid import FixedNoise, LinearModel, OutputError, free
 from jaxid._foundation.checks import InputError
-from jaxid.design import frequency, information, signals
+from jaxid.design import information, signals
+from jaxid.design.linear import frequency
 from jaxid.design.measures import Combination, Determinant
 
 A, B, SIGMA, STEP = 0.8, 2.0, 0.1, 0.05

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...data.excitation import power_shares
 from .channels import Measured
 from .findings import Excitation, Finding, FindingKind
 from .response import Response
@@ -15,24 +16,12 @@ PERIOD = 2.0 * np.pi
 def excitations(record: Measured) -> Iterator[Excitation]:
     """Size and frequency band of each input."""
     for name, values in zip(record.inputs, record.u.T, strict=True):
-        w, power = spectrum(record.t, values)
+        w, power = power_shares(record.t, values)
         share = np.cumsum(power)
         low, high = (float(w[np.searchsorted(share, level)]) for level in (0.05, 0.95))
         unit = record.units[name]
         size = float(np.std(values)), float(np.ptp(values))
         yield Excitation(record.name, name, unit, *size, *((low, high) if size[0] else (0.0, 0.0)))
-
-
-def spectrum(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return frequencies [rad/s] and the share of the power at each (Hann window, no mean)."""
-    grid = np.linspace(t[0], t[-1], len(t))
-    window = np.hanning(len(t) + 2)[1:-1]
-    even = np.interp(grid, t, values - values.mean())
-    even = (even - window @ even / window.sum()) * window
-    power = np.abs(np.fft.rfft(even)) ** 2
-    total = power.sum()
-    w = PERIOD * np.fft.rfftfreq(len(t), grid[1] - grid[0])
-    return w, power / total if total > 0 else np.full(len(w), 1.0 / len(w))
 
 
 def modes(record: Measured, model: Response) -> Iterator[Finding]:
@@ -69,7 +58,7 @@ def unexcited(record: Measured, rate: float) -> Iterator[Finding]:
     """Finding on a mode near which no input has power."""
     shares = []
     for values in record.u.T[np.ptp(record.u, axis=0) > 0]:
-        w, power = spectrum(record.t, values)
+        w, power = power_shares(record.t, values)
         # One line of the spectrum to each side, as a mode may be slower than their distance.
         near = (w > rate / MODE_BAND - w[1]) & (w < rate * MODE_BAND + w[1])
         shares.append(float(power[near].sum()))

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...data.excitation import INFLATION, variance_inflation
 from .channels import Measured
 from .findings import Finding, FindingKind
 from .regression import Regression, lagged, lags_for, least_squares, regression
@@ -16,7 +17,6 @@ from .thresholds import (
     DIRECT_SHARE,
     FASTEST_STEP,
     FEEDBACK_LAGS,
-    INFLATION,
     LARGEST_CHANGE,
     LARGEST_CONDITION,
     LEAST_CORRELATION,
@@ -31,17 +31,11 @@ from .thresholds import (
 
 
 def collinear_inputs(record: Measured) -> Iterator[Finding]:
-    """Findings on inputs that are nearly combinations of the others.
-
-    1 / (1 - R^2) of the regression of an input on the others is its variance inflation.
-    """
+    """Findings on inputs that are nearly combinations of the others."""
     moving = np.flatnonzero(np.ptp(record.u, axis=0) > 0)
-    for k in moving if moving.size > 1 else ():
-        others = np.column_stack([np.ones(len(record.t)), record.u[:, moving[moving != k]]])
-        *_, residual, _ = least_squares(others, record.u[:, k])
-        left = np.var(residual) / np.var(record.u[:, k])
-        if left < 1.0 / INFLATION:
-            numbers = {"inflation": float(1.0 / max(left, 1e-16))}
+    for k, inflation in zip(moving, variance_inflation(record.u[:, moving]), strict=True):
+        if inflation > INFLATION:
+            numbers = {"inflation": float(inflation)}
             yield Finding(FindingKind.COLLINEAR, record.name, (record.inputs[k],), numbers)
 
 

@@ -44,9 +44,6 @@ OFFSET_SHARE = 0.02
 SAMPLES_AT_REST = 10
 REST = 1e-3
 
-# Common rule (Belsley, Kuh and Welsch, Regression Diagnostics, 1980): inputs are collinear from
-# this variance inflation factor on, at a correlation of two inputs of 0.95.
-INFLATION = 10.0
 # Chosen: share of an input's power within a factor MODE_BAND of a mode, below which the mode is not
 # excited. A step has 5e-3 in this band one period before the end of a record.
 MODE_POWER = 1e-4

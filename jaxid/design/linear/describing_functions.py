@@ -22,15 +22,15 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import norm, qmc
 
-from .._foundation.checks import InputError, require, require_float64, require_known
-from .._foundation.types import Array, Float, Numbers
-from ..estimation.likelihoods import AbstractLikelihood
-from ..models.base import AbstractModel, canonical
-from ..models.free import Free
-from ..simulation.linearise import linearise
-from ..simulation.steppers import rate
+from ..._foundation.checks import InputError, require, require_float64, require_known
+from ..._foundation.types import Array, Float, Numbers
+from ...estimation.likelihoods import AbstractLikelihood
+from ...models.base import AbstractModel, canonical
+from ...models.free import Free
+from ...simulation.linearise import linearise
+from ...simulation.steppers import rate
+from ..measures import AbstractMeasure
 from .frequency import OptimalSpectrum, optimal_spectrum
-from .measures import AbstractMeasure
 
 NORMAL_POINTS = 512  # at which the slopes are averaged, with their mirror images (chosen)
 TURNS, AGREEMENT = 100, 1e-4  # turns, and relative change of the deviations at their end (chosen)

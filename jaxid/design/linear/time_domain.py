@@ -20,17 +20,17 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from .._foundation.checks import require, require_float64, require_known
-from .._foundation.types import Array, Float, Numbers
-from ..estimation.likelihoods import AbstractLikelihood
-from ..models.base import AbstractModel, as_float, canonical
-from ..models.free import Free
-from .design import Design
-from .explanations import hypothesis_of
-from .information import planned_information, planned_record, require_known_noise, require_shown
-from .measures import AbstractMeasure
-from .objectives import Hypothesis
-from .signals import InputSignal
+from ..._foundation.checks import require, require_float64, require_known
+from ..._foundation.types import Array, Float, Numbers
+from ...estimation.likelihoods import AbstractLikelihood
+from ...models.base import AbstractModel, as_float, canonical
+from ...models.free import Free
+from ..design import Design
+from ..explanations import hypothesis_of
+from ..information import planned_information, planned_record, require_known_noise, require_shown
+from ..measures import AbstractMeasure
+from ..objectives import Hypothesis
+from ..signals import InputSignal
 
 MIXTURES, LEAST_CHANGE = 60, 1e-5  # of the logarithmic cost (chosen)
 ACCURACY = 1e-6  # of the eigenvalue, relative (chosen)

@@ -7,10 +7,10 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import require, require_float64
-from .._foundation.types import Array, Float, Int, Numbers
-from .exchange import NEGLIGIBLE, Experiments, allocate
-from .measures import AbstractMeasure
+from ..._foundation.checks import require, require_float64
+from ..._foundation.types import Array, Float, Int, Numbers
+from ..exchange import NEGLIGIBLE, Experiments, allocate
+from ..measures import AbstractMeasure
 
 Basis = Callable[[Array], Array]
 

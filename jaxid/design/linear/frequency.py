@@ -17,16 +17,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import require_float64, require_known
-from .._foundation.types import Array, Float, Numbers
-from ..estimation.likelihoods import AbstractLikelihood
-from ..models.base import AbstractModel, canonical
-from ..models.free import Free, all_names
-from ..models.names import flatten
-from .exchange import allocate
-from .information import require_known_noise
-from .measures import AbstractMeasure
-from .signals import InputSignal, combine, multisine_inputs
+from ..._foundation.checks import require_float64, require_known
+from ..._foundation.types import Array, Float, Numbers
+from ...estimation.likelihoods import AbstractLikelihood
+from ...models.base import AbstractModel, canonical
+from ...models.free import Free, all_names
+from ...models.names import flatten
+from ..exchange import allocate
+from ..information import require_known_noise
+from ..measures import AbstractMeasure
+from ..signals import InputSignal, combine, multisine_inputs
 
 SMALLEST_LINE = 1e-3  # of the power; a line with less is left out of a realised signal (chosen)
 

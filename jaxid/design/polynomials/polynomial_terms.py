@@ -22,9 +22,9 @@ from numpy.polynomial.chebyshev import chebgauss
 from numpy.polynomial.legendre import leggauss
 from numpy.polynomial.polynomial import polyroots, polyval
 
-from .._foundation.checks import require
-from .._foundation.notebook import preformatted
-from .._foundation.types import Float, Numbers
+from ..._foundation.checks import require
+from ..._foundation.notebook import preformatted
+from ..._foundation.types import Float, Numbers
 
 # |t| from which a term counts as shown (chosen; about 1 in 400 by chance).
 SHOWN = 3.0

@@ -1,0 +1,1 @@
+"""Inputs of linear and nearly linear models: optimal spectra and eigenvectors."""

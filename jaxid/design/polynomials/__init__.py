@@ -1,0 +1,1 @@
+"""Experiments for polynomial coefficients: amplitudes and experiment points."""

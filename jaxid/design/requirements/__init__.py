@@ -1,0 +1,1 @@
+"""Requirements on an input, and their checks."""

@@ -2,6 +2,7 @@
 
 from .approximate import approximate_design
 from .design import Comparison, Design
+from .dynamic_programming import square_wave_design
 from .equation_error import equation_error_information
 from .exchange import Allocation, allocate
 from .explanations import Explanation, expected_chi_square
@@ -120,5 +121,6 @@ __all__ = [
     "sinusoid",
     "spline",
     "square_wave",
+    "square_wave_design",
     "visited",
 ]

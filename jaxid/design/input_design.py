@@ -112,10 +112,7 @@ def design_input(
         conventional=conventional,
     )
     task = _with_objective(task, information, rival, draws, worst)
-    starts, costs, factors = scaled_starts(task, information, seed, conventional)
-    finite = np.all(np.isfinite(factors), axis=(1, 2))
-    require(bool(finite.any()), DIVERGES)
-    require_shown(model, free, factors[finite].reshape(-1, factors.shape[-1]))
+    starts, costs = checked_starts(task, information, free, seed, conventional)
     order = np.argsort(costs)[:OPTIMISED]
     require(bool(np.isfinite(costs[order[0]])), DIVERGES)
     results = [optimise(task, starts[index]) for index in order if np.isfinite(costs[index])]
@@ -147,6 +144,7 @@ def task_of(
     """
     axes = tuple(model.inputs) if axes is None else tuple(axes)
     require_known("input", axes, model.inputs)
+    require(bool(axes), "No input moves. Name at least one of the model's inputs in `axes`.")
     likelihood = canonical(likelihood)
     require_known_noise(likelihood)
     t = as_float(t)
@@ -166,6 +164,30 @@ def task_of(
     none = (jnp.zeros((0, hypothesis.flat.size)),)
     shape = shape or default_shape(t)
     return Task(information, (hypothesis,), shape, arrays, t, trim, none), information
+
+
+def checked_starts(
+    task: Task,
+    information: InformationObjective,
+    free: Free,
+    seed: int,
+    conventional: Sequence[InputSignal],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return random starts and those nearest to conventional inputs, within the limits, with their
+    costs; refuse free parameters that none of them shows.
+
+    Args:
+        task, information: the task, and the information on the free parameters.
+        free: the free parameters.
+        seed: of the random starts.
+        conventional: inputs in the units of the inputs.
+    """
+    starts, costs, factors = scaled_starts(task, information, seed, conventional)
+    finite = np.all(np.isfinite(factors), axis=(1, 2))
+    require(bool(finite.any()), DIVERGES)
+    model = information.hypothesis.model
+    require_shown(model, free, factors[finite].reshape(-1, factors.shape[-1]))
+    return starts, costs
 
 
 def design_of(

@@ -175,12 +175,19 @@ def _summary(task: Task, information: InformationObjective, deviations):
     return jax.vmap(at)(deviations)
 
 
-def in_chunks(function, deviations):
-    """Return the results of a function of a fixed number of inputs for all, in NumPy."""
-    count = deviations.shape[0]
-    padded = np.pad(np.asarray(deviations), ((0, -count % CHUNK), (0, 0), (0, 0)), mode="edge")
-    chunks = np.split(padded, padded.shape[0] // CHUNK)
-    results = [function(jnp.asarray(chunk)) for chunk in chunks]
+def in_chunks(function, inputs, size: int = CHUNK):
+    """Return the results of a function of a fixed number of inputs for all, in NumPy.
+
+    Args:
+        function: function of some inputs.
+        inputs: a tree of arrays with all inputs along their first axes.
+        size: number of inputs at once; the last ones are repeated to fill it.
+    """
+    leaves, structure = jax.tree.flatten(inputs)
+    count = leaves[0].shape[0]
+    rows = np.minimum(np.arange(count + -count % size), count - 1).reshape(-1, size)
+    chunks = [[jnp.asarray(np.asarray(leaf)[row]) for leaf in leaves] for row in rows]
+    results = [function(jax.tree.unflatten(structure, chunk)) for chunk in chunks]
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *results)
 
 

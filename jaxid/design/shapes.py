@@ -98,6 +98,19 @@ class Multisine(AbstractLinearShape):
         return rng.normal(size=(number, self.count)) / np.sqrt(self.count)
 
 
+class Stages(AbstractLinearShape):
+    """Constant levels, one per stage, after a first sample at trim.
+
+    Args:
+        basis: one where a sample belongs to a stage, else zero; `stages` computes them.
+    """
+
+    basis: Float[Array, "time parameter"]
+
+    def starts(self, rng, number):
+        return rng.choice([-1.0, 0.0, 1.0], size=(number, self.count))
+
+
 class SquareWave(AbstractShape):
     """Pulses of one height and alternating sign, with free widths, then rest.
 
@@ -218,3 +231,22 @@ def square_wave(t: Float[Array, " time"], pulses: int) -> SquareWave:
     """
     require(pulses >= 1, f"{pulses} pulses are no input. Give at least 1.")
     return SquareWave(t, pulses)
+
+
+def stages(t: Float[Array, " time"], stage: int) -> Stages:
+    """Return constant levels of stages of equal length.
+
+    Args:
+        t: sample times [s].
+        stage: samples of a stage; the first sample belongs to none.
+
+    Raises:
+        InputError: when the stages do not divide the samples after the first.
+    """
+    require(
+        stage >= 1 and t.size > 1 and (t.size - 1) % stage == 0,
+        f"Stages of {stage} samples do not divide the {t.size - 1} samples after the first, which "
+        "is at trim. Give a divisor of this number, or another duration.",
+    )
+    basis = np.kron(np.eye((t.size - 1) // stage), np.ones((stage, 1)))
+    return Stages(jnp.asarray(np.pad(basis, ((1, 0), (0, 0)))))

@@ -11,6 +11,7 @@ the parameters. Each stage extends every partial sequence by every combination o
 sequences outside the limits, and of those with about the same state keeps the best.
 """
 
+import dataclasses
 import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -28,7 +29,6 @@ from .._foundation.types import Array, Float, Int, Numbers
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
 from ..models.base import AbstractModel, as_float
 from ..models.free import Free
-from ..models.free_model import FreeModel
 from ..models.noise import whiten
 from ..sensitivity.jacobian import value_and_jacobian
 from ..simulation.hold import Linear, ZeroOrder
@@ -38,9 +38,9 @@ from .design import Design
 from .input_design import checked_starts, design_of, task_of
 from .limits import Limits, exact_maximum, quantities
 from .measures import AbstractMeasure
-from .objectives import Hypothesis, InformationObjective, logarithmic_cost
+from .objectives import InformationObjective, logarithmic_cost
 from .optimisation import REACHED, Task, deviations_of, in_chunks, integration_of, summaries
-from .shapes import stages
+from .shapes import Stages, stages
 from .signals import InputSignal
 
 WAVE_LEVELS = (-1.0, 0.0, 1.0)  # usual in flight test
@@ -97,16 +97,16 @@ def square_wave_design(
 
         min measure( M(u) ),    u_i = level_k amplitude  at the samples i of stage k
 
-    The first sample is at trim; with a linear hold the input ramps within one sample time between
-    two stages. The search needs no start and no derivative by the input, and it is global up to the
-    sequences that it drops. Of sequences that end with the same levels and in the same cell of
-    states (and of energy, where that is limited) only the best stays, and the best `width` of all.
-    This is not Bellman's principle, which would need equal states and equal sensitivities: a
-    sequence that is worse now may be continued better. Cells without bound on their number, and
-    `width`, make the search exhaustive. Sequences that do not determine all parameters yet are
-    ranked with a weak prior, 10^4 times wider than the errors of each parameter alone. The costs of
-    the best complete sequences are exact. Where a simulation at four times the sample rate exceeds
-    a limit, the wave is scaled to it.
+    The first sample is at trim. Each stage begins with a ramp of one sample time, longer where the
+    largest step needs it to keep the limit of the rate. The search needs no start and no derivative
+    by the input, and is global up to the sequences that it drops: of those that end with the same
+    levels and in the same cell of states (and of energy, where that is limited) only the best
+    stays, and the best `width` of all. Bellman's principle would need equal states and
+    sensitivities in place of a cell of states: a sequence that is worse now may be continued
+    better. With cells and a width that drop none, the search is exhaustive. Sequences that do not
+    determine all parameters yet are ranked with a weak prior, 10^4 times wider than the error of
+    each parameter alone. The costs of the best complete sequences are exact. Where a simulation at
+    four times the sample rate exceeds a limit, the wave is scaled to it.
 
     Source: E. A. Morelli, Flight test of optimal inputs and comparison with conventional inputs,
     Journal of Aircraft 36(2), 1999; V. Klein, E. A. Morelli, Aircraft System Identification, AIAA,
@@ -118,8 +118,7 @@ def square_wave_design(
         t: sample times, uniform [s].
         stage: samples of a stage; the samples after the first are a multiple of it.
         measure: the measure to be minimised.
-        limits: the limits. The rate is a limit from sample to sample, so that one below
-            `amplitude / sample time` excludes a step from 0 to 1.
+        limits: the limits; the amplitude is the size of the wave, not only its limit.
         likelihood: output error with known noise, and a linear or a zero-order hold.
         levels: levels of each input over its amplitude, from -1 to 1.
         axes: inputs that move; all by default. A stage has the levels of all axes independently.
@@ -137,7 +136,7 @@ def square_wave_design(
     """
     require_float64()
     times = as_float(t)
-    _require_choices(levels, cells, width)
+    _require_options(levels, cells, width)
     task, information = task_of(
         *(model, free, times, stages(times, stage), measure, limits, likelihood),
         axes=axes,
@@ -146,6 +145,14 @@ def square_wave_design(
         earlier=earlier,
         conventional=conventional,
     )
+    largest = max(*levels, 0.0) - min(*levels, 0.0)
+    ramp = task.limits.ramp(largest, float(times[1] - times[0]))
+    require(
+        ramp <= stage,
+        f"At the limits of the rates the largest step lasts {ramp} samples, and a stage has "
+        f"{stage}. Lengthen the stages, widen these limits, or lower the amplitude.",
+    )
+    task = dataclasses.replace(task, shape=stages(times, stage, ramp))
     _require_state_as_memory(information, times)
     waves, costs = checked_starts(task, information, free, SEED, ())
     wave = deviations_of(task, jnp.asarray(waves[[np.argmin(costs)]]))[0]
@@ -154,10 +161,12 @@ def square_wave_design(
     sequences, excluded = search.run(_start(task, information, wave))
     costs, _ = summaries(task, information, deviations_of(task, jnp.asarray(sequences)))
     order = np.argsort(costs)
-    if not np.isfinite(costs[order[0]]):
-        raise search.refusal("inside the limits determines all parameters", excluded)
     best = [sequences[index] for index in order]
-    return design_of(task, information, free, best, (float(costs[order[0]]),), conventional)
+    result = design_of(task, information, free, best, (float(costs[order[0]]),), conventional)
+    undetermined = ", ".join(result.information.undetermined)
+    if undetermined:
+        raise search.refusal(f"inside the limits shows {undetermined}", excluded)
+    return result
 
 
 class _Search(NamedTuple):
@@ -191,9 +200,8 @@ class _Search(NamedTuple):
         excluded = np.zeros(len(self.task.limits.labels()), int)
         ends = range(self.stage, self.task.t.size, self.stage)
         for end in ends:
-            parent, choice = np.divmod(
-                np.arange(len(history) * len(self.choices)), len(self.choices)
-            )
+            pairs = np.arange(len(history) * len(self.choices))
+            parent, choice = np.divmod(pairs, len(self.choices))
             partial = self._extended(_rows(partial, parent), self.choices[choice], end)
             outside = ~(partial.used <= self._bounds())
             excluded += outside.sum(axis=0)
@@ -218,9 +226,7 @@ class _Search(NamedTuple):
         )
 
     def _bounds(self) -> Float[np.ndarray, " limit"]:
-        """Return the largest use of each limit; below one where a finer simulation may exceed
-        it.
-        """
+        """Return the largest use of each limit, with a margin for the motion between samples."""
         limits = self.task.limits
         count = 2 * len(limits.axes) + 1
         return np.concatenate([np.ones(count), np.full(2 * len(limits.names), REACHED)])
@@ -275,7 +281,7 @@ def _start(
     length = jnp.linalg.norm(jnp.concatenate([own, shared], axis=1), axis=0)
     weak = jnp.diag(WEAK * jnp.where(jnp.isfinite(length) & (length > 0.0), length, 1.0))
     known = jnp.pad(information.earlier, ((0, 0), (own.shape[1], 0)))
-    family, theta = _family(hypothesis)
+    family, theta = hypothesis.family()
     x, S = value_and_jacobian(lambda theta: family(theta)[1], theta)
     _, sensitivities = _motion(information, task.t[:2], jnp.tile(trim, (2, 1)), x, S)
     rows = _white_rows(information, sensitivities[:1])
@@ -286,13 +292,8 @@ def _start(
 
 @fast_compile_jit
 def _after_stage(task: Task, information: InformationObjective, t, partial, levels):
-    """Return partial sequences after one more stage.
-
-    Args:
-        task, information: the task.
-        t: times of the samples of the stage, after the last sample before it.
-        partial: the partial sequences.
-        levels: levels of each in the stage.
+    """Return partial sequences after a stage of given levels, with the times of its samples and of
+    the last one before it.
     """
     return jax.vmap(lambda *one: _extended(task, information, t, *one))(partial, levels)
 
@@ -306,10 +307,12 @@ def _extended(
 ) -> PartialSequence:
     """Return one partial sequence after one more stage."""
     limits, hypothesis = task.limits, information.hypothesis
-    before = partial.levels * limits.amplitude
-    held = jnp.tile(levels * limits.amplitude, (t.size - 1, 1))
+    assert isinstance(task.shape, Stages)
+    share = task.shape.basis[: t.size, :1]
+    before, after = partial.levels * limits.amplitude, levels * limits.amplitude
+    moved = (1.0 - share) * before[None] + share * after[None]
     deviation = jnp.zeros((t.size, task.trim_input.size))
-    deviation = deviation.at[:, np.array(limits.axes, int)].set(jnp.vstack([before, held]))
+    deviation = deviation.at[:, np.array(limits.axes, int)].set(moved)
     u = deviation + task.trim_input[None]
     motion, sensitivities = _motion(information, t, u, partial.x, partial.S)
     values = quantities(hypothesis.model, limits.names, motion, u)
@@ -342,7 +345,7 @@ def _motion(
         x, S: the state at the first of them, and its sensitivities.
     """
     hold, stepper = integration_of(information.likelihood)
-    family, theta = _family(information.hypothesis)
+    family, theta = information.hypothesis.family()
 
     def channels(change):
         solution = run(family(theta + change)[0], t, u, x + S @ change, hold, stepper)
@@ -363,14 +366,7 @@ def _white_rows(
     return whiten(L, S[None], mask).reshape(-1, S.shape[2])
 
 
-def _family(hypothesis: Hypothesis) -> tuple[FreeModel, Float[Array, " column"]]:
-    """Return the model as a function of own and shared parameters, and their values."""
-    positions = hypothesis.positions
-    theta = hypothesis.flat[jnp.concatenate([positions.rows, positions.shared])]
-    return FreeModel(hypothesis.model, hypothesis.flat, positions), theta
-
-
-def _require_choices(levels: Sequence[float], cells: int, width: int) -> None:
+def _require_options(levels: Sequence[float], cells: int, width: int) -> None:
     require(
         len(set(levels)) == len(levels) > 1 and all(-1.0 <= level <= 1.0 for level in levels),
         f"The levels {tuple(levels)} must be at least two different numbers from -1 to 1, "

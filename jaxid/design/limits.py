@@ -71,6 +71,17 @@ class Ratios(eqx.Module):
         limits = (self.amplitude, self.rate, self.energy[None], self.room.reshape(-1))
         return np.isfinite(np.concatenate([np.asarray(part) for part in limits]))
 
+    def ramp(self, step: float, sample_time: float) -> int:
+        """Return the number of sample times in which the rates allow a step of all inputs.
+
+        Args:
+            step: size of the step, over the amplitudes.
+            sample_time: time between samples [s].
+        """
+        needed = step * np.asarray(self.amplitude) / (np.asarray(self.rate) * sample_time)
+        # A ramp that just keeps a limit would exceed it by rounding.
+        return max(int(np.ceil(np.max(needed) * (1.0 + 1e-9))), 1)
+
     def of(
         self, t: Float[Array, " time"], deviation: Float[Array, "time input"], quantities, largest
     ) -> Float[Array, " ratio"]:

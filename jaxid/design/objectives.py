@@ -12,6 +12,7 @@ from ..data.record import Record
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel
 from ..models.free import Positions
+from ..models.free_model import FreeModel
 from ..models.names import flatten
 from .information import whitened_sensitivities
 from .measures import AbstractMeasure
@@ -40,6 +41,11 @@ class Hypothesis(eqx.Module):
     def initial_state(self) -> Float[Array, " state"]:
         """State at the first sample."""
         return self.flat[self.flat.size - len(self.model.states) :]
+
+    def family(self) -> tuple[FreeModel, Float[Array, " column"]]:
+        """Return the model as a function of own and shared parameters, and their values."""
+        theta = self.flat[jnp.concatenate([self.positions.rows, self.positions.shared])]
+        return FreeModel(self.model, self.flat, self.positions), theta
 
     def sensitivities(self, t, u, likelihood: AbstractLikelihood):
         """Return whitened sensitivities to own and shared parameters, shape (row, column) each."""

@@ -99,10 +99,11 @@ class Multisine(AbstractLinearShape):
 
 
 class Stages(AbstractLinearShape):
-    """Constant levels, one per stage, after a first sample at trim.
+    """Constant levels, one per stage, with a ramp at the beginning of each; the first sample is at
+    trim.
 
     Args:
-        basis: one where a sample belongs to a stage, else zero; `stages` computes them.
+        basis: shares of the levels in the samples; `stages` computes them.
     """
 
     basis: Float[Array, "time parameter"]
@@ -233,12 +234,13 @@ def square_wave(t: Float[Array, " time"], pulses: int) -> SquareWave:
     return SquareWave(t, pulses)
 
 
-def stages(t: Float[Array, " time"], stage: int) -> Stages:
+def stages(t: Float[Array, " time"], stage: int, ramp: int = 1) -> Stages:
     """Return constant levels of stages of equal length.
 
     Args:
         t: sample times [s].
         stage: samples of a stage; the first sample belongs to none.
+        ramp: sample times from one level to the next.
 
     Raises:
         InputError: when the stages do not divide the samples after the first.
@@ -248,5 +250,7 @@ def stages(t: Float[Array, " time"], stage: int) -> Stages:
         f"Stages of {stage} samples do not divide the {t.size - 1} samples after the first, which "
         "is at trim. Give a divisor of this number, or another duration.",
     )
-    basis = np.kron(np.eye((t.size - 1) // stage), np.ones((stage, 1)))
+    share = np.minimum(np.arange(1, stage + 1) / ramp, 1.0)[:, None]
+    count = (t.size - 1) // stage
+    basis = np.kron(np.eye(count), share) + np.kron(np.eye(count, k=-1), 1.0 - share)
     return Stages(jnp.asarray(np.pad(basis, ((1, 0), (0, 0)))))

@@ -78,10 +78,11 @@ class Enumeration:
     Args:
         B: effect of the inputs on position and velocity.
         stage: samples of a stage.
+        ramp: samples from one level to the next.
     """
 
-    def __init__(self, B, stage):
-        basis = np.asarray(stages(T, stage).basis)
+    def __init__(self, B, stage, ramp=1):
+        basis = np.asarray(stages(T, stage, ramp).basis)
         count, axes = basis.shape[1], B.shape[1]
         levels = itertools.product((-1.0, 0.0, 1.0), repeat=count * axes)
         self.levels = np.array(list(levels)).reshape(-1, count, axes)
@@ -95,9 +96,9 @@ class Enumeration:
         S = motion[:, :, 2:] / SIGMA
         S = S - np.einsum("ta,ua,sup->stp", Q, Q, S)
         self.M = np.einsum("stp,stq->spq", S, S)
-        self.energy = 0.1 * stage * np.sum(self.levels**2, axis=(1, 2))
-        steps = np.diff(self.levels, axis=1, prepend=0.0)
-        self.rate = np.max(np.abs(steps), axis=(1, 2)) / 0.1
+        u = np.einsum("tk,ska->sta", basis, self.levels)
+        self.energy = 0.1 * np.sum(u**2, axis=(1, 2))
+        self.rate = np.max(np.abs(np.diff(u, axis=1)), axis=(1, 2)) / 0.1
 
     @staticmethod
     def response(B, u, start):
@@ -147,9 +148,9 @@ def spring_design(limits, **options):
         ({"envelope": {"x": (-0.4, 0.5)}}, None),
         ({"envelope": ENVELOPE}, EARLIER),
         ({"energy": 2.5}, None),
-        ({"rate": {"force": 15.0}, "envelope": {"v": (-0.9, 1.2)}}, None),
+        ({"envelope": {"v": (-0.9, 1.2)}}, None),
     ],
-    ids=["envelope", "narrow envelope", "earlier flight", "energy", "rate and velocity"],
+    ids=["envelope", "narrow envelope", "earlier flight", "energy", "velocity"],
 )
 def test_search_without_merging_returns_the_best_of_all_sequences(enumeration, options, earlier):
     limits = Limits({"force": 1.0}, **options)
@@ -161,6 +162,20 @@ def test_search_without_merging_returns_the_best_of_all_sequences(enumeration, o
     assert levels[0] == 0.0
     assert np.all(levels[1:].reshape(-1, STAGE) == levels[1::STAGE, None])
     assert set(levels) <= {-1.0, 0.0, 1.0}
+
+
+def test_ramps_keep_the_limit_of_the_rate():
+    """From -1 to 1 in two sample times: all steps are as long."""
+    limits = Limits({"force": 1.0}, rate={"force": 15.0}, energy=3.0, envelope=ENVELOPE)
+    every = Enumeration(np.array([[0.0], [1.0]]), STAGE, ramp=2)
+    result = spring_design(limits, **NO_MERGING)
+    best = np.min(every.costs()[every.inside(limits)])
+    np.testing.assert_allclose(result.cost, best, atol=RUNGE_KUTTA)
+    assert max(result.limits_used.values()) <= 1.0
+    held = np.asarray(result.signal.u[1:, 0]).reshape(-1, STAGE)[:, 1:]
+    assert np.all(held == held[:, :1])
+    exact = spring_design(Limits({"force": 1.0}, rate={"force": 20.0}, envelope=ENVELOPE))
+    assert exact.limits_used["force, amplitude"] == 1.0  # a rate that a step just keeps
 
 
 def test_loss_by_merging(enumeration):
@@ -296,8 +311,10 @@ def test_impossible_designs_are_refused():
     refuse("limits of 'x', 0.1 to 0.5, exclude the trim", excluded)
     one_side = Limits({"force": 1.0}, envelope={"x": (-0.2, 5.0)})
     refuse("until 0.8 s. The limit 'x, lower' excludes most", one_side, levels=(-1.0, -0.9))
-    slow = Limits({"force": 1.0}, rate={"force": 5.0}, envelope=ENVELOPE)
-    refuse("determines all parameters. The limit 'force, rate' excludes most", slow)
+    slow = Limits({"force": 1.0}, rate={"force": 2.4}, envelope=ENVELOPE)
+    refuse("largest step lasts 9 samples, and a stage has 8", slow)
+    narrow = Limits({"force": 1.0}, envelope={"x": (-0.25, 0.25)})
+    refuse("inside the limits shows k, c. The limit 'x, lower' excludes most", narrow)
     smooth = OutputError(NOISE.noise, hold=Cubic())
     refuse("needs OutputError with the hold Linear", likelihood=smooth)
     delayed = Augmented(SPRING, (InputDelay("force", jnp.array(0.1)),))

@@ -317,5 +317,5 @@ def test_impossible_designs_are_refused():
     refuse("inside the limits shows k, c. The limit 'x, lower' excludes most", narrow)
     smooth = OutputError(NOISE.noise, hold=Cubic())
     refuse("needs OutputError with the hold Linear", likelihood=smooth)
-    delayed = Augmented(SPRING, (InputDelay("force", jnp.array(0.1)),))
+    delayed = Augmented(SPRING, (InputDelay(channel="force", gain=jnp.array(0.1)),))
     refuse("a delay, a sensor's lag", model=delayed)

@@ -114,8 +114,9 @@ def smooth_maxima(values: Float[Array, "time ratio"]) -> Float[Array, " maximum"
 
     Single maxima over all times have slopes that jump where another time takes over.
     """
-    padding = ((0, -len(values) % PARTS), (0, 0))
-    parts = jnp.pad(values, padding, mode="edge").reshape(PARTS, -1, values.shape[1])
+    length = -(-len(values) // PARTS)
+    padding = ((0, PARTS * length - len(values)), (0, 0))
+    parts = jnp.pad(values, padding, mode="edge").reshape(PARTS, length, values.shape[1])
     return (jax.nn.logsumexp(SHARPNESS * parts, axis=1) / SHARPNESS).ravel()
 
 

@@ -149,6 +149,14 @@ def test_maxima_of_parts_are_bounds_from_above():
         assert np.all(bound <= exact + np.log(length) / SHARPNESS)
 
 
+def test_design_without_an_envelope():
+    """A smooth maximum of no quantity has no value."""
+    limits = Limits({"force": 1.0}, rate={"force": 8.0})
+    free_motion = design_input(SPRING, free(SPRING, "k", "c"), T, SHAPE, RELATIVE, limits, NOISE)
+    assert 0.9 < max(free_motion.limits_used.values()) <= 1.0
+    assert set(free_motion.limits_used) == {"force, amplitude", "force, rate", "energy"}
+
+
 def test_search_that_ends_outside_its_limits_is_scaled_to_them(design, conventional, monkeypatch):
     """Its end counts: 5 % outside, scaled back, the standard errors are those of the design."""
 

@@ -108,6 +108,13 @@ def test_colour_makes_the_bound_three_times_too_small(output):
     assert autoregressive / bound > 2.0
 
 
+def test_square_wave_is_near_the_spline_and_keeps_its_limits(output):
+    (ratio,) = numbers(output("input_design.md", "standard error over the spline's"))
+    assert ratio == pytest.approx(1.10, abs=0.02)
+    (share,) = numbers(output("input_design.md", "largest share of a limit"))
+    assert share <= 1.0
+
+
 def test_process_noise_ends_on_its_bound(output):
     assert "process.v on the bound" in output("choose.md", "bounds:")
 

@@ -21,7 +21,8 @@ from jaxid.models.names import read_parameters
 
 from .input_design import families, short_period, trim_values
 
-STAGES = (10, 5, 2)  # samples: 0.4, 0.2 and 0.08 s
+# Samples of a stage (0.4, 0.2 and 0.08 s), cells and width of the search.
+SEARCHES = ((10, 12, 600), (5, 12, 600), (2, 12, 600), (2, 24, 3000))
 KNOTS = (24, 48)  # of the splines
 
 
@@ -59,9 +60,9 @@ def measure() -> dict[str, dict[str, float]]:
         error = math.exp(0.5 * comparison.within_limits)
         previous = table.setdefault(comparison.name, {"error": math.inf})
         previous["error"] = min(previous["error"], error)
-    for stage in STAGES:
-        name = f"square wave, stages of {stage * 0.04:g} s"
-        table[name], _ = timed(square_wave_design, stage)
+    for stage, cells, width in SEARCHES:
+        name = f"square wave, stages of {stage * 0.04:g} s, width {width}"
+        table[name], _ = timed(square_wave_design, stage, cells=cells, width=width)
     return table
 
 
@@ -77,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return
     for name, row in sorted(table.items(), key=lambda item: item[1]["error"]):
         times = f"{row['first']:8.1f} s {row['again']:8.1f} s" if "first" in row else ""
-        sys.stdout.write(f"{name:<32} {row['error']:.4f} {times}\n")
+        sys.stdout.write(f"{name:<40} {row['error']:.4f} {times}\n")
 
 
 if __name__ == "__main__":

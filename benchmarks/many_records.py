@@ -43,10 +43,11 @@ def estimate(count: int, samples: int, calls: int) -> dict[str, Any]:
     import jaxid
     from benchmarks.many_cases_rows import reference
     from benchmarks.reference_problem.problem import THETA
+    from jaxid.data import stack
 
     jaxid.configure()
     problem = reference(samples)
-    records = [problem.record(number) for number in range(count)]
+    records = stack([problem.record(number) for number in range(count)])
     before = peak_megabytes()
     seconds = []
     for _ in range(calls):

@@ -1,7 +1,5 @@
 """Figures of single objects: the channels of a record, the residual of a fit, a prediction."""
 
-from collections.abc import Sequence
-
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
@@ -89,7 +87,7 @@ def fit_residuals(estimate: Estimate, case: int = 0) -> Figure:
     return figure
 
 
-def predicted_outputs(prediction: Prediction, case: int = 0, outputs: Sequence[str] = ()) -> Figure:
+def predicted_outputs(prediction: Prediction, case: int = 0) -> Figure:
     """Return a figure of the measured and the predicted outputs of a record.
 
     Measured samples that are not scored (missing, or in the window of the initial state) are left
@@ -98,30 +96,31 @@ def predicted_outputs(prediction: Prediction, case: int = 0, outputs: Sequence[s
     Args:
         prediction: from `predict`.
         case: which record.
-        outputs: names of the outputs for the labels.
 
     Returns:
-        One panel for each output.
+        One panel for each output, in degrees where the unit is rad.
 
     Raises:
-        InputError: when there is no such record, or the number of names is wrong.
+        InputError: when there is no such record.
     """
     cases, _, channels = prediction.z.shape
     _require_case(case, cases)
-    names = prediction.output_names(outputs)
     t = np.asarray(prediction.t)[case]
     rows = 1 + int(np.sum(np.diff(t) > 0))
     z, y, scored = (
         np.asarray(part)[case, :rows] for part in (prediction.z, prediction.y, prediction.scored)
     )
     figure, panels = canvas(0.8 + 1.5 * channels, channels, sharex=True)
-    for channel, (name, (ax,)) in enumerate(zip(names, panels, strict=True)):
+    named = zip(prediction.outputs, prediction.units, panels, strict=True)
+    for channel, (name, unit, (ax,)) in enumerate(named):
+        scale, shown = display_unit(unit)
         measured = np.where(scored, z, np.nan)[:, channel]
-        ax.plot(t[:rows], measured, color=MEASURED, linewidth=2.6, alpha=0.55)
-        ax.plot(t[:rows], y[:, channel], color=AFTER, linewidth=1.0)
-        plain(ax, "time [s]" if channel == channels - 1 else "", name)
+        ax.plot(t[:rows], scale * measured, color=MEASURED, linewidth=2.6, alpha=0.55)
+        ax.plot(t[:rows], scale * y[:, channel], color=AFTER, linewidth=1.0)
+        label = channel_label(name, unit_words(shown))
+        plain(ax, "time [s]" if channel == channels - 1 else "", label)
     _limit(panels, t[:rows])
-    key(figure, [("measured", MEASURED), ("predicted", AFTER)])
+    key(figure, [("measured", MEASURED), ("predicted", AFTER)], title=prediction.names[case])
     return figure
 
 

@@ -164,7 +164,7 @@ class Study:
         name = next(iter(self.tests)) if test is None else test
         require_known("test set", [name], self.tests)
         sides = (self.before, self.after)
-        parts = [side.tests[name].to_xarray(side.model.outputs) for side in sides]
+        parts = [side.tests[name].to_xarray() for side in sides]
         together = xr.concat(parts, xr.Variable("side", ["before", "after"]))
         return together.assign_attrs(test=name, outcome=self.outcome.value)
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..data.io.assemble import sha256
 from ..data.record import Record
 from ..study.study import Study
 from .words import number
@@ -52,8 +53,16 @@ def provenance(study: Study, files: Sequence[str | Path] = ()) -> Provenance:
         f"test: {name}": records for name, records in study.tests.items()
     }
     rows = [_row(role, one) for role, records in sets.items() for one in records]
-    digests = ((str(path), hashlib.sha256(Path(path).read_bytes()).hexdigest()) for path in files)
-    return Provenance(tuple(_settings(study).items()), tuple(rows), tuple(digests))
+    digests = tuple((str(path), _file_digest(Path(path))) for path in files)
+    return Provenance(tuple(_settings(study).items()), tuple(rows), digests)
+
+
+def _file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file; a file that is gone must not cost the report."""
+    try:
+        return sha256(path)
+    except OSError as error:
+        return f"cannot be read any more ({error.strerror})"
 
 
 def _settings(study: Study) -> dict[str, str]:
@@ -64,7 +73,7 @@ def _settings(study: Study) -> dict[str, str]:
         for name in ("noise", "hold", "stepper")
         if hasattr(likelihood, name)
     }
-    steps = getattr(parts.get("stepper"), "substeps", None)
+    steps = getattr(parts.get("stepper"), "substeps", 0)
     window = "none" if study.window is None else f"{study.window} samples"
     return {
         "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
@@ -74,7 +83,7 @@ def _settings(study: Study) -> dict[str, str]:
         ),
         "likelihood": ", ".join(
             [type(likelihood).__name__, *(f"{n} {type(p).__name__}" for n, p in parts.items())]
-            + ([f"{steps} steps between samples"] if steps is not None else [])
+            + [f"{steps} step{'s' * (steps > 1)} between samples"] * (steps > 0)
         ),
         "window of the initial state": window,
         "level": f"{number(options.level)} for one false effect",

@@ -35,22 +35,22 @@ OUTCOMES = {
 }
 NEXT = {
     Outcome.EXPLAINED: (
-        "Use the model with the effects (`study.after.model`) within the range of these records.",
+        "Use the model with the effects (study.after.model) within the range of these records.",
         "Predict a further record that took no part, in other conditions.",
     ),
     Outcome.PROXIES: (
         "Read the reason in the verdict; where inputs leave the range of the training records, "
         "record that range.",
-        "Design the record that separates the best explanations: `jaxid.study.next_record`.",
-        "Give further candidates (`effects=`), at the place that the location names.",
+        "Design the record that separates the best explanations: jaxid.study.next_record.",
+        "Give further candidates (effects=), at the place that the location names.",
     ),
     Outcome.UNEXPLAINED: (
         "Write a candidate for the place that the location names (Contributing, Add an effect).",
-        "Examine the records first: `jaxid.advice(records, model, free, likelihood)`.",
+        "Examine the records first: jaxid.advice(records, model, free, likelihood).",
         "Record the motion that excites the residual, and run the study again.",
     ),
     Outcome.PROCESS_NOISE: (
-        "Estimate with `FilterError`, which models these forces.",
+        "Estimate with FilterError, which models these forces.",
         "Record in calm air, or with larger inputs, to see smaller effects.",
     ),
     Outcome.COLOURED_NOISE: (
@@ -59,7 +59,7 @@ NEXT = {
     ),
     Outcome.NOTHING_MISSING: (
         "Use the model within the range of these records.",
-        "Where standard errors are too large, design the next record: `jaxid.design`.",
+        "Where standard errors are too large, design the next record: jaxid.design.",
     ),
 }
 NOISE_KNOWN = {

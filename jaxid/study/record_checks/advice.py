@@ -77,12 +77,9 @@ def advice(
 
 def _simulating(likelihood: AbstractLikelihood | None) -> OutputError:
     """Return output error with the hold, the stepper and the known noise of a likelihood."""
-    if likelihood is None or isinstance(likelihood, OutputError):
-        return canonical(likelihood or OutputError())
-    parts = {
-        "hold": getattr(likelihood, "hold", None),
-        "stepper": getattr(likelihood, "stepper", None),
-    }
+    if isinstance(likelihood, OutputError):
+        return canonical(likelihood)
+    parts = {name: getattr(likelihood, name, None) for name in ("hold", "stepper")}
     return OutputError(**{name: part for name, part in parts.items() if part is not None})
 
 

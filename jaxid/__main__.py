@@ -5,7 +5,7 @@ records; design the next one.
 import dataclasses
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -199,7 +199,7 @@ def study_file(
         progress("reading")
         file = read_study(path)
         study = _study_of(case_of(file, BUILT_IN, progress), progress)
-    _deliver(study, file.title, json, out)
+    _deliver(study, file.title, json, out, (path, *file.files))
 
 
 def _study_of(case: Case, progress: Callable[[str], None]) -> Study:
@@ -351,8 +351,11 @@ def _show_progress():
         yield lambda words: bar.update(task, description=words)
 
 
-def _deliver(study: Study, title: str, json: Path | None, out: Path | None) -> None:
-    """Print the study, and write its page, its figures and, if requested, its JSON.
+def _deliver(
+    study: Study, title: str, json: Path | None, out: Path | None, files: Sequence[Path] = ()
+) -> None:
+    """Print the study, and write its page, its figures and, if requested, its JSON; the page states
+    the SHA-256 of the files that were read.
 
     Where a path can no longer be written, the results are saved elsewhere, the place is printed,
     and the exit status is 1.
@@ -360,7 +363,7 @@ def _deliver(study: Study, title: str, json: Path | None, out: Path | None) -> N
     print(study)
     exist = "refuse" if out else "number"
     report = write_or_elsewhere(
-        lambda path: write_study(study, path, title, exist=exist), out or STUDY_FOLDER
+        lambda path: write_study(study, path, title, exist=exist, files=files), out or STUDY_FOLDER
     )
     results = [report]
     if json is not None:

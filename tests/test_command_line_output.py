@@ -120,7 +120,7 @@ def test_command_prints_place_of_results_and_fails(tmp_path, monkeypatch, printe
     monkeypatch.setattr(folder.tempfile, "gettempdir", lambda: str(tmp_path))
     monkeypatch.chdir(tmp_path)
 
-    def write_study(study, path, title, exist):
+    def write_study(study, path, title, exist, files):
         if path == Path("mine"):
             raise InputError("'mine' exists [now].")
         path.mkdir()

@@ -141,6 +141,11 @@ FILES = {
         {},
         "log.csv: the header 't;force;x' is one cell. Give `delimiter=';'`",
     ),
+    "a unit in the title alone": (
+        "t,force,x_deg\n0,1,2\n",
+        {"outputs": ("x_deg",)},
+        "title 'x_deg' seems to hold the unit 'deg'.*Give `units=",
+    ),
     "a row too short": ("t,force,x\n0,1\n", {}, "line 2: 2 cells, and the header has 3"),
 }
 

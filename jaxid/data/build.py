@@ -12,6 +12,7 @@ from .._foundation.types import Array
 from .arguments import by_name, channel_names, text, texts_by_name
 from .frame import columns_of, is_frame
 from .record import Record
+from .titles import units_of_titles
 from .units import to_si
 
 TIME = "t"
@@ -79,6 +80,8 @@ def record(
             f"{where}: a DataFrame holds all channels. Leave out `u` and `z`.",
         )
         t, u, z = columns_of(t, text(time, "time", where), inputs, outputs)
+        titles = {name: name for name in (*inputs, *outputs)} | {TIME: time}
+        units |= units_of_titles(titles, units, where)
     seconds = _times(t, units.get(TIME, ""), where)
     u = np.zeros((len(seconds), 0)) if u is None and not inputs else u
     u_si, input_units = _channels(u, "u", inputs, seconds, units, where)

@@ -123,6 +123,24 @@ def convert(values: Any, unit: str, to: str, channel: str = "") -> np.ndarray:
     return _affine(np.asarray(values, float), a.factor / b.factor, (a.offset - b.offset) / b.factor)
 
 
+def is_unit(text: str) -> bool:
+    """Return True for a text that is parsed as a unit; a word may be one, as `min` or `R`."""
+    try:
+        _registry().parse_units_as_container(_ALIASES.get(text, text))
+    except Exception:  # pint raises many types of exception
+        return False
+    return text != ""
+
+
+def is_si(text: str) -> bool:
+    """Return True for a unit in SI with radians: its numbers are not converted."""
+    try:
+        _, factor, offset, _ = _conversion(text)
+    except Exception:  # as above
+        return False
+    return text != "" and factor == 1 and offset == 0
+
+
 def _affine(values: np.ndarray, factor: Fraction, offset: Fraction) -> np.ndarray:
     """Return `factor * value + offset`.
 
@@ -166,10 +184,8 @@ def _checked_conversion(unit: str, channel: str) -> _Conversion:
         return _conversion(text)
     # Pint raises many types of exception, from its own to those of the tokenizer.
     except Exception as error:
-        words = [
-            *_COMMON_UNITS,
-            *(word for word in _registry() if len(word) > 2 and not word.startswith("dB")),
-        ]
+        known = (word for word in _registry() if len(word) > 2 and not word.startswith("dB"))
+        words = list(dict.fromkeys((*_COMMON_UNITS, *known)))
         near = difflib.get_close_matches(text, words, n=3, cutoff=0.6)
         hint = (
             f"Did you mean {' or '.join(map(repr, near))}?"

@@ -37,6 +37,13 @@ class FitStatistics(eqx.Module):
     covariance: Float[Array, " output"]
     normalised: Float[Array, " output"]
 
+    @property
+    def fit(self) -> Float[Array, " output"]:
+        """Fit by channel, `100 (1 - |z - y| / |z - mean z|)` [percent]; below zero, a constant
+        predicts better.
+        """
+        return 100.0 * (1.0 - jnp.sqrt(1.0 - self.r_squared))
+
     def __str__(self) -> str:
         width = max(len(name) for name in (*self.outputs, "output"))
         columns = (

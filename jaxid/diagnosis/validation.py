@@ -24,6 +24,7 @@ from ..estimation.problem import Problem
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel, canonical
 from ..models.free import INITIAL_STATE, Free, Parameters, initial_parameters
+from .statistics import FitStatistics, statistics
 
 
 class Prediction(eqx.Module):
@@ -34,6 +35,8 @@ class Prediction(eqx.Module):
         scored: samples that are scored: valid ones after the window in which the initial state was
             fitted.
         initial_state: initial state of each record.
+        outputs, units: names and units of the channels.
+        names: names of the records.
     """
 
     t: Float[Array, "case time"]
@@ -41,6 +44,9 @@ class Prediction(eqx.Module):
     y: Float[Array, "case time output"]
     scored: Array
     initial_state: Float[Array, "case state"]
+    outputs: tuple[str, ...] = eqx.field(static=True)
+    units: tuple[str, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
 
     @property
     def residuals(self) -> Float[Array, "case time output"]:
@@ -52,34 +58,44 @@ class Prediction(eqx.Module):
         """Root mean square error of each channel over the scored samples of all records."""
         return _scored_rms(self.z, self.y, self.scored)
 
+    @property
+    def statistics(self) -> FitStatistics:
+        """Measures of fit of each channel over the scored samples of all records."""
+        return statistics(self.z, self.y, self.scored, outputs=self.outputs, units=self.units)
+
     def __str__(self) -> str:
-        errors = ", ".join(f"{float(error):.6g}" for error in self.rms)
+        names = ", ".join(name for name in self.names if name)
         cases, count = self.z.shape[0], int(np.sum(np.asarray(self.scored)))
-        return f"Prediction of {cases} records, {count} scored samples: RMS error {errors}"
+        lines = [
+            f"Prediction of {cases} record{'s' * (cases > 1)}{f' ({names})' if names else ''}, "
+            f"{count} scored samples"
+        ]
+        width = max(len(name) for name in (*self.outputs, "output"))
+        lines.append(f"{'output':<{width}} {'RMS error':>12} {'fit [%]':>9}  unit")
+        rows = zip(self.outputs, self.rms, self.statistics.fit, self.units, strict=True)
+        lines += [
+            f"{name:<{width}} {float(rms):>12.5g} {float(fit):>9.2f}  {unit}".rstrip()
+            for name, rms, fit, unit in rows
+        ]
+        return "\n".join(lines)
 
-    def to_dict(self, outputs: Sequence[str] = ()) -> dict[str, Any]:
-        """Return the RMS errors and the histories as plain numbers.
-
-        Args:
-            outputs: names of the outputs; "output 1" and so on by default.
-        """
-        names = self.output_names(outputs)
+    def to_dict(self) -> dict[str, Any]:
+        """Return errors, fits and histories as plain numbers and words."""
         histories = {key: np.asarray(getattr(self, key)).tolist() for key in ("t", "z", "y")}
         return {
-            "rms": dict(zip(names, np.asarray(self.rms).tolist(), strict=True)),
+            "rms": dict(zip(self.outputs, np.asarray(self.rms).tolist(), strict=True)),
+            "fit": dict(zip(self.outputs, np.asarray(self.statistics.fit).tolist(), strict=True)),
+            "units": dict(zip(self.outputs, self.units, strict=True)),
+            "records": list(self.names),
             "scored": np.asarray(self.scored).tolist(),
             **histories,
         }
 
-    def to_xarray(self, outputs: Sequence[str] = ()) -> Any:
-        """Return measured and predicted outputs as an `xarray.Dataset` with labelled axes.
-
-        Args:
-            outputs: names of the outputs; "output 1" and so on by default.
-        """
+    def to_xarray(self) -> Any:
+        """Return measured and predicted outputs as an `xarray.Dataset` with labelled axes."""
         import xarray as xr  # imported here because it is slow to import
 
-        axes, names = ("case", "row", "output"), list(self.output_names(outputs))
+        axes = ("case", "row", "output")
         return xr.Dataset(
             {
                 "measured": (axes, np.asarray(self.z)),
@@ -87,36 +103,26 @@ class Prediction(eqx.Module):
                 "scored": (axes, np.asarray(self.scored)),
                 "rms": ("output", np.asarray(self.rms)),
             },
-            coords={"t": (axes[:2], np.asarray(self.t)), "output": names},
+            coords={
+                "t": (axes[:2], np.asarray(self.t)),
+                "case": list(self.names),
+                "output": list(self.outputs),
+                "unit": ("output", list(self.units)),
+            },
         )
-
-    def output_names(self, outputs: Sequence[str] = ()) -> tuple[str, ...]:
-        """Return the names of the outputs, numbered if none are given.
-
-        Raises:
-            InputError: when there are more or fewer names than outputs.
-        """
-        count = self.z.shape[-1]
-        names = tuple(outputs) or tuple(f"output {number + 1}" for number in range(count))
-        require(
-            len(names) == count,
-            f"There are {len(names)} names and {count} outputs. Name each output once.",
-        )
-        return names
 
     def _repr_html_(self) -> str:
         return preformatted(str(self))
 
-    def plot(self, case: int = 0, outputs: Sequence[str] = ()) -> Any:
+    def plot(self, case: int = 0) -> Any:
         """Return a figure of measured and predicted outputs, by matplotlib (`jaxid[report]`).
 
         Args:
             case: which record.
-            outputs: names of the outputs for the labels.
         """
         from ..report.figures_signals import predicted_outputs
 
-        return predicted_outputs(self, case, outputs)
+        return predicted_outputs(self, case)
 
 
 def predict(
@@ -160,7 +166,8 @@ def predict(
     if window is not None:
         check_window(model, records, window, len(states))
     predictor = Predictor(canonical(likelihood), window, states, records.n_cases)
-    return predictor.predict(canonical(model), records.anonymous())
+    prediction = predictor.predict(canonical(model), records.anonymous())
+    return dataclasses.replace(prediction, names=records.names)
 
 
 def check_window(model: AbstractModel, records: Record, window: int, unknown: int) -> None:
@@ -224,7 +231,8 @@ class Predictor(eqx.Module):
         y = to_device(y[: records.n_cases])
         after_window = (np.arange(records.t.shape[1]) >= (self.window or 0))[None, :, None]
         scored = to_device(np.asarray(records.mask) & after_window)
-        return Prediction(records.t, records.z, y, scored, rows)
+        channels = records.outputs, records.output_units, records.names
+        return Prediction(records.t, records.z, y, scored, rows, *channels)
 
     def programs(self, model: AbstractModel, records: Record) -> list[tuple[Any, tuple]]:
         """Return the programs of a prediction, each with its arguments, to compile them."""

@@ -165,6 +165,16 @@ class AbstractModel(eqx.Module):
         """
         return self.inputs
 
+    def input_rates(
+        self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
+    ) -> dict[str, Float[Array, ""]]:
+        """Rates of inputs that follow from state and input, by name; none by default.
+
+        The climb is the rate of a measured altitude. `advice` compares such an input with the
+        integral of its rate, which shows a wrong unit or sign.
+        """
+        return {}
+
     def prepared(self, record: Record) -> Record:
         """The record reduced to the channels of this model.
 

@@ -29,6 +29,7 @@ from .words import display_unit, number, raised, unit_words
 
 MOST_CANDIDATES = 12  # largest number of bars in a ranking (chosen)
 PLOTTED_LAGS = 40  # samples (chosen)
+RIGHT_PART = 0.7  # of a panel's width, from which a note is written to the left (chosen)
 # Ratio of the longest to the shortest bar above which the axis is logarithmic (chosen).
 LARGE_RATIO = 30.0
 BAR = 0.36  # height of a bar, in rows (chosen)
@@ -336,8 +337,11 @@ def _title(shown: View, note: str = "") -> str:
 
 def _note(ax: Axes, x: float, words: str, above: bool = False) -> None:
     """Write a few words at the top of a panel, inside it or above."""
-    shift, side = ((3, 1), "bottom") if above else ((3, -2), "top")
+    drop, side = (1, "bottom") if above else (-2, "top")
+    right = ax.transAxes.inverted().transform(ax.transData.transform((x, 1.0)))[0] > RIGHT_PART
+    shift, align = ((-3, drop), "right") if right else ((3, drop), "left")
     place = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "va": side}
+    place |= {"ha": align}
     ax.annotate(words, (x, 1.0), shift, fontsize=FONT - 1.5, color=INK, **place)
 
 

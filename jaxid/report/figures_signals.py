@@ -33,19 +33,39 @@ def signals(record: Record, case: int = 0) -> Figure:
     """
     _require_case(case, record.n_cases)
     single = record[case] if record.is_stack else record
+    entries = [("inputs", NOISE), ("measured outputs", MEASURED)]
     names = (*single.inputs, *single.outputs)
-    units = (*single.input_units, *single.output_units)
+    return _channels(single, names, entries if single.inputs else entries[1:])
+
+
+def inputs(record: Record) -> Figure:
+    """Return a figure of the inputs of a single record over time, in degrees where the unit is rad.
+
+    Args:
+        record: the record, with inputs.
+    """
+    return _channels(record, record.inputs, [("inputs", NOISE)])
+
+
+def _channels(record: Record, names: Sequence[str], entries: list[tuple[str, str]]) -> Figure:
+    """Return a figure with one panel for each channel of a single record."""
+    units = dict(
+        zip(
+            (*record.inputs, *record.outputs),
+            (*record.input_units, *record.output_units),
+            strict=True,
+        )
+    )
     figure, panels = canvas(0.8 + 1.1 * len(names), len(names), sharex=True)
-    t = np.asarray(single.t)
-    for number, (name, unit, (ax,)) in enumerate(zip(names, units, panels, strict=True)):
-        scale, shown = display_unit(unit)
-        colour = NOISE if number < len(single.inputs) else MEASURED
-        ax.plot(t, scale * np.asarray(single.channel(name)), color=colour, linewidth=1.0)
+    t = np.asarray(record.t)
+    for number, (name, (ax,)) in enumerate(zip(names, panels, strict=True)):
+        scale, shown = display_unit(units[name])
+        colour = NOISE if name in record.inputs else MEASURED
+        ax.plot(t, scale * np.asarray(record.channel(name)), color=colour, linewidth=1.0)
         label = channel_label(name, unit_words(shown))
         plain(ax, "time [s]" if number == len(names) - 1 else "", label)
     _limit(panels, t)
-    entries = [("inputs", NOISE), ("measured outputs", MEASURED)]
-    key(figure, entries if single.inputs else entries[1:], title=single.names[0])
+    key(figure, entries, title=record.names[0])
     return figure
 
 
@@ -89,7 +109,7 @@ def fit_residuals(estimate: Estimate, case: int = 0) -> Figure:
     return figure
 
 
-def predicted_outputs(prediction: Prediction, case: int = 0, outputs: Sequence[str] = ()) -> Figure:
+def predicted_outputs(prediction: Prediction, case: int = 0) -> Figure:
     """Return a figure of the measured and the predicted outputs of a record.
 
     Measured samples that are not scored (missing, or in the window of the initial state) are left
@@ -98,30 +118,31 @@ def predicted_outputs(prediction: Prediction, case: int = 0, outputs: Sequence[s
     Args:
         prediction: from `predict`.
         case: which record.
-        outputs: names of the outputs for the labels.
 
     Returns:
-        One panel for each output.
+        One panel for each output, in degrees where the unit is rad.
 
     Raises:
-        InputError: when there is no such record, or the number of names is wrong.
+        InputError: when there is no such record.
     """
     cases, _, channels = prediction.z.shape
     _require_case(case, cases)
-    names = prediction.output_names(outputs)
     t = np.asarray(prediction.t)[case]
     rows = 1 + int(np.sum(np.diff(t) > 0))
     z, y, scored = (
         np.asarray(part)[case, :rows] for part in (prediction.z, prediction.y, prediction.scored)
     )
     figure, panels = canvas(0.8 + 1.5 * channels, channels, sharex=True)
-    for channel, (name, (ax,)) in enumerate(zip(names, panels, strict=True)):
+    named = zip(prediction.outputs, prediction.units, panels, strict=True)
+    for channel, (name, unit, (ax,)) in enumerate(named):
+        scale, shown = display_unit(unit)
         measured = np.where(scored, z, np.nan)[:, channel]
-        ax.plot(t[:rows], measured, color=MEASURED, linewidth=2.6, alpha=0.55)
-        ax.plot(t[:rows], y[:, channel], color=AFTER, linewidth=1.0)
-        plain(ax, "time [s]" if channel == channels - 1 else "", name)
+        ax.plot(t[:rows], scale * measured, color=MEASURED, linewidth=2.6, alpha=0.55)
+        ax.plot(t[:rows], scale * y[:, channel], color=AFTER, linewidth=1.0)
+        label = channel_label(name, unit_words(shown))
+        plain(ax, "time [s]" if channel == channels - 1 else "", label)
     _limit(panels, t[:rows])
-    key(figure, [("measured", MEASURED), ("predicted", AFTER)])
+    key(figure, [("measured", MEASURED), ("predicted", AFTER)], title=prediction.names[case])
     return figure
 
 

@@ -3,7 +3,7 @@
 import errno
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, count
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +15,12 @@ from .html import html
 
 
 def write_study(
-    study: Study, folder: str | Path, title: str = "jaxid study", *, exist: str = "number"
+    study: Study,
+    folder: str | Path,
+    title: str = "jaxid study",
+    *,
+    exist: str = "number",
+    files: Sequence[str | Path] = (),
 ) -> Path:
     """Write a study into a new folder: `study.html`, `study.json` and the figures as PNG files.
 
@@ -28,6 +33,7 @@ def write_study(
         title: heading of the page.
         exist: action if the folder exists: "number" takes `folder-2`, `folder-3`, ..., "refuse"
             raises.
+        files: the files that were read for the study; the page states their SHA-256.
 
     Returns:
         The new folder.
@@ -40,7 +46,7 @@ def write_study(
     folder = Path(folder).absolute()
     if exist == "refuse":
         require_new(folder)
-    contents = _contents(study, title)
+    contents = _contents(study, title, files)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as temporary:
         complete = Path(temporary) / "study"  # mkdir gives the user's usual rights
@@ -166,7 +172,7 @@ def write_or_elsewhere(write: Callable[[Path], Path], path: str | Path) -> Writt
         raise
 
 
-def _contents(study: Study, title: str) -> dict[str, bytes]:
+def _contents(study: Study, title: str, files: Sequence[str | Path]) -> dict[str, bytes]:
     """Return the contents of the files by name."""
     drawn = gallery(study)
     numbered = (
@@ -174,7 +180,7 @@ def _contents(study: Study, title: str) -> dict[str, bytes]:
         for index, picture in enumerate(drawn.pictures, 1)
     )
     return {
-        "study.html": html(study, title, drawn).encode(),
+        "study.html": html(study, title, drawn, files).encode(),
         "study.json": (study.to_json() + "\n").encode(),
         **dict(numbered),
     }

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from ..loop.outcome import Outcome
 from ..study.study import Round, Study
 from .figures import errors, prediction, ranking, residuals
+from .figures_signals import inputs
 from .figures_where import where
 
 MOST_RECORDS = 3  # largest number of records of a test set to draw (chosen)
@@ -119,12 +120,22 @@ def _test(study: Study, test: str, index: int) -> tuple[Picture, ...]:
         )
         for case in range(count)
     ]
+    drawn += _inputs(study, test, slug)
     caption = (
         "Measured less predicted, in time (each panel in its own scale; the grey band is the same "
         "noise in both), and its autocorrelation over all records of the set. The autocorrelation "
         "of white noise is in the band at 19 of 20 lags."
     )
     return (*drawn, Picture(f"residuals-{slug}", residuals(study, test), caption))
+
+
+def _inputs(study: Study, test: str, slug: str) -> list[Picture]:
+    """Return the recorded inputs of the first record of a test set, if it has any."""
+    records = study.tests[test]
+    caption = "Recorded inputs of the first of these records."
+    if not records.inputs:
+        return []
+    return [Picture(f"inputs-{slug}", inputs(records[0] if records.is_stack else records), caption)]
 
 
 def _round(search_round: Round, index: int) -> Picture | None:

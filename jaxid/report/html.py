@@ -1,34 +1,45 @@
 """`html`: a study as one self-contained page."""
 
-from importlib.resources import files
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 
 from ..loop.hypothesis import Coloured
 from ..study.study import Study
+from .error_tables import error_rows, record_error_rows
 from .gallery import Gallery, gallery
+from .provenance import provenance
 from .tables import (
+    correlation_rows,
     decided,
     effect_rows,
-    error_rows,
+    eigenvalues,
     parameter_rows,
     place_rows,
     remains_rows,
     round_rows,
 )
-from .words import COLOURED_WORDS, NOISE_KNOWN, OUTCOMES, raised
+from .words import COLOURED_WORDS, NEXT, NOISE_KNOWN, OUTCOMES, raised
 
 TEMPLATE = "study.html.j2"
 
 
-def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None) -> str:
+def html(
+    study: Study,
+    title: str = "jaxid study",
+    drawn: Gallery | None = None,
+    files: Sequence[str | Path] = (),
+) -> str:
     """Return a study as one self-contained HTML page, with figures and style inside.
 
     Args:
         study: the study.
         title: heading of the page.
         drawn: the study's figures, if already drawn.
+        files: the files that were read for the study; the page states their SHA-256.
 
     Returns:
         The page.
@@ -38,7 +49,11 @@ def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None)
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    source = files(__package__ or "jaxid.report").joinpath(TEMPLATE).read_text(encoding="utf-8")
+    source = (
+        resources.files(__package__ or "jaxid.report")
+        .joinpath(TEMPLATE)
+        .read_text(encoding="utf-8")
+    )
     return environment.from_string(source).render(
         title=title,
         study=study,
@@ -48,13 +63,18 @@ def html(study: Study, title: str = "jaxid study", drawn: Gallery | None = None)
         facts=_facts(study),
         drawn=drawn,
         errors={test: error_rows(study, test) for test in study.tests},
+        record_errors={test: record_error_rows(study, test) for test in study.tests},
         runaways=study.runaways,
         decided=decided(study),
         effects=effect_rows(study),
         parameters=parameter_rows(study),
+        correlations=correlation_rows(study.after.estimate),
+        eigenvalues=eigenvalues(study.after.estimate),
         rounds=list(zip(round_rows(study), drawn.rounds, strict=True)),
         remains=remains_rows(study),
         places=place_rows(study),
+        next_steps=NEXT[study.outcome],
+        origin=provenance(study, files),
         degrees=any(unit.startswith("rad") for unit in study.output_units),
     )
 

@@ -5,26 +5,23 @@ from typing import NamedTuple
 import numpy as np
 
 from ..diagnosis.residual_report import ResidualReport
+from ..effects.augmented import split_effects
 from ..estimation.result import Estimate
 from ..study.rounds import Candidate, Round
 from ..study.second_opinion import second_opinion_words
 from ..study.study import Study
-from .words import display_unit, number, percent, raised, unit_words, with_error
+from .equations import equation
+from .words import ABSENT, display_unit, number, percent, raised, unit_words, with_error
 
-ABSENT = "n/a"
 MOST_PLACES = 8  # rows of the table of places (chosen)
+MOST_CORRELATED = 15  # parameters of the table of correlations (chosen)
 
 
-class ErrorRow(NamedTuple):
-    """Error of one channel on one test set: before, after, noise, ratio after/noise, and change."""
+class CorrelationRow(NamedTuple):
+    """Correlations of a parameter with those before it and itself, in words."""
 
-    channel: str
-    unit: str
-    before: str
-    after: str
-    noise: str
-    ratio: str
-    change: str
+    name: str
+    values: tuple[str, ...]
 
 
 class ParameterRow(NamedTuple):
@@ -37,9 +34,12 @@ class ParameterRow(NamedTuple):
 
 
 class EffectRow(NamedTuple):
-    """One added effect: description, name in the code, place, parameters and alternatives."""
+    """One added effect: description, equation, name in the code, place, parameters and
+    alternatives.
+    """
 
     description: str
+    equation: str
     name: str
     place: str
     parameters: tuple[ParameterRow, ...]
@@ -89,31 +89,29 @@ class PlaceRow(NamedTuple):
     first: bool
 
 
-def error_rows(study: Study, test: str) -> tuple[ErrorRow, ...]:
-    """Return the errors before and after by channel, in display units.
+def correlation_rows(estimate: Estimate) -> tuple[CorrelationRow, ...]:
+    """Return the correlations of the shared parameters, the lower half; none of more than
+    `MOST_CORRELATED` parameters.
 
     Args:
-        study: the study.
-        test: name of the test set.
-
-    Returns:
-        One row for each channel.
+        estimate: the estimate of one case.
     """
-    rows = []
-    for name, unit in zip(study.outputs, study.output_units, strict=True):
-        scale, shown = display_unit(unit)
-        before, after, noise = (
-            scale * x[name] for x in (study.before.rms[test], study.after.rms[test], study.noise)
-        )
-        ratio = number(after / noise, 3) if noise > 0 else ABSENT
-        change = after / before - 1.0 if before > 0 and np.isfinite(before) else float("nan")
-        words = ABSENT if not np.isfinite(change) or not study.effects else f"{100 * change:+.0f} %"
-        rows.append(
-            ErrorRow(
-                name, unit_words(shown), number(before), number(after), number(noise), ratio, words
-            )
-        )
-    return tuple(rows)
+    r = np.asarray(estimate.correlation)
+    names = estimate.names if len(estimate.names) <= MOST_CORRELATED else ()
+    return tuple(
+        CorrelationRow(raised(name), tuple(_correlation(value) for value in r[k, : k + 1]))
+        for k, name in enumerate(names)
+    )
+
+
+def _correlation(value: float) -> str:
+    return f"{value:.2f}" if np.isfinite(value) else ABSENT
+
+
+def eigenvalues(estimate: Estimate) -> str:
+    """Return the eigenvalues of the scaled information in words, the largest first."""
+    values = np.sort(np.asarray(estimate.spectrum.eigenvalues))[::-1]
+    return ", ".join(number(float(value), 3) for value in values)
 
 
 def effect_rows(study: Study) -> tuple[EffectRow, ...]:
@@ -126,19 +124,26 @@ def effect_rows(study: Study) -> tuple[EffectRow, ...]:
         One row for each effect, in the order of addition.
     """
     estimate, rows = study.after.estimate, []
+    effects = split_effects(study.after.model)[1]
+    equations = {effect.name: raised(equation(effect)) for effect in effects}
     for name, description in zip(study.effects, study.descriptions, strict=True):
         parameters = tuple(
             ParameterRow(parameter.removeprefix(f"{name}."), "", value, unit)
             for parameter, (value, unit) in _values(estimate).items()
             if parameter.startswith(f"{name}.")
         )
-        candidates = [each for search_round in study.rounds for each in search_round.candidates]
-        place = next((each.place for each in candidates if each.name == name), "")
         alternatives = tuple(
             raised(effect.description) for effect in study.alternatives if name in effect.instead_of
         )
-        rows.append(EffectRow(raised(description), name, place, parameters, alternatives))
+        words = raised(description), equations[name]
+        rows.append(EffectRow(*words, name, _place(study, name), parameters, alternatives))
     return tuple(rows)
+
+
+def _place(study: Study, name: str) -> str:
+    """Return the place of an added effect, in words."""
+    candidates = [each for search_round in study.rounds for each in search_round.candidates]
+    return next((each.place for each in candidates if each.name == name), "")
 
 
 def parameter_rows(study: Study) -> tuple[ParameterRow, ...]:

@@ -5,6 +5,7 @@ import re
 
 from ..loop.outcome import Outcome
 
+ABSENT = "n/a"
 SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 # Numbers outside of this range are written with a power of ten (chosen).
 LARGEST_PLAIN, SMALLEST_PLAIN = 1e6, 1e-4
@@ -31,6 +32,35 @@ OUTCOMES = {
     "estimates after allow for this noise.",
     Outcome.NOTHING_MISSING: "The residual of the declared model is already no larger than "
     "measurement noise, and no candidate explains any part of it. Nothing was added.",
+}
+NEXT = {
+    Outcome.EXPLAINED: (
+        "Use the model with the effects (study.after.model) within the range of these records.",
+        "Predict a further record that took no part, in other conditions.",
+    ),
+    Outcome.PROXIES: (
+        "Read the reason in the verdict; where inputs leave the range of the training records, "
+        "record that range.",
+        "Design the record that separates the best explanations: jaxid.study.next_record.",
+        "Give further candidates (effects=), at the place that the location names.",
+    ),
+    Outcome.UNEXPLAINED: (
+        "Write a candidate for the place that the location names (Contributing, Add an effect).",
+        "Examine the records first: jaxid.advice(records, model, free, likelihood).",
+        "Record the motion that excites the residual, and run the study again.",
+    ),
+    Outcome.PROCESS_NOISE: (
+        "Estimate with FilterError, which models these forces.",
+        "Record in calm air, or with larger inputs, to see smaller effects.",
+    ),
+    Outcome.COLOURED_NOISE: (
+        "Use the corrected standard errors, which allow for the memory of the noise.",
+        "Examine the filter and the sampling of the sensors that are named.",
+    ),
+    Outcome.NOTHING_MISSING: (
+        "Use the model within the range of these records.",
+        "Where standard errors are too large, design the next record: jaxid.design.",
+    ),
 }
 NOISE_KNOWN = {
     True: "The noise was given beforehand. “Consistent with noise” therefore means: no larger than "

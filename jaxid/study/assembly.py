@@ -89,6 +89,10 @@ def assemble_study(
         outputs=records.used.outputs,
         output_units=records.used.output_units,
         tests=records.tests,
+        train=records.used,
+        check=records.check,
+        window=tree.problem.window,
+        options=options,
         interrupted=tree.interrupted,
     )
 

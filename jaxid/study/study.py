@@ -18,6 +18,7 @@ from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
 from ..loop.assess import Objection
 from ..loop.hypothesis import NoiseHypothesis
+from ..loop.options import LoopOptions
 from ..loop.outcome import Outcome
 from ..loop.wording import noise_words
 from ..models.base import AbstractModel
@@ -75,6 +76,9 @@ class Study:
         likelihood: the given measure of the misfit.
         outputs, output_units: names and units of the channels.
         tests: the test records by name.
+        train, check: the training records of the final estimate, and the records that decided.
+        window: samples at the start of check and test records in which the initial state is fitted.
+        options: levels and limits of the search.
         interrupted: True if the search was stopped by the user.
     """
 
@@ -97,6 +101,10 @@ class Study:
     outputs: tuple[str, ...]
     output_units: tuple[str, ...]
     tests: dict[str, Record]
+    train: Record
+    check: Record
+    window: int | None
+    options: LoopOptions
     interrupted: bool = False
 
     @property
@@ -164,7 +172,7 @@ class Study:
         name = next(iter(self.tests)) if test is None else test
         require_known("test set", [name], self.tests)
         sides = (self.before, self.after)
-        parts = [side.tests[name].to_xarray(side.model.outputs) for side in sides]
+        parts = [side.tests[name].to_xarray() for side in sides]
         together = xr.concat(parts, xr.Variable("side", ["before", "after"]))
         return together.assign_attrs(test=name, outcome=self.outcome.value)
 

@@ -2,6 +2,8 @@
 far.
 """
 
+import functools
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -38,6 +40,7 @@ class Spring(AbstractModel):
         return {"k": "1/s^2", "c": "1/s"}
 
 
+@functools.cache
 def make_study(seed=1974):
     """A study of six records that finds the planted cubic term."""
     truth = Augmented(Spring(jnp.array(1.5), jnp.array(0.2)), (Term("v", "x^3", jnp.array(-0.6)),))

@@ -50,7 +50,8 @@ def prediction():
     t = jnp.array([[0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 1.0, 2.0, 3.0, 3.0]])
     y = jnp.arange(10.0).reshape(2, 5, 1)
     scored = jnp.array([[0, 0, 1, 1, 1], [0, 0, 1, 1, 0]], bool)[..., None]
-    return Prediction(t, y + 0.5, y, scored, jnp.zeros((2, 1)))
+    channels = ("height",), ("m",), ("first", "second")
+    return Prediction(t, y + 0.5, y, scored, jnp.zeros((2, 1)), *channels)
 
 
 def line(axes, number=0):
@@ -87,14 +88,12 @@ def test_a_fit_draws_its_residual_and_autocorrelation(fit):
 
 
 def test_a_prediction_draws_scored_samples_only(prediction):
-    (axes,) = prediction.plot(case=1, outputs=("height",)).axes
+    (axes,) = prediction.plot(case=1).axes
     t, measured = line(axes, 0)
     assert t.tolist() == [0.0, 1.0, 2.0, 3.0]  # without the padding
     np.testing.assert_array_equal(measured, [np.nan, np.nan, 7.5, 8.5])
     np.testing.assert_array_equal(line(axes, 1)[1], [5.0, 6.0, 7.0, 8.0])
-    assert axes.get_ylabel() == "height"
-    with pytest.raises(InputError, match="There are 2 names and 1 outputs"):
-        prediction.plot(outputs=("height", "speed"))
+    assert axes.get_ylabel() == "height [m]"
 
 
 def test_a_notebook_shows_the_figure(record):
@@ -121,8 +120,29 @@ def test_a_plan_is_shown_as_it_prints():
     assert "well, to 1 %" in plan._repr_html_()
 
 
-def test_a_prediction_prints_its_error(prediction):
-    assert str(prediction) == "Prediction of 2 records, 5 scored samples: RMS error 0.5"
+def test_a_prediction_prints_names_errors_and_fits(prediction):
+    """Scored are 2.5, 3.5, 4.5 and 7.5, 8.5, predicted 0.5 too low."""
+    z = np.array([2.5, 3.5, 4.5, 7.5, 8.5])
+    fit = 100 * (1 - 0.5 * np.sqrt(z.size) / np.linalg.norm(z - z.mean()))
+    assert str(prediction).splitlines() == [
+        "Prediction of 2 records (first, second), 5 scored samples",
+        "output    RMS error   fit [%]  unit",
+        f"height          0.5 {fit:>9.2f}  m",
+    ]
+
+
+def test_a_prediction_has_the_channels_and_the_names_of_its_records(record):
+    class Still(Spring):
+        inputs, outputs = ("force",), ("tilt",)
+
+        def output(self, t, x, u):
+            return x[:1]
+
+    model = Still(jnp.array(1.0), jnp.array(0.1))
+    prediction = jaxid.predict(model, record, jaxid.OutputError())
+    assert prediction.outputs == ("tilt",)
+    assert prediction.units == ("rad",)
+    assert prediction.names == record.names
 
 
 # Dictionaries and datasets. -----------------------------------------------------------------------
@@ -151,14 +171,15 @@ def test_an_estimate_is_a_labelled_dataset(fit):
 
 
 def test_a_prediction_is_a_dictionary_and_a_labelled_dataset(prediction):
-    content = json.loads(json.dumps(prediction.to_dict(("height",))))
+    content = json.loads(json.dumps(prediction.to_dict()))
     assert content["rms"] == {"height": 0.5}
+    assert content["fit"]["height"] == float(prediction.statistics.fit[0])
+    assert (content["units"], content["records"]) == ({"height": "m"}, ["first", "second"])
     assert content["y"][1][3] == [8.0]
-    dataset = prediction.to_xarray(("height",))
-    assert dataset["measured"].sel(output="height").isel(case=0, row=4) == 4.5
+    dataset = prediction.to_xarray()
+    assert dataset["measured"].sel(output="height", case="first").isel(row=4) == 4.5
     assert dataset["t"].values.tolist() == prediction.t.tolist()
     assert int(dataset["scored"].sum()) == 5
-    assert list(prediction.to_xarray()["output"].values) == ["output 1"]
 
 
 @pytest.mark.parametrize(

@@ -307,7 +307,9 @@ def test_folder_contains_page_json_and_figures(study, tmp_path):
     assert folder == tmp_path / "deep" / "out"
     names = sorted(path.name for path in folder.iterdir())
     assert [name for name in names if not name.endswith(".png")] == ["study.html", "study.json"]
-    assert len(names) == 2 + 9  # errors, where it sits, three records, two residuals, two rounds
+    assert (
+        len(names) == 2 + 11
+    )  # errors, place, three records, inputs and residuals of two sets, two rounds
     assert all(
         (folder / name).read_bytes().startswith(b"\x89PNG")
         for name in names

@@ -37,7 +37,9 @@ def flights(count, effect=CUBE, samples=150):
 
 def prediction(v, mask):
     t = jnp.arange(v.shape[1], dtype=float)[None]
-    return Prediction(t, v, jnp.zeros_like(v), mask, jnp.zeros((1, 2)))
+    names = tuple(f"y{number}" for number in range(v.shape[2]))
+    channels = names, ("",) * len(names), ("",)
+    return Prediction(t, v, jnp.zeros_like(v), mask, jnp.zeros((1, 2)), *channels)
 
 
 class Infinite(Effect):

@@ -19,7 +19,7 @@ from ..instruments.instruments import Instruments
 from ..vehicle.aerodynamics import COEFFICIENTS
 from ..vehicle.airframe import Airframe
 from ..vehicle.engine import ConstantThrust, Engine
-from .channels import Channels, Choice, arrange_channels
+from .channels import EULER_ANGLES, Channels, Choice, arrange_channels
 from .coefficients import pseudo_measurements
 from .effects import effects_of
 from .motion import RigidMotion
@@ -287,6 +287,13 @@ class IdentificationModel(AbstractModel):
 
     def effects(self):
         return effects_of(self, self.channels, self.airframe.aerodynamics.terms)
+
+    def input_rates(self, t, x, u):
+        """Return the rates of the attitude angles and the altitude that are inputs."""
+        motion = self.motion
+        rates = motion.rates(motion.flow(x, u), jnp.zeros(len(COEFFICIENTS)))
+        kinematic = (*EULER_ANGLES, "altitude")
+        return {name: rates[name] for name in kinematic if name in self.inputs}
 
     def equations_with_terms(self):
         """Return no equations: terms that an equation of motion lacks belong to a coefficient."""

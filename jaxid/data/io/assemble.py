@@ -15,6 +15,7 @@ from ..._foundation.checks import InputError, require
 from ..arguments import texts_by_name
 from ..build import TIME, record
 from ..record import Record
+from ..titles import units_of_titles
 
 
 def existing(path: str | Path) -> Path:
@@ -94,7 +95,8 @@ def assemble(
 ) -> Record:
     """Return the record of columns of one length.
 
-    Units given in the call (`units`) take precedence over the units of the file (`file_units`).
+    Units given in the call (`units`) take precedence over the units of the file (`file_units`), and
+    these over a unit in the name of a column.
     """
     for n in (*inputs, *outputs):
         require(
@@ -102,18 +104,29 @@ def assemble(
             f"Record {name!r}: channel {n!r} has {len(columns[n])} samples and time "
             f"{len(columns[time])}. Resample them to the same times.",
         )
-    chosen = {n: unit for n, unit in file_units.items() if n in columns} | texts_by_name(
-        units, "units", f"Record {name!r}"
-    )
-    if time in chosen:
-        chosen[TIME] = chosen.pop(time)
     return record(
         columns[time],
         np.stack([columns[n] for n in inputs], axis=1) if inputs else None,
         np.stack([columns[n] for n in outputs], axis=1) if outputs else None,
         inputs=inputs,
         outputs=outputs,
-        units=chosen,
+        units=_units_by_channel(columns, time, file_units, units, f"Record {name!r}"),
         name=name,
         constants=constants,
     )
+
+
+def _units_by_channel(
+    columns: Mapping[str, np.ndarray],
+    time: str,
+    file_units: Mapping[str, str],
+    units: Mapping[str, str] | None,
+    where: str,
+) -> dict[str, str]:
+    """Return the units by channel and constant, of the time as `TIME`."""
+    of_columns = {n: unit for n, unit in file_units.items() if n in columns}
+    chosen = of_columns | texts_by_name(units, "units", where)
+    if time in chosen:
+        chosen[TIME] = chosen.pop(time)
+    titles = {n: n for n in columns if n != time} | {TIME: time}
+    return chosen | units_of_titles(titles, chosen, where)

@@ -4,7 +4,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from ..._foundation.checks import InputError, require, require_known, require_un
 from ..arguments import by_name, channel_names, text, texts_by_name
 from ..build import TIME
 from ..record import Record
+from ..titles import parse_title, units_of_titles
 from .assemble import assemble, clock, existing, parse_number
 from .cells import UTF8, Layout, cells_of
 from .document import write_new
@@ -42,8 +43,10 @@ def read_csv(
 
     The unit of a column is the first one given by: `units`; a file `<stem>.units.json` or
     `<stem>.units.toml` in the same folder (a mapping of names to units); the row of units; the
-    header, as in `alpha [deg]`. Empty cells in outputs are missing samples. Times may be dates in
-    the form of ISO 8601, such as `2026-01-31T12:00:00.25`; they become seconds from the first row.
+    header, as in `alpha [deg]` or `Time (ms)`, whose name is `alpha` or the complete title. A title
+    that seems to hold a unit, such as `q_deg_s` or `speed (R)`, is refused where no unit is given.
+    Empty cells in outputs are missing samples. Times may be dates in the form of ISO 8601, such as
+    `2026-01-31T12:00:00.25`; they become seconds from the first row.
 
     Args:
         path: the file.
@@ -77,9 +80,11 @@ def read_csv(
     text(time, "time", path.name)
     wanted = (*inputs, *outputs) if sample_time is not None else (time, *inputs, *outputs)
     column_of = _columns_by_channel(columns, wanted, path)
+    given = _units_by_channel(units, column_of, path)
     table, file_units, lines = named_columns(
         path,
         tuple(column_of.values()),
+        given=[column_of.get(time if name == TIME else name, "") for name in given],
         units_row=units_row,
         layout=Layout(delimiter, decimal, encoding, skip),
         time=None if sample_time is not None else column_of[time],
@@ -94,7 +99,7 @@ def read_csv(
         inputs,
         outputs,
         {name: file_units[column] for name, column in column_of.items() if column in file_units},
-        _units_by_channel(units, column_of, path),
+        given,
         path.stem if name is None else name,
         constants,
     )
@@ -177,6 +182,7 @@ def named_columns(
     path: Path,
     wanted: Sequence[str],
     *,
+    given: Collection[str],
     units_row: bool,
     layout: Layout,
     time: str | None = None,
@@ -185,7 +191,8 @@ def named_columns(
 
     Args:
         path: the file.
-        wanted: names of the columns.
+        wanted: names of the columns, with or without a unit in brackets.
+        given: columns with a unit given in the call; the unit in a title is not read.
         units_row: True when the second line holds units.
         layout: delimiter, decimal sign, encoding, and lines above the header.
         time: the column that may hold dates.
@@ -198,11 +205,11 @@ def named_columns(
         InputError: when a column is missing or occurs twice, or a cell is not a number.
     """
     header, *body = cells_of(path, layout)
-    titles = [_title(cell, wanted) for cell in header[1]]
-    names = [n for n, _ in titles]
+    titles = [cell.strip() for cell in header[1]]
+    names = _names(titles, wanted)
     _require_columns(wanted, names, time, path)
     require_unique(f"column in {path.name}:", [n for n in names if n in wanted])
-    file_units = {n: unit for n, unit in titles if unit}
+    file_units = {}
     if units_row:
         require(
             len(body) > 0,
@@ -210,10 +217,17 @@ def named_columns(
         )
         file_units |= _units_of_row(names, body.pop(0)[1])
     file_units |= _units_of_file(path)
+    title_of = {n: titles[names.index(n)] for n in wanted}
+    file_units |= units_of_titles(title_of, (*given, *file_units), path.name)
     columns = {
         n: _column(body, names.index(n), n, path, layout.decimal, dated=n == time) for n in wanted
     }
     return columns, file_units, [number for number, _ in body]
+
+
+def _names(titles: Sequence[str], wanted: Sequence[str]) -> list[str]:
+    """Names of the columns: the complete title where it is wanted, else without its unit."""
+    return [title if title in wanted else parse_title(title).name for title in titles]
 
 
 def _require_columns(wanted: Sequence[str], names: list[str], time: str | None, path: Path) -> None:
@@ -230,13 +244,6 @@ def _require_columns(wanted: Sequence[str], names: list[str], time: str | None, 
 def _units_of_row(names: list[str], cells: list[str]) -> dict[str, str]:
     """Units by name of column, from the cells that are not blank."""
     return {name: cell.strip() for name, cell in zip(names, cells, strict=True) if cell.strip()}
-
-
-def _title(cell: str, wanted: Sequence[str]) -> tuple[str, str]:
-    """Name and unit of a column from a header such as `alpha [deg]`."""
-    text = cell.strip()
-    match = re.fullmatch(r"(.*?)\s*\[([^\]]*)\]", text)
-    return (text, "") if text in wanted or match is None else (match[1], match[2].strip())
 
 
 def _column(

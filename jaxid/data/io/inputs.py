@@ -87,7 +87,7 @@ def read_inputs(
     _require_names(inputs, path)
     wanted = tuple(inputs) if sample_time is not None else (time, *inputs)
     columns, file_units, lines = named_columns(
-        path, wanted, units_row=units_row, layout=Layout(delimiter)
+        path, wanted, given=units or (), units_row=units_row, layout=Layout(delimiter)
     )
     require(len(lines) > 0, f"{path.name} has no row below its header. Give at least one.")
     given_units = dict(units or {})

@@ -27,6 +27,7 @@ class StudyFile(NamedTuple):
         train: records to fit.
         check: records that decide which effects are kept; None if the file has none.
         test: records that are only reported, by name of set; None if the file has none.
+        files: the files of the records.
         noise: known standard deviations by output, numbers in SI or texts such as "0.05 deg".
         loop: the section [loop].
         library: the section [library].
@@ -40,6 +41,7 @@ class StudyFile(NamedTuple):
     train: tuple[Record, ...]
     check: tuple[Record, ...] | None
     test: dict[str, tuple[Record, ...]] | None
+    files: tuple[Path, ...]
     noise: dict[str, float | str]
     loop: dict[str, Any]
     library: dict[str, Any]
@@ -254,6 +256,7 @@ class _Records(NamedTuple):
     train: tuple[Record, ...]
     check: tuple[Record, ...] | None
     test: dict[str, tuple[Record, ...]] | None
+    files: tuple[Path, ...]
 
 
 def _records(path: Path, section: Mapping[str, Any]) -> _Records:
@@ -268,7 +271,8 @@ def _records(path: Path, section: Mapping[str, Any]) -> _Records:
     _require_apart(path, parts)
     read = {name: _read(path, name, files, section) for name, files in parts.items()}
     reported = {name: read[f"test {name}"] for name in tests}
-    return _Records(read["train"], read["check"] or None, reported or None)
+    every = tuple(path.parent / file for files in parts.values() for file in files)
+    return _Records(read["train"], read["check"] or None, reported or None, every)
 
 
 def _require_apart(path: Path, parts: Mapping[str, Sequence[str]]) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..._foundation.checks import InputError, require, require_float64
 from ...data.record import Record
+from ...estimation.likelihoods import AbstractLikelihood, OutputError
 from ...models.base import AbstractModel, canonical
 from ...models.equation_shapes import check_equations
 from ...models.free import Free
@@ -13,27 +14,36 @@ from .channels import Measured, longest_piece, measured, single_channels, time_b
 from .determination import determination, selection, undetermined
 from .findings import Advice, Finding, FindingKind
 from .frequencies import excitations, modes
+from .rates import measured_rates, rates_and_channels
 from .relations import collinear_inputs, delay_and_drift, feedback, offset_at_rest
 from .response import Response, response
 from .unit_checks import units_of_channels
 
 
 def advice(
-    records: Record | Sequence[Record], model: AbstractModel, free: Free | None = None
+    records: Record | Sequence[Record],
+    model: AbstractModel,
+    free: Free | None = None,
+    likelihood: AbstractLikelihood | None = None,
 ) -> Advice:
     """Return findings on records before a model is fitted to them.
 
     They concern the time base, missing samples, units, coarse steps, saturation, offsets, drift,
     delays, feedback, the frequencies of the inputs, and the parameters that all records together
-    determine. Delays, drift and feedback are tested in linear regressions of each output on its
-    past and on the inputs; strong nonlinearity can be taken for one of them. Of a record with a
-    hole in time the longest piece is examined. Nothing is changed, and nothing is fitted.
+    determine. A channel whose rate follows from other channels without a parameter, such as an
+    altitude or an angle, is compared with the integral of that rate. Delays, drift and feedback are
+    tested in linear regressions of each output on its past and on the inputs; strong nonlinearity
+    can be taken for one of them. Of a record with a hole in time the longest piece is examined.
+    Nothing is changed, and nothing is fitted.
 
     Args:
         records: one record, several records, or a stack.
         model: the model at its present values: its modes, response and sensitivities are compared
             with the records.
         free: the parameters of the later fit; by default all of a model with at most 40.
+        likelihood: the likelihood of the later fit: its hold and stepper simulate, and its noise,
+            if known, gives the expected standard errors (by default linear interpolation, one step
+            between samples, and noise estimated from the records). Process noise is left out.
 
     Returns:
         The findings as data; `print` shows them as a table.
@@ -42,7 +52,7 @@ def advice(
         InputError: when a record lacks a channel of the model, or JAX is in 32 bit.
     """
     require_float64()
-    model = canonical(model)
+    model, simulating = canonical(model), _simulating(likelihood)
     check_equations(model)
     singles = [_selected(model, record) for record in _single_records(records)]
     findings: list[Finding] = []
@@ -53,22 +63,32 @@ def advice(
         findings += time_base(measured(record, number))
         piece = longest_piece(record)
         arrays = measured(piece, number)
-        at = response(model, piece, arrays)
+        at = response(model, piece, arrays, simulating)
         finite = finite and bool(np.isnan(at.ends))
-        findings += _findings(arrays, model, at)
+        findings += _findings(arrays, piece, model, at)
         excitation += excitations(arrays)
         pieces.append(piece)
     chosen = selection(model, free) if finite else None
-    information = None if chosen is None else determination(model, chosen, pieces)
+    information = None if chosen is None else determination(model, chosen, pieces, simulating)
     if information is not None:
         findings += undetermined(information)
     return Advice(tuple(findings), tuple(excitation), information)
 
 
-def _findings(record: Measured, model: AbstractModel, at: Response) -> list[Finding]:
+def _simulating(likelihood: AbstractLikelihood | None) -> OutputError:
+    """Return output error with the hold, the stepper and the known noise of a likelihood."""
+    if isinstance(likelihood, OutputError):
+        return canonical(likelihood)
+    parts = {name: getattr(likelihood, name, None) for name in ("hold", "stepper")}
+    return OutputError(**{name: part for name, part in parts.items() if part is not None})
+
+
+def _findings(record: Measured, piece: Record, model: AbstractModel, at: Response) -> list[Finding]:
     """Return the findings on one record but for its time base, in the order of `FindingKind`."""
     observed = [*single_channels(record), *collinear_inputs(record)]
     observed += units_of_channels(record, model.units(), at)
+    if model.states:
+        observed += rates_and_channels(record, measured_rates(model, piece, record))
     observed += modes(record, at)
     if not np.isnan(at.ends):
         numbers = {"seconds": at.ends - float(record.t[0])}

@@ -35,20 +35,22 @@ def selection(model: AbstractModel, free: Free | None) -> Free | None:
 
 
 def determination(
-    model: AbstractModel, free: Free, records: Sequence[Record]
+    model: AbstractModel, free: Free, records: Sequence[Record], likelihood: OutputError
 ) -> PlannedInformation | None:
     """Return the information of all records at the model's values, None where it is not finite.
 
-    The noise of each sensor is taken from third differences of its samples. The factors of the
-    records, each with its own initial state eliminated, are joined.
+    A noise that the likelihood does not know is taken from third differences of the samples of each
+    sensor. The factors of the records, each with its own initial state eliminated, are joined.
 
     Args:
         model: the model.
         free: the parameters of the later fit.
         records: single records with the channels of the model.
+        likelihood: its hold, stepper and known noise are those of the later fit.
     """
     together = stack(records)
-    likelihood = OutputError(FixedNoise(noise_variance(together)))
+    if not likelihood.noise.is_known:
+        likelihood = dataclasses.replace(likelihood, noise=FixedNoise(noise_variance(together)))
     rows, total, selected = together.t.shape[1], None, free
     for record in records:
         try:

@@ -35,6 +35,8 @@ class FindingKind(enum.Enum):
         UNIT: record and model have different units for a channel.
         DEGREES: an angle looks as if it were in degrees (`largest`, `ratio`).
         MILLISECONDS: time looks as if it were in milliseconds (`step`).
+        RATE: a channel does not move as the integral of its rate, which other channels give: a
+            wrong unit or sign (`ratio`, `share` of the motion).
         DIVERGENCE: the simulation with the present values is not finite (`seconds`).
         UNDETERMINED: no record determines the parameters, or one of their combinations.
         HARDLY: the expected standard error exceeds half of the value (`error`, `relative`).
@@ -57,6 +59,7 @@ class FindingKind(enum.Enum):
     UNIT = "unit"
     DEGREES = "degrees?"
     MILLISECONDS = "milliseconds?"
+    RATE = "rate?"
     DIVERGENCE = "divergence"
     UNDETERMINED = "not determined"
     HARDLY = "hardly determined"

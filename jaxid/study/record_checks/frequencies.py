@@ -35,7 +35,7 @@ def modes(record: Measured, model: Response) -> Iterator[Finding]:
     if integers and fastest * step > MILLISECONDS_STEP:
         yield Finding(FindingKind.MILLISECONDS, record.name, (), {"step": step})
         return
-    if fastest * step > LARGEST_STEP:
+    if fastest * step > LARGEST_STEP * model.substeps:
         numbers = {"rate": fastest, "samples": PERIOD / (fastest * step)}
         yield Finding(FindingKind.SLOW_SAMPLING, record.name, (), numbers)
     for pole in unique_poles(model):

@@ -240,11 +240,11 @@ def _direct(
 
 def _direct_response(model: Response, step: float, output: int, channel: int) -> float:
     """Return the response at a sample to an input that rises in a straight line from the sample
-    before: D + C integral_0^h (1 - s/h) expm(A s) ds B.
+    before: D + C integral_0^h (1 - s/h) expm(A s) ds B, or D if the sample is held from then on.
     """
     from scipy.linalg import expm  # slow to import
 
-    if not model.A.size:
+    if model.held or not model.A.size:
         return float(model.D[output, channel])
     n, m = model.B.shape
     block = np.zeros((n + 2 * m, n + 2 * m))

@@ -6,9 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...data.record import Record
+from ...estimation.likelihoods import OutputError
 from ...models.base import AbstractModel
+from ...simulation.hold import ZeroOrder
 from ...simulation.linearise import linearise
 from ...simulation.simulate import simulate
+from ...simulation.steppers import RK4
 from .channels import Measured
 
 # Chosen: rate of a mode, relative to the fastest one, below which it is an integrator.
@@ -25,6 +28,8 @@ class Response(NamedTuple):
         y: simulated outputs.
         ends: time at which the simulation is no longer finite [s], NaN if it is.
         rests_at_zero: True if state and output are zero at rest under zero input, and only there.
+        held: True if each sample of the input is held until the next.
+        substeps: steps of integration between two samples, infinite with adaptive steps.
     """
 
     A: np.ndarray
@@ -34,6 +39,8 @@ class Response(NamedTuple):
     y: np.ndarray
     ends: float
     rests_at_zero: bool
+    held: bool
+    substeps: float
 
     @property
     def poles(self) -> np.ndarray:
@@ -47,17 +54,21 @@ class Response(NamedTuple):
         return sizes[sizes > INTEGRATOR * np.max(sizes, initial=0.0)]
 
 
-def response(model: AbstractModel, record: Record, measured: Measured) -> Response:
+def response(
+    model: AbstractModel, record: Record, measured: Measured, likelihood: OutputError
+) -> Response:
     """Return the response of a model to the inputs of a record, at its present values.
 
     Args:
         model: the model.
         record: a single record with the channels of the model.
         measured: the same record as NumPy arrays.
+        likelihood: its hold and stepper simulate.
     """
+    hold, stepper = likelihood.hold, likelihood.stepper
     state = jnp.asarray(model.initial_state(record), float)
     at = linearise(model, measured.t[0], state, measured.u.mean(axis=0))
-    solution = simulate(model, measured.t, measured.u, state)
+    solution = simulate(model, measured.t, measured.u, state, hold=hold, stepper=stepper)
     y = np.asarray(solution.y)
     bad = ~np.isfinite(y).all(axis=1)
     ends = float(measured.t[np.argmax(bad)]) if bad.any() else np.nan
@@ -69,6 +80,8 @@ def response(model: AbstractModel, record: Record, measured: Measured) -> Respon
         y=y,
         ends=ends,
         rests_at_zero=_rests_at_zero(model, float(measured.t[0])),
+        held=isinstance(hold, ZeroOrder),
+        substeps=stepper.substeps if isinstance(stepper, RK4) else np.inf,
     )
 
 
@@ -85,9 +98,12 @@ def _rests_at_zero(model: AbstractModel, t: float) -> bool:
 def sampled_response(
     of: Response, step: float, count: int, delays: np.ndarray, output: int, channel: int
 ) -> np.ndarray:
-    """Return the response to an input that is a triangle of one sample, for some delays.
+    """Return the response to an input that is one at one sample, for some delays.
 
-        m(k h - d) = integral of h(k h - d - s) max(0, 1 - |s|/h) ds,    h the impulse response
+        m(k h - d) = integral of g(k h - d - s) w(s) ds,    g the impulse response
+
+    The input between the samples, w, is the triangle max(0, 1 - |s|/h), or a held sample: one for
+    0 <= s < h.
 
     Args:
         of: the linear model.
@@ -107,11 +123,12 @@ def sampled_response(
     for k in range(size):
         impulse[k] = of.C[output] @ x
         x = shift @ x
-    triangle = 1.0 - np.abs(np.arange(-FINE, FINE + 1)) / FINE
-    h = fine * np.convolve(impulse, triangle)
-    h[: 2 * FINE + 1] += of.D[output, channel] * triangle
+    place = np.arange(-FINE, FINE + 1)
+    shape = ((place >= 0) & (place < FINE)) if of.held else 1.0 - np.abs(place) / FINE
+    h = fine * np.convolve(impulse, shape)
+    h[: 2 * FINE + 1] += of.D[output, channel] * shape
     columns = np.stack([h, np.cumsum(h), np.cumsum(np.cumsum(h))], axis=1)
     columns /= np.maximum(np.max(np.abs(columns), axis=0), 1e-300)
-    # The peak of the triangle, point FINE of the convolution, is at time zero.
+    # The sample of the input, point FINE of the convolution, is at time zero.
     at = FINE * (1 + np.arange(count))[None] - np.round(delays / fine).astype(int)[:, None]
     return np.where((at >= 0)[..., None], columns[np.clip(at, 0, len(columns) - 1)], 0.0)

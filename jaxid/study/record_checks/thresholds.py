@@ -65,3 +65,11 @@ REVOLUTION = 6.284
 MILLISECONDS_STEP = 10.0
 # Chosen: free parameters of a model without a selection, above which information is not computed.
 MOST_PARAMETERS = 40
+# Chosen: least share of a channel's motion, less its trend, that its integrated rate explains.
+RATE_SHARE = 0.9
+# Chosen: factor between a channel and its integrated rate from which a unit is wrong. Turbulence at
+# the vane, which the altitude hardly follows, reaches 2.2 (288 simulated records); a foot is 3.28.
+RATE_FACTOR = 2.5
+# Chosen: logarithm of that factor over the ratio of two units. Vertical gusts act on the vane and
+# not on the altitude; in moderate turbulence the factor is off by up to 0.3.
+UNIT_TOLERANCE = 0.3

@@ -37,6 +37,8 @@ SENTENCES = {
     "`units`.",
     "MILLISECONDS": "t increases by {step:.3g} s, in whole numbers, and the model is much faster. "
     "If it is in milliseconds, give `units={{'t': 'ms'}}`.",
+    "RATE": "{names} moves {ratio:.3g} times as far as the integral of its rate, which the other "
+    "channels give. Probable cause: {units[0]}. Give `units` (or `signs`) when reading.",
     "DIVERGENCE": "the simulation with the present values is not finite after {seconds:.3g} s. "
     "Start from a stable model, or cut the record into pieces (`segment`).",
     "UNDETERMINED": "{units[0]}. Fix a parameter, give a prior, or add a record that shows it.",

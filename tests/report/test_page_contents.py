@@ -1,0 +1,115 @@
+"""Parts of the page that state where a study comes from, and its numbers in more detail."""
+
+import hashlib
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from spring_study import HOSTILE, make_study
+
+import jaxid
+from jaxid.effects import InputDelay, SensorLag, Term
+from jaxid.report import words
+from jaxid.report.equations import equation
+from jaxid.report.error_tables import error_rows, record_error_rows
+from jaxid.report.provenance import provenance
+from jaxid.report.tables import correlation_rows, effect_rows, eigenvalues
+
+
+@pytest.fixture(scope="session")
+def study():
+    return make_study()
+
+
+def test_provenance_names_records_settings_and_files(study, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_bytes(b"t,u\n")
+    origin = provenance(study, [path])
+    assert [(row.role, row.name) for row in origin.records] == [
+        ("training", "a"),
+        ("training", "b"),
+        ("check", "c"),
+        ("test: quick", "d"),
+        ("test: quick", "e"),
+        (f"test: {HOSTILE}", "f <script>"),
+    ]
+    assert {row.samples for row in origin.records} == {"200"}
+    assert len({row.digest for row in origin.records}) == 6
+    assert origin.files == ((str(path), hashlib.sha256(b"t,u\n").hexdigest()),)
+    path.unlink()
+    assert provenance(study, [path]).files[0][1].startswith("cannot be read any more")
+    settings = dict(origin.settings)
+    assert settings["window of the initial state"] == "20 samples"
+    assert settings["second opinion"] == "999 draws, seed 0"
+    assert "hold Linear" in settings["likelihood"]
+    assert "1 step between samples" in settings["likelihood"]
+
+
+def test_digest_changes_with_one_number_of_a_record(study):
+    changed = study.check.z.at[0, 50, 0].add(1e-15)
+    other = replace(study, check=replace(study.check, z=changed))
+    first, second = (provenance(each).records for each in (study, other))
+    assert [a.digest == b.digest for a, b in zip(first, second, strict=True)] == [
+        *(True, True, False, True, True, True)
+    ]
+
+
+def test_errors_by_record_pool_to_the_error_of_the_set(study):
+    rows = record_error_rows(study, "quick")
+    assert [(row.record, row.channel) for row in rows] == [
+        *(("d", "x"), ("d", "tilt"), ("e", "x"), ("e", "tilt"))
+    ]
+    scored = np.asarray(study.after.tests["quick"].scored)[..., 0].sum(axis=1)
+    parts = [float(row.after) for row in rows if row.channel == "x"]
+    pooled = np.sqrt(np.sum(scored * np.square(parts)) / scored.sum())
+    assert pooled == pytest.approx(study.after.rms["quick"]["x"], rel=1e-3)
+    assert record_error_rows(study, HOSTILE) == ()
+
+
+def test_fit_in_percent_stands_beside_the_error(study):
+    record, prediction = study.tests[HOSTILE], study.after.tests[HOSTILE]
+    z = np.asarray(record.z)[np.asarray(prediction.scored)[..., 0], 0]
+    expected = 100 * (1 - study.after.rms[HOSTILE]["x"] / np.std(z))
+    assert error_rows(study, HOSTILE)[0].fit == f"{expected:.1f} %"
+
+
+def test_correlations_are_those_of_the_covariance(study):
+    estimate = study.after.estimate
+    rows = correlation_rows(estimate)
+    assert [len(row.values) for row in rows] == [1, 2, 3]
+    covariance = np.asarray(estimate.covariance)
+    expected = covariance[2, 0] / np.sqrt(covariance[0, 0] * covariance[2, 2])
+    assert rows[2].values[0] == f"{expected:.2f}"
+    assert rows[2].values[2] == "1.00"
+    assert len(eigenvalues(estimate).split(", ")) == 3
+
+
+@pytest.mark.parametrize(
+    ("effect", "expected"),
+    [
+        (Term("v", "x^3"), "d(v)/dt += gain * x^3"),
+        (InputDelay("force"), "u(t) -> u(t - gain)"),
+        (SensorLag("x"), "lag dw/dt = y - w,    y -> w,    lag = gain in seconds"),
+        (jaxid.effects.DryFriction("v", "w"), "d(v)/dt += gain * tanh(w / width)"),
+    ],
+)
+def test_equation_of_an_effect_has_its_channels(effect, expected):
+    assert equation(effect) == expected
+
+
+def test_effect_without_an_equation_has_none():
+    class Silent(Term):
+        """A term by another name."""
+
+    assert equation(Silent("v", "x", jnp.array(0.0))) == ""
+
+
+def test_row_of_an_effect_has_its_equation(study):
+    (row,) = effect_rows(study)
+    assert row.equation == "d(v)/dt += gain * x³"
+
+
+def test_every_outcome_has_next_steps():
+    assert set(words.NEXT) == set(words.OUTCOMES)
+    assert all(words.NEXT.values())

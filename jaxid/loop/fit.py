@@ -101,7 +101,7 @@ class LoopFit:
         effects = tuple(problem.effects[name] for name in self.effects)
         model = Augmented(problem.model, effects) if effects else problem.model
         model = with_values(model, own, jnp.array([self.estimates[name][0] for name in own]))
-        free = free_of(problem, own)
+        free = free_of(problem, self.effects)
         if len(names) > len(own):
             free = dataclasses.replace(self.estimation.free, shared=names)
         return model, free
@@ -177,7 +177,7 @@ class LoopFit:
         """
         chosen, columns = set(self.estimation.names), self.problem.columns
         free = np.array([name in chosen for name in names])
-        gains = {columns.names[column] for column in columns.gains.values()}
+        gains = {f"{effect}.gain" for effect in columns.own}
         values = [self.values[columns.index[n]] if n in gains else 0.0 for n in names]
         return Triangle(names, factor, free, np.array(values))
 
@@ -294,10 +294,10 @@ def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None,
     values = (problem.initial_values if parent is None else parent.values).copy()
     estimates = {} if parent is None else parent.estimates
     known = {name: value for name, (value, _) in estimates.items()} | dict(start)
-    index, gains = problem.columns.index, problem.columns.gains
+    index, absent = problem.columns.index, set(problem.columns.own) - set(hypothesis.effects)
     for name in set(known) & set(index):
         values[index[name]] = known[name]
-    values[[gains[name] for name in set(gains) - set(hypothesis.effects)]] = 0.0
+    values[[index[f"{name}.gain"] for name in absent]] = 0.0
     return values, known
 
 

@@ -17,7 +17,7 @@ from ..estimation.problem import Problem
 from ..models.free import Free, Parameters, with_values
 from ..models.polynomial import monomials
 from .compilation import signals_of
-from .estimation_problem import padded_problem, padded_values
+from .estimation_problem import padded_problem
 from .problem import LoopProblem
 
 
@@ -80,21 +80,22 @@ class LinearMotion:
         Args:
             names: names of the columns.
         """
-        problem, index = self.problem, self.problem.columns.index
-        shared = to_device(self.values[: problem.columns.declared])
+        problem, columns = self.problem, self.problem.columns
         model = problem.model_at(self.values, self.effects)
-        base = padded_problem(problem, model, problem.likelihood, (), shared)
+        base, shared = padded_problem(problem, model, problem.likelihood, (), self.values)
         case = FlatProblem.of(base)
-        _, *others = case.outputs_arguments(Parameters(padded_values(shared, base), self.rows))
-        owners = problem.owners
-        chosen = problem.positions[[index[name] for name in names]]
-        width, at = case.at.size, np.r_[np.asarray(problem.row_positions), chosen]
+        _, *others = case.outputs_arguments(Parameters(shared, self.rows))
+        chosen = problem.positions[[columns.index[name] for name in names]]
+        own, width = problem.row_positions.size, case.at.size
+        at = np.r_[np.asarray(problem.row_positions), chosen]
         padded = np.r_[at, np.full(-at.size % width, len(problem.names))]
+        owners = [None] * own + [columns.owners.get(name) for name in names]
         blocks = []
-        for block in padded.reshape(-1, width):
-            held = {*self.effects, *(owners[k] for k in block if k in owners)}
+        for k in range(0, padded.size, width):
+            held = {*self.effects, *owners[k : k + width]} - {None}
             arguments = (model.with_present(held), *others)
-            blocks.append(PROGRAMS.sensitivities(*arguments, to_device(block), problem.leaves))
+            block = to_device(padded[k : k + width])
+            blocks.append(PROGRAMS.sensitivities(*arguments, block, problem.leaves))
         S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : at.size]
         return blocks[0][0], to_device(S)
 

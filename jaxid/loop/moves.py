@@ -227,12 +227,13 @@ class Proposals:
 
     def _move(self, kind, into, out, expected: float, reduced: Reduced) -> Move:
         """Return a move with its starting values."""
-        columns, cards = self.problem.columns, self.problem.cards
+        cards, known = self.problem.cards, self.fit.estimates
         start = {f"{name}.gain": cards[name].initial_gain for name in into}
         for name, other in itertools.product(into, out):
             if cards[other].family == cards[name].refines:
-                for own, theirs in columns.same_named(name, other):
-                    start[columns.names[own]] = float(self.fit.values[theirs])
+                fields = (own.removeprefix(f"{name}.") for own in self.problem.columns.own[name])
+                common = (field for field in fields if f"{other}.{field}" in known)
+                start |= {f"{name}.{field}": known[f"{other}.{field}"][0] for field in common}
         gain_names = [f"{name}.gain" for name in into]
         estimated = dict(
             zip(

@@ -102,10 +102,6 @@ class LoopProblem:
         barred = {card.name for card in cards if {card.name, card.family} & set(names)}
         return dataclasses.replace(self, excluded=self.excluded | barred)
 
-    def with_library(self, library: tuple[Effect, ...]) -> "LoopProblem":
-        """Return the problem with other shapes of the same candidates."""
-        return dataclasses.replace(self, library=tuple(library))
-
     @cached_property
     def augmented(self) -> Augmented:
         """The declared model with all candidates."""
@@ -130,13 +126,6 @@ class LoopProblem:
     def positions(self) -> np.ndarray:
         """Positions of the columns in the flat vector of the augmented model."""
         return self._positions(self.columns.names)
-
-    @cached_property
-    def owners(self) -> dict[int, str]:
-        """Name of the effect that has each position of the flat vector, for those of effects."""
-        columns = zip(self.positions, self.columns.names, strict=True)
-        owners = self.columns.owners
-        return {int(position): owners[name] for position, name in columns if name in owners}
 
     @cached_property
     def row_positions(self) -> Array:

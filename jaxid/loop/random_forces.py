@@ -26,7 +26,9 @@ from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
 from .._foundation.types import Array, Bool, Float
 from ..diagnosis.free_form import Linear, answers
+from ..estimation.limits import Limits
 from ..sensitivity.information import gather, record_triangles
+from .estimation_problem import free_of
 from .hypothesis import ForceNoise, RandomForces
 from .linear_motion import LinearMotion
 
@@ -289,7 +291,8 @@ def _is_finite(motion: ForcedMotion) -> bool:
 
 def _moved(motion: LinearMotion, chosen, step: ForceEstimate, share: float) -> LinearMotion:
     """Return the motion after a share of a step, within the bounds."""
-    limits = motion.problem.columns.limits(chosen, 0, motion.problem.train.n_cases)
+    problem = motion.problem
+    limits = Limits.of(free_of(problem, motion.effects), problem.train.n_cases)
     values = motion.values.copy()
     shared = values[chosen] + share * step.shared
     values[chosen] = np.clip(
@@ -297,4 +300,4 @@ def _moved(motion: LinearMotion, chosen, step: ForceEstimate, share: float) -> L
     )
     rows = np.asarray(motion.rows) + share * step.own
     rows = np.clip(rows, np.asarray(limits.lower.rows), np.asarray(limits.upper.rows))
-    return LinearMotion(motion.problem, motion.effects, values, to_device(rows))
+    return LinearMotion(problem, motion.effects, values, to_device(rows))

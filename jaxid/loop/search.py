@@ -145,7 +145,7 @@ def with_shapes(declared: LoopFit) -> tuple[LoopProblem, dict[str, np.ndarray]]:
     samples = {name: signal[valid] for name, signal in signals.items()}
     step = float(typical_step(train.t))
     library = initialise_shapes(problem.library, samples, problem.measured, step)
-    return problem.with_library(library), variables
+    return dataclasses.replace(problem, library=library), variables
 
 
 def _grow(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:

@@ -11,7 +11,7 @@ from ..data.record import Record
 from ..diagnosis.heldout_error import difference_error, mean_log
 from ..diagnosis.localise import LocalisationResult
 from ..effects.base import Effect
-from .evidence import DETERMINED, Decision, inflation, is_noise_like
+from .evidence import DETERMINED, SETTLED, Decision, inflation, is_noise_like
 from .fit import LoopFit
 from .hypothesis import White
 from .linear import fall
@@ -20,7 +20,6 @@ from .noise_checks import above_known_noise, followed_signals, is_drift, memory,
 from .options import LoopOptions
 from .outcome import Outcome
 from .search import SearchTree
-from .thresholds import SETTLED
 
 # Derived: the misfits of shapes in equal steps grow as squares, 0, 1, 4. Where the truth is one
 # step to the other side and would fit better by SETTLED, the next shape fits worse by three times

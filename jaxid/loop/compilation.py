@@ -1,16 +1,16 @@
-"""Signals of a fit, and the choice between one program for all sets of effects and one for each."""
+"""Choice between one program for all sets of effects and one for each."""
 
 import jax
 import jax.numpy as jnp
 
-from .._foundation.compiler import fast_compile_jit
-from .._foundation.types import Array, Float
-from ..data.record import Record
 from ..effects.augmented import Augmented
-from ..effects.shape_initialisation import RECORD
 from ..models.base import AbstractModel
 from ..simulation.steppers import rate
-from .thresholds import COMPILE_COST, COMPILE_COST_PER_OPERATION
+
+# Measured: cost of compiling a fit, in operations that the 24 passes of a refit do per sample:
+# 3 s and 10 ms per operation of its model, at 0.3 us per operation and sample (0.15 to 0.6), on
+# two cores, for models of 6 to 1,435 operations.
+COMPILE_COST, COMPILE_COST_PER_OPERATION = 400_000, 1400
 
 
 def use_reduced_model(model: Augmented, samples: int) -> bool:
@@ -55,19 +55,3 @@ def _count(program) -> int:
     ]
     called = [[part for part in parts if hasattr(part, "eqns")] for parts in inner]
     return sum(sum(map(_count, parts)) if parts else 1 for parts in called)
-
-
-@fast_compile_jit
-def signals_of(
-    model: AbstractModel, records: Record, x: Float[Array, "case time state"]
-) -> dict[str, Float[Array, "case time"]]:
-    """Return every signal of a model along a motion, with time and record number (jitted).
-
-    Args:
-        model: the model.
-        records: a stack.
-        x: states at every sample.
-    """
-    signals = jax.vmap(jax.vmap(model.signals))(records.t, x, records.u)
-    number = jnp.broadcast_to(1.0 * jnp.arange(records.n_cases)[:, None], records.t.shape)
-    return {"t": records.t, RECORD: number} | signals

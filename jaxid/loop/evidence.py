@@ -15,8 +15,13 @@ from ..models.noise import AbstractNoise
 from .fit import LoopFit
 from .hypothesis import White
 from .options import LoopOptions
-from .thresholds import INSEPARABLE
 
+# Chosen: chi-square by which two fits differ at least to be distinguished; a likelihood ratio of
+# 20. Less names an arbitrary one of two, more reports alternatives that the records do distinguish.
+INSEPARABLE = 6.0
+# Derived: chi-square of five standard errors, the convention for a discovery. An effect is
+# called the cause only if the nearest alternative fits worse by at least this.
+SETTLED = 25.0
 # Chosen: standard errors by which a gain must differ from zero to be determined.
 DETERMINED = 2.0
 

@@ -32,13 +32,21 @@ from .linear import Triangle
 from .linear_motion import LinearMotion
 from .problem import LoopProblem, regular
 from .random_forces import force_innovations, forced_motion
-from .thresholds import (
-    MAX_COMPILED_FITS,
-    MAX_CONTINUATIONS,
-    MIN_CONTINUATION_SHARE,
-    MIN_COST_FALL,
-    PROGRAMS_OF_A_STUDY,
-)
+
+# Chosen: largest number of continuations of a fit that its iteration limit stopped; more cost time
+# where a direction is undetermined.
+MAX_CONTINUATIONS = 10
+# Chosen: fall of the cost (half of chi-square) below which a fit is not continued: one unit of
+# chi-square changes no choice between hypotheses.
+MIN_COST_FALL = 0.5
+# Chosen: share of the fall of all continuations so far below which a fit is not continued. Stops
+# fits that creep along an undetermined direction.
+MIN_CONTINUATION_SHARE = 0.1
+# Chosen: compiled fits that are kept. At most as many are added in one round, and those of a
+# large model then leave half of the memory maps of a process free.
+MAX_COMPILED_FITS = 48
+# Counted: programs of one kind in a study that fits all sets of effects by one program.
+PROGRAMS_OF_A_STUDY = 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -137,16 +145,7 @@ class LoopFit:
     @cached_property
     def triangle(self) -> Triangle:
         """Triangular factor of the sensitivities to all columns, and of the residual."""
-        v, S = self.motion.sensitivities
-        noise, own = self.hypothesis.noise, len(self.problem.free.per_record)
-        if isinstance(noise, RandomForces):
-            nothing = jnp.zeros((*v.shape[:2], 0))
-            forced = forced_motion(self.motion, noise)
-            white_v, white_S, _ = force_innovations(forced, self.force_noise, nothing)
-            factor = triangular_factor(white_v, white_S, own)
-        else:
-            factor = self._white_factor(S)
-        return self.triangle_of(np.asarray(factor), self.problem.columns.names)
+        return self._triangle(self.motion.sensitivities[1], self.problem.columns.names)
 
     def triangle_with(self, columns: Mapping[str, Float[np.ndarray, "case time output"]]):
         """Return the triangular factor of the sensitivities to the free parameters, and of columns.
@@ -156,15 +155,21 @@ class LoopFit:
         """
         own = np.asarray(self.motion.columns_of(self.estimation.names)[1])
         S = np.concatenate([own, np.stack([*columns.values()], axis=-1)], axis=-1)
-        factor = np.asarray(self._white_factor(to_device(S)))
-        return self.triangle_of(factor, (*self.estimation.names, *columns))
+        return self._triangle(to_device(S), (*self.estimation.names, *columns))
 
-    def _white_factor(self, S: Float[Array, "case time output column"]):
-        """Return the triangle of some columns and the residual, without the noise's memory."""
-        likelihood, v = self.estimation.problem.likelihood, self.motion.sensitivities[0]
-        mask = likelihood.row_mask(self.problem.train.mask)
+    def _triangle(self, S, names: tuple[str, ...]) -> Triangle:
         own = len(self.problem.free.per_record)
-        return _white_factor(likelihood.noise, v, S, mask, own)
+        return self.triangle_of(np.asarray(triangular_factor(*self.whitened(S), own)), names)
+
+    def whitened(self, S: Float[Array, "case time output column"]):
+        """Return the residuals and columns in units of the noise, with its memory removed."""
+        motion, noise, v = self.motion, self.hypothesis.noise, self.motion.sensitivities[0]
+        if isinstance(noise, RandomForces):
+            forced = forced_motion(motion, noise)._replace(S=S)
+            nothing = jnp.zeros((*v.shape[:2], 0))
+            return force_innovations(forced, self.force_noise, nothing)[:2]
+        likelihood = self.estimation.problem.likelihood
+        return _white(likelihood.noise, v, S, likelihood.row_mask(self.problem.train.mask))
 
     def triangle_of(self, factor, names: tuple[str, ...]) -> Triangle:
         """Return a factor with names, free columns and values of the gains.
@@ -186,7 +191,8 @@ class LoopFit:
         """Residuals in units of the noise, with its memory removed: innovations under colour."""
         likelihood, mask = self.estimation.problem.likelihood, self.problem.train.mask
         if isinstance(likelihood, OutputError):
-            return _white(likelihood.noise, self.solution.residuals, mask)
+            v = self.solution.residuals
+            return _white(likelihood.noise, v, jnp.zeros((*v.shape, 0)), mask)[0]
         case = FlatProblem.of(self.estimation.problem)
         rows, _ = PROGRAMS.sensitivities(*case.sensitivities_arguments(self.solution.parameters))
         return rows[..., : mask.shape[-1]]
@@ -242,25 +248,22 @@ def fit(
     """
     values, known = _start(problem, hypothesis, parent, start or {})
     rows = None if parent is None else parent.solution.parameters.rows
-    solution, costs = None, []
-    while solution is None or (
-        solution.result == RESULTS.steps_exhausted
-        and worth_continuing(costs, MIN_CONTINUATION_SHARE)
-    ):
+    S, costs = None, []
+    while True:
         estimation = estimation_of(problem, hypothesis, values, known, rows)
         likelihood, solver = estimation.problem.likelihood, problem.solver
         if not isinstance(likelihood, OutputError):
             solver = dataclasses.replace(solver, chord=False)  # its rows are no residuals
-        S = None
-        if solution is None:  # a continuation starts elsewhere
+        if not costs:  # a continuation starts elsewhere
             S = _known_sensitivities(parent, estimation, hypothesis, values)
         solution = fit_by_steps(estimation.problem, estimation.parameters, solver, S)
+        costs, S = [*costs, float(solution.cost)], None
+        if solution.result != RESULTS.steps_exhausted or not worth_continuing(costs):
+            return LoopFit(problem, hypothesis, estimation, solution)
         shared = np.asarray(solution.parameters.shared)
         known = {name: float(shared[k]) for k, name in enumerate(estimation.names)}
         chosen = problem.columns.chosen(hypothesis.effects)
-        values[chosen] = shared[: len(chosen)]
-        rows, costs = solution.parameters.rows, [*costs, float(solution.cost)]
-    return LoopFit(problem, hypothesis, estimation, solution)
+        values[chosen], rows = shared[: len(chosen)], solution.parameters.rows
 
 
 def make_room(count: int) -> None:
@@ -319,20 +322,18 @@ def _known_sensitivities(
     return to_device(np.pad(S, ((0, 0), (0, 0), (0, 0), (0, padding))))
 
 
-def worth_continuing(costs: list[float], creeping: float) -> bool:
+def worth_continuing(costs: list[float]) -> bool:
     """Return True if a fit that its iteration limit stopped should be continued.
 
     Args:
         costs: cost after the first run and after each continuation so far.
-        creeping: share of the fall of all continuations; a continuation that brings less is the
-            last.
     """
     if len(costs) > MAX_CONTINUATIONS:
         return False
     if len(costs) < 2:
         return True  # no fall is known yet
     fall, total = costs[-2] - costs[-1], costs[0] - costs[-1]
-    return fall > max(MIN_COST_FALL, creeping * total)
+    return fall > max(MIN_COST_FALL, MIN_CONTINUATION_SHARE * total)
 
 
 def check_finite(declared: LoopFit) -> None:
@@ -373,11 +374,11 @@ def _spoiling(declared: LoopFit, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 @fast_compile_jit
-def _white_factor(noise: AbstractNoise, rows, S, row_mask, own: int):
-    """Return the triangle `[T r]` of the shared columns."""
+def _white(noise: AbstractNoise, rows, S, row_mask):
+    """Return whitened rows of misfit and sensitivities, those of the outputs."""
     whiten = noise.whitening(rows, row_mask)
     v, mask = rows[..., : S.shape[2]], row_mask[..., : S.shape[2]]
-    return triangular_factor(whiten.misfit(v, mask), whiten(S, mask), own)
+    return whiten.misfit(v, mask), whiten(S, mask)
 
 
 @fast_compile_jit
@@ -387,9 +388,3 @@ def triangular_factor(v, S, own: int):
     shared = S.shape[-1] - own
     held = jnp.zeros((v.shape[0], own), bool), jnp.zeros(shared, bool)
     return gather(triangles, jnp.zeros((1, shared + 1)), *held).factor
-
-
-@fast_compile_jit
-def _white(noise: AbstractNoise, v, mask):
-    """Return whitened residuals."""
-    return noise.whitening(v, mask).misfit(v, mask)

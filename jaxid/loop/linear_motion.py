@@ -5,18 +5,21 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from .._foundation.types import Array, Float
+from ..data.record import Record
 from ..diagnosis.free_form import Linear, Places, gusts_of, linear_models, responses
+from ..effects.shape_initialisation import RECORD
 from ..estimation.model_programs import PROGRAMS, FlatProblem
 from ..estimation.problem import Problem
+from ..models.base import AbstractModel
 from ..models.free import Free, Parameters, with_values
 from ..models.polynomial import monomials
-from .compilation import signals_of
 from .estimation_problem import padded_problem
 from .problem import LoopProblem
 
@@ -161,3 +164,19 @@ class LinearMotion:
 def _term_values(term: str, signals: dict) -> Float[Array, "case time"]:
     """Return the values of a term at every sample."""
     return jax.vmap(jax.vmap(lambda instant: monomials((term,), instant)[0]))(signals)
+
+
+@fast_compile_jit
+def signals_of(
+    model: AbstractModel, records: Record, x: Float[Array, "case time state"]
+) -> dict[str, Float[Array, "case time"]]:
+    """Return every signal of a model along a motion, with time and record number (jitted).
+
+    Args:
+        model: the model.
+        records: a stack.
+        x: states at every sample.
+    """
+    signals = jax.vmap(jax.vmap(model.signals))(records.t, x, records.u)
+    number = jnp.broadcast_to(1.0 * jnp.arange(records.n_cases)[:, None], records.t.shape)
+    return {"t": records.t, RECORD: number} | signals

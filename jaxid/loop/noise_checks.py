@@ -10,12 +10,12 @@ from .._foundation.grid import typical_step
 from ..diagnosis.localise import LocalisationResult
 from ..diagnosis.residual_report import analyse_residual
 from ..estimation.autoregressive_noise import AutoregressiveNoise
+from .evidence import SETTLED
 from .fit import LoopFit, triangular_factor
 from .hypothesis import ForceNoise, RandomForces, White
 from .linear import falls, reduce
 from .linear_motion import LinearMotion
 from .random_forces import FUNCTIONS, force_innovations, forced_motion
-from .thresholds import SETTLED
 
 # Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
 # five times in a record, and is as well a constant or a drift.

@@ -10,14 +10,13 @@ from .._foundation.grid import typical_step
 from .._foundation.location import LocationKind
 from ..diagnosis.localise import LocalisationResult
 from ..estimation.autoregressive_noise import select_order
-from .evidence import log_samples
+from .evidence import INSEPARABLE, log_samples
 from .fit import LoopFit
 from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces
 from .moves import Move, MoveKind
 from .noise_checks import followed_by_forces, is_drift
 from .options import LoopOptions
 from .random_forces import ForceFit, fit_forces
-from .thresholds import INSEPARABLE
 
 # Chosen: starting value of the correlation time of a random force [samples].
 FORCE_TIME = 5.0

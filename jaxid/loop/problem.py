@@ -22,11 +22,13 @@ from ..models.free import INITIAL_STATE, Free, all_names, leaves_at, with_values
 from ..models.names import flat_vector
 from .columns import Columns
 from .compilation import use_reduced_model
-from .thresholds import COLUMN_BLOCK
 
 # The tolerance is in standard errors; a decision needs no smaller one. Effects with corners make
 # the solver reject steps, hence the number of steps.
 SEARCH_SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
+# Chosen: parameters of effects are padded to multiples of this, so that few widths are compiled.
+# More padding costs arithmetic, less costs compilations.
+COLUMN_BLOCK = 8
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

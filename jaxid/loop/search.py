@@ -11,14 +11,22 @@ from ..effects.library import initialise_shapes
 from ..effects.shape_initialisation import RESIDUAL, SIMULATED
 from ..estimation.estimate import divergence
 from ..estimation.likelihoods import OutputError
-from .evidence import Comparison, compare, inflation, is_noise_like, log_samples, worth
+from .evidence import (
+    INSEPARABLE,
+    SETTLED,
+    Comparison,
+    compare,
+    inflation,
+    is_noise_like,
+    log_samples,
+    worth,
+)
 from .fit import LoopFit, check_finite, compile_programs, fit, make_room
 from .hypothesis import Hypothesis, White
 from .moves import Move, MoveKind, Proposals, localise_fit
 from .noise_moves import noise_moves
 from .options import LoopOptions
 from .problem import LoopProblem
-from .thresholds import INSEPARABLE, SETTLED
 
 # Chosen: share of the expected fall; a refit that brings less starts again from the estimated gain.
 STALLED = 0.25

@@ -16,13 +16,13 @@ from ..estimation.estimate import Fit
 from ..estimation.likelihoods import OutputError
 from ..estimation.result import Estimate
 from ..loop.assess import Assessment, Check, Objection
+from ..loop.evidence import INSEPARABLE
 from ..loop.fit import LoopFit, fit
 from ..loop.moves import Proposals, localise_fit
 from ..loop.options import LoopOptions
 from ..loop.outcome import Outcome
 from ..loop.search import SearchTree
 from ..loop.search_effects import EffectSearch
-from ..loop.thresholds import INSEPARABLE
 from ..loop.wording import next_best_words, verdict_words
 from ..sensitivity.spectrum import spectrum
 from .caveats import caveats

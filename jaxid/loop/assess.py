@@ -90,7 +90,7 @@ def assess(tree: SearchTree, tests: Mapping[str, Record], options: LoopOptions) 
     more = noise_like(tree, options)
     if not tree.best.effects:
         return _assess_noise(tree, more)
-    where, best = _where(tree), tree.best
+    where, best = tree.where, tree.best
     effects = [best.problem.effects[name] for name in best.effects]
     results = [more, one_function(effects), in_place(effects, where), unit_gain(best)]
     if not any(results):
@@ -108,10 +108,10 @@ def _assess_noise(tree: SearchTree, more: Objection | None) -> Assessment:
         more: objection of `noise_like`.
     """
     if more is not None:
-        return Assessment(Outcome.UNEXPLAINED, (more,), _where(tree))
+        return Assessment(Outcome.UNEXPLAINED, (more,), tree.where)
     if isinstance(tree.best.hypothesis.noise, White):
         return Assessment(Outcome.NOTHING_MISSING, (), None)
-    return Assessment(tree.best.hypothesis.noise.outcome, (), _where(tree))
+    return Assessment(tree.best.hypothesis.noise.outcome, (), tree.where)
 
 
 def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
@@ -132,7 +132,7 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
         return Objection(Check.NOISE_LIKE, refused)
     if not isinstance(best.hypothesis.noise, White):
         return _noise_model(tree, level)
-    if best.effects and stands_out(localise_fit(best, _where(tree).splines), level):
+    if best.effects and stands_out(localise_fit(best, tree.where.splines), level):
         return Objection(Check.NOISE_LIKE)
     return None
 
@@ -258,13 +258,6 @@ def carries_over(tree: SearchTree, tests: Mapping[str, Record]) -> Objection | N
         if rise > DETERMINED * difference_error(before, after):
             worse[name] = rise
     return Objection(Check.CARRIES_OVER, tuple(worse), tuple(worse.values())) if worse else None
-
-
-def _where(tree: SearchTree) -> LocalisationResult:
-    """Return the location of the residual of the declared model, computed once."""
-    if tree.where is None:
-        tree.where = localise_fit(tree.declared)
-    return tree.where
 
 
 def _significant_refusals(tree: SearchTree) -> tuple[str, ...]:

@@ -85,7 +85,7 @@ def compare(old: LoopFit, new: LoopFit, options: LoopOptions, count: int) -> Com
     """
     fall = 2.0 * (old.cost - new.cost)
     if type(old.hypothesis.noise) is not type(new.hypothesis.noise):
-        required = log_samples(new) * (new.count - old.count) + INSEPARABLE
+        required = new.problem.price * (new.count - old.count) + INSEPARABLE
         better = np.isfinite(fall) and fall > required
         decision = Decision.BETTER if better else Decision.NOT_SIGNIFICANT
         return Comparison(decision, fall, required, float("nan"), worth(new))
@@ -148,7 +148,7 @@ def _required(old: LoopFit, new: LoopFit, level: float) -> float:
     if more > 0 and not set(old.effects) - set(new.effects):
         added = [name for name in new.effects if name not in old.effects]
         return float(chi2.isf(level, more)) * inflation(new, added)
-    return log_samples(new) * more + INSEPARABLE * (more == 0)
+    return new.problem.price * more + INSEPARABLE * (more == 0)
 
 
 def inflation(fit: LoopFit, effects) -> float:
@@ -194,19 +194,13 @@ def is_noise_like(fit: LoopFit, options: LoopOptions) -> bool:
 def worth(fit: LoopFit) -> float:
     """Return the evidence of a fit: twice the log-likelihood less a price for each parameter.
 
-    The price is the logarithm of the number of samples (Schwarz, Annals of Statistics 6, 1978). For
-    white noise the check records count as well: a short check record alone is a matter of chance.
+    For white noise the check records count as well: a short check record alone is a matter of
+    chance.
     """
-    evidence = -2.0 * fit.cost - log_samples(fit) * fit.count
-    if isinstance(fit.hypothesis.noise, White):
-        noise = fit.estimation.problem.likelihood.noise
-        evidence -= 2.0 * float(_cost(noise, fit.check_prediction))
-    return evidence
-
-
-def log_samples(fit: LoopFit) -> float:
-    """Return the price of a parameter, the logarithm of the number of samples."""
-    return float(np.log(fit.problem.samples))
+    if not isinstance(fit.hypothesis.noise, White):
+        return -fit.price
+    noise = fit.estimation.problem.likelihood.noise
+    return -fit.price - 2.0 * float(_cost(noise, fit.check_prediction))
 
 
 def _is_determined(fit: LoopFit, effect: str) -> bool:

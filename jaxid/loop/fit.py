@@ -90,6 +90,13 @@ class LoopFit:
         columns = self.problem.columns.chosen(self.effects)
         return len(columns) + self.hypothesis.noise.count(outputs)
 
+    @property
+    def price(self) -> float:
+        """Twice the cost, with a price for each parameter: the logarithm of the number of samples
+        (Schwarz, Annals of Statistics 6, 1978).
+        """
+        return 2.0 * self.cost + self.problem.price * self.count
+
     @cached_property
     def estimates(self) -> dict[str, tuple[float, float]]:
         """Value and standard error, corrected for colour, of each free shared parameter."""

@@ -11,7 +11,6 @@ from scipy.stats import chi2
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from ..diagnosis.localise import LocalisationResult, localise, resolution
-from .evidence import log_samples
 from .fit import LoopFit
 from .hypothesis import Hypothesis
 from .linear import Reduced, falls, gains, reduce
@@ -162,7 +161,7 @@ class Proposals:
         reduced = reduce(self.fit.triangle, self.fit.triangle.at(own))
         rest = self._absent(self.fit.hypothesis.changed(out).effects)
         others = [n for n in rest if n not in out and not self.problem.cards[n].refines]
-        expected = self._scores(others, reduced) + log_samples(self.fit) * (len(out) - 1)
+        expected = self._scores(others, reduced) + self.problem.price * (len(out) - 1)
         best = [
             k for k in np.argsort(-expected)[: self.options.swap_limit] if expected[k] > -margin
         ]

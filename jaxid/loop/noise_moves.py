@@ -10,7 +10,7 @@ from .._foundation.grid import typical_step
 from .._foundation.location import LocationKind
 from ..diagnosis.localise import LocalisationResult
 from ..estimation.autoregressive_noise import select_order
-from .evidence import INSEPARABLE, log_samples
+from .evidence import INSEPARABLE
 from .fit import LoopFit
 from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces
 from .moves import Move, MoveKind
@@ -75,7 +75,7 @@ def _worth(fit: LoopFit, move: Move) -> float:
     columns, outputs = fit.problem.columns, len(fit.problem.model.outputs)
     hypothesis = move.hypothesis
     count = len(columns.chosen(hypothesis.effects)) + hypothesis.noise.count(outputs)
-    return move.expected - log_samples(fit) * (count - fit.count)
+    return move.expected - fit.problem.price * (count - fit.count)
 
 
 def _coloured(fit: LoopFit) -> list[Move]:

@@ -1,7 +1,7 @@
 """`LoopProblem`: declared model, library of candidate effects and records of a search."""
 
 import dataclasses
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -10,11 +10,13 @@ from .._foundation.checks import require, require_known
 from .._foundation.host import to_device
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from ..effects.augmented import Augmented
+from ..diagnosis.validation import check_window
+from ..effects.augmented import Augmented, split_effects
 from ..effects.base import Effect
 from ..effects.card import EffectCard
 from ..effects.library import uncertain_equations
-from ..estimation.estimate import as_stack, check_channels
+from ..estimation.estimate import as_stack, check_channels, check_samples, check_sampling
+from ..estimation.filter.filter_error import FilterError
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel, canonical, equations_of
@@ -64,21 +66,22 @@ class LoopProblem:
         """Return the problem of a model and its records; the arguments are the attributes.
 
         Raises:
-            InputError: if channels differ, or a candidate occurs twice or is already present.
+            InputError: if channels differ, records are too short for the window or sampled in a way
+                that the model, the likelihood or a candidate cannot use, the check records have no
+                valid sample after the window, or a candidate occurs twice or is already present.
         """
+        require(
+            not isinstance(likelihood, FilterError),
+            "A study fits by output error and tries random forces by itself. Use OutputError().",
+        )
         train, check = as_stack(train), as_stack(check)
-        for records in (train, check):
-            check_channels(model, records)
+        check_channels(model, train)
+        check_sampling(model, train, likelihood)
+        check_samples(train)
         likelihood.check(model, train)
-        for effect in library:
-            gain = float(effect.gain)
-            require(
-                gain == 0.0,
-                f"The candidate {effect.name!r} has a gain of {gain:g}; a candidate starts absent. "
-                "Leave its gain out.",
-            )
+        _check_absent(library, model)
         augmented = canonical(Augmented(model, tuple(library)))
-        return cls(
+        problem = cls(
             augmented.model,
             augmented.effects_in,
             canonical(free),
@@ -88,6 +91,28 @@ class LoopProblem:
             window,
             solver=solver,
         )
+        for effect in problem.library:
+            effect.check(np.asarray(train.t))
+        problem.check_predicted(check)
+        require(
+            bool(np.any(np.asarray(check.mask)[:, window or 0 :])),
+            "No output of the check records has a valid sample after the window. Give other "
+            "records, or leave `check` out.",
+        )
+        return problem
+
+    def check_predicted(self, records: Record) -> None:
+        """Refuse records that the model, its effects, or the window cannot predict.
+
+        Args:
+            records: a stack.
+        """
+        check_channels(self.model, records)
+        check_sampling(self.model, records, self.likelihood)
+        for effect in self.library:
+            effect.check(np.asarray(records.t))
+        if self.window is not None:
+            check_window(self.model, records, self.window, len(self.declared_starts))
 
     def on(self, records) -> "LoopProblem":
         """Return the same problem with other training records."""
@@ -161,15 +186,28 @@ class LoopProblem:
             return ()
         return uncertain_equations(self.model, np.asarray(self.free.positions(self.model).shared))
 
-    @cached_property
+    @property
+    def declared_starts(self) -> tuple[str, ...]:
+        """States of the declared model whose initial value is fitted for a prediction: those whose
+        initial state is free, or all if none is.
+        """
+        states, free = self.model.states, self.free.per_record
+        return tuple(name for name in states if f"{INITIAL_STATE}.{name}" in free) or states
+
+    @property
     def starts(self) -> tuple[str, ...]:
-        """States whose initial value is fitted for a prediction."""
-        return starting_states(self.free, self.model, self.augmented)
+        """States whose initial value is fitted for a prediction, those of effects included."""
+        return self.declared_starts + self.augmented.states[len(self.model.states) :]
 
     @cached_property
     def samples(self) -> int:
         """Number of valid measured values of the training records."""
         return int(np.sum(np.asarray(self.train.mask)))
+
+    @property
+    def price(self) -> float:
+        """Chi-square by which a parameter must be worth adding: the logarithm of the samples."""
+        return float(np.log(self.samples))
 
     @cached_property
     def measured(self) -> dict[str, np.ndarray]:
@@ -232,17 +270,21 @@ class LoopProblem:
         return np.array([index[name] for name in names], int)
 
 
-def starting_states(
-    free: Free, declared: AbstractModel, augmented: AbstractModel
-) -> tuple[str, ...]:
-    """Return the states whose initial value is fitted for a prediction.
-
-    These are the free declared initial states, or all if none is free, and the states of effects.
-    """
-    chosen = tuple(
-        state for state in declared.states if f"{INITIAL_STATE}.{state}" in free.per_record
-    )
-    return (chosen or declared.states) + augmented.states[len(declared.states) :]
+def _check_absent(library: Sequence[Effect], model: AbstractModel) -> None:
+    """Refuse candidates that the declared model already holds, or whose gain is not zero."""
+    known = {effect.name for effect in split_effects(model)[1]}
+    for effect in library:
+        require(
+            effect.name not in known,
+            f"The declared model holds {effect.name!r} already. Leave this candidate out.",
+        )
+        gain = float(effect.gain)
+        require(
+            gain == 0.0,
+            f"The candidate {effect.name!r} has a gain of {gain:g}; a candidate starts absent. "
+            "Leave its gain out. An effect known to be present belongs in the model: "
+            "Augmented(model, (effect,)).",
+        )
 
 
 def regular(R: Float[Array, "output output"]) -> Float[Array, "output output"]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from functools import cached_property
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from .evidence import (
     compare,
     inflation,
     is_noise_like,
-    log_samples,
     worth,
 )
 from .fit import LoopFit, check_finite, compile_programs, fit, make_room
@@ -63,7 +63,6 @@ class SearchTree:
         steps: all refits, in order.
         signals: states, inputs and time `t` of the declared fit, each of shape (case, time).
         path: accepted steps from the declared model to the best hypothesis.
-        where: location of the residual of the declared model, if it was needed.
         followed: candidates and signals that forces without effects would follow; such forces are
             not random.
         interrupted: True if the user stopped the search.
@@ -75,9 +74,13 @@ class SearchTree:
     signals: Mapping[str, np.ndarray]
     steps: list[Step] = dataclasses.field(default_factory=list)
     path: list[Step] = dataclasses.field(default_factory=list)
-    where: LocalisationResult | None = None
     followed: tuple[str, ...] = ()
     interrupted: bool = False
+
+    @cached_property
+    def where(self) -> LocalisationResult:
+        """Location of the residual of the declared model."""
+        return localise_fit(self.declared)
 
     def fits(self) -> list[LoopFit]:
         """Return all different fits, the declared one first."""
@@ -99,7 +102,7 @@ class SearchTree:
             if not set(best.effects) <= set(other.effects)
             or type(other.hypothesis.noise) is not type(best.hypothesis.noise)
         ]
-        worse = [_price(other) - _price(best) for other in others]
+        worse = [other.price - best.price for other in others]
         pairs = [(o, w) for o, w in zip(others, worse, strict=True) if np.isfinite(w)]
         return sorted(pairs, key=lambda pair: pair[1])
 
@@ -171,17 +174,12 @@ def _grow(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
         if not children:
             return
         if len(beam) > 1:
-            children.sort(key=lambda child: (not _is_evident(child[1][-1]), _price(child[0])))
+            children.sort(key=lambda child: (not _is_evident(child[1][-1]), child[0].price))
         beam = children[: options.beam_width]
         best, path = beam[0]
         ancestors = [tree.declared, *(step.fit for step in path)]
-        if tree.best in ancestors or _price(best) < _price(tree.best):
+        if tree.best in ancestors or best.price < tree.best.price:
             tree.best, tree.path = best, path
-
-
-def _price(fitted: LoopFit) -> float:
-    """Return chi-square on the training records, with a price for each parameter."""
-    return 2.0 * fitted.cost + log_samples(fitted) * fitted.count
 
 
 def _is_evident(step: Step) -> bool:
@@ -235,8 +233,6 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
     where = None
     if not is_noise_like(parent, options) and tree.problem.equations:
         progress("location of the residual")
-        if tree.where is None:
-            tree.where = localise_fit(tree.declared)
         where = tree.where if parent is tree.declared else localise_fit(parent, tree.where.splines)
     moves, followed = noise_moves(parent, tree.declared, where, tree.signals, options)
     tree.followed = tuple(dict.fromkeys((*tree.followed, *followed)))

@@ -97,12 +97,16 @@ def search_effects(
         The search with its verdict. Ctrl-C stops the search; the result is then its best so far.
 
     Raises:
-        InputError: if JAX is in 32 bit, or the declared model diverges at its starting values.
+        InputError: if JAX is in 32 bit, the test records cannot be predicted, or the declared model
+            diverges at its starting values.
     """
     require_float64()
     release_compiled_programs_if_needed()
     options, progress = options or LoopOptions(), progress or (lambda _: None)
+    tests = {name: as_stack(records) for name, records in (test or {}).items()}
+    for records in tests.values():
+        problem.check_predicted(records)
+    tests = {name: records.anonymous() for name, records in tests.items()}
     tree = search(problem, options, progress)
-    tests = {name: as_stack(records).anonymous() for name, records in (test or {}).items()}
     progress("assessment")
     return EffectSearch(tree, assess(tree, tests, options), tests)

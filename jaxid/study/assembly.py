@@ -47,7 +47,7 @@ def assemble_study(
     """
     tree, assessment = result.tree, result.assessment
     rounds = rounds_of(tree, options)
-    where, reports = _where(tree, assessment), _residual_reports(tree)
+    where, reports = _where(tree), _residual_reports(tree)
     # A noise model that the checks did not pass explains nothing.
     accepted = assessment.outcome is not Outcome.UNEXPLAINED
     declared, best, dropped = tree.declared, tree.best if accepted else tree.declared, ()
@@ -93,9 +93,9 @@ def assemble_study(
     )
 
 
-def _where(tree: SearchTree, assessment: Assessment):
+def _where(tree: SearchTree):
     """Return the location of the residual before and after."""
-    before = assessment.where or localise_fit(tree.declared)
+    before = tree.where
     white = isinstance(tree.best.estimation.problem.likelihood, OutputError)
     if not tree.best.effects or not white:
         return {"before": before, "after": before}

@@ -16,7 +16,7 @@ from .fit import LoopFit
 from .hypothesis import White
 from .linear import fall
 from .moves import MoveKind, localise_fit
-from .noise_checks import above_known_noise, followed_signals, is_drift, memory, stands_out
+from .noise import above_known_noise, followed_signals, is_drift, memory, stands_out
 from .options import LoopOptions
 from .outcome import Outcome
 from .search import SearchTree

@@ -86,9 +86,7 @@ class LoopFit:
     @property
     def count(self) -> int:
         """Number of shared parameters, those of the noise beyond white noise included."""
-        outputs = len(self.problem.model.outputs)
-        columns = self.problem.columns.chosen(self.effects)
-        return len(columns) + self.hypothesis.noise.count(outputs)
+        return self.hypothesis.count(self.problem)
 
     @property
     def price(self) -> float:
@@ -172,9 +170,7 @@ class LoopFit:
         """Return the residuals and columns in units of the noise, with its memory removed."""
         motion, noise, v = self.motion, self.hypothesis.noise, self.motion.sensitivities[0]
         if isinstance(noise, RandomForces):
-            forced = forced_motion(motion, noise)._replace(S=S)
-            nothing = jnp.zeros((*v.shape[:2], 0))
-            return force_innovations(forced, self.force_noise, nothing)[:2]
+            return force_innovations(forced_motion(motion, noise)._replace(S=S), self.force_noise)
         likelihood = self.estimation.problem.likelihood
         return _white(likelihood.noise, v, S, likelihood.row_mask(self.problem.train.mask))
 

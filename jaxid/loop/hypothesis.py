@@ -22,7 +22,7 @@ from ..estimation.likelihoods import AbstractLikelihood, OutputError
 from ..models.base import AbstractModel
 from ..simulation.steppers import rate
 from .outcome import Outcome
-from .problem import regular
+from .problem import LoopProblem, regular
 
 
 class ForceNoise(NamedTuple):
@@ -276,6 +276,15 @@ class Hypothesis:
         """Return the hypothesis with effects removed and others added."""
         kept = tuple(name for name in self.effects if name not in out)
         return Hypothesis((*kept, *into), self.noise)
+
+    def count(self, problem: LoopProblem) -> int:
+        """Return the number of shared parameters, those of the noise beyond white noise included.
+
+        Args:
+            problem: the problem of the search.
+        """
+        own = self.noise.count(len(problem.model.outputs))
+        return len(problem.columns.chosen(self.effects)) + own
 
     @property
     def key(self) -> tuple:

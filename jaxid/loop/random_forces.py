@@ -80,25 +80,29 @@ class ForceEstimate(NamedTuple):
 
 @fast_compile_jit
 def force_innovations(
-    motion: ForcedMotion, noise: ForceNoise, signals: Float[Array, "case time signal"]
-) -> tuple[
-    Float[Array, "case time output"],
-    Float[Array, "case time output column"],
-    Float[Array, "case time output probe"],
-]:
-    """Return the whitened innovations of residuals, sensitivities, and responses to forces that
-    follow signals, place by place, signal by signal, function by function.
+    motion: ForcedMotion, noise: ForceNoise
+) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
+    """Return the whitened innovations of residuals and sensitivities.
 
     Args:
         motion: residuals and sensitivities along the motion without forces.
         noise: forces and sensor noise.
+    """
+    white, _ = _filtered(motion, motion.S, noise)
+    return white[..., 0], white[..., 1:]
+
+
+@fast_compile_jit
+def probes(motion: ForcedMotion, signals: Float[Array, "case time signal"]) -> ForcedMotion:
+    """Return the motion with further columns: responses to forces that follow signals, place by
+    place, signal by signal, function by function.
+
+    Args:
+        motion: residuals and sensitivities along the motion without forces.
         signals: signals that a force might follow.
     """
-    forced = jax.vmap(answers)(motion.linear, _functions(signals))
-    columns = forced.reshape(*motion.v.shape, -1)
-    white, _ = _filtered(motion, jnp.concatenate([motion.S, columns], axis=-1), noise)
-    at = motion.S.shape[-1]
-    return white[..., 0], white[..., 1 : at + 1], white[..., at + 1 :]
+    forced = jax.vmap(answers)(motion.linear, _functions(signals)).reshape(*motion.v.shape, -1)
+    return motion._replace(S=jnp.concatenate([motion.S, forced], axis=-1))
 
 
 def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceEstimate:

@@ -24,7 +24,7 @@ from .evidence import (
 from .fit import LoopFit, check_finite, compile_programs, fit, make_room
 from .hypothesis import Hypothesis, White
 from .moves import Move, MoveKind, Proposals, localise_fit
-from .noise_moves import noise_moves
+from .noise import noise_moves
 from .options import LoopOptions
 from .problem import LoopProblem
 

@@ -42,7 +42,7 @@ from jaxid.loop import Coloured, Hypothesis, LoopProblem, Outcome, RandomForces
 from jaxid.loop.assess import in_place, one_function
 from jaxid.loop.evidence import Decision, is_degenerate
 from jaxid.loop.fit import fit
-from jaxid.loop.noise_checks import stands_out
+from jaxid.loop.noise import stands_out
 from jaxid.models import FixedNoise
 from jaxid.study.candidates import candidates
 from jaxid.study.caveats import inputs_beyond

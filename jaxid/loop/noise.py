@@ -62,7 +62,7 @@ def noise_moves(
     noises, sets = _sensor_noises(fit, options), dict.fromkeys((fit.effects, ()))
     moves = [_move(Hypothesis(one, noise), fall) for noise, fall in noises for one in sets]
     followed: dict[str, None] = {}
-    for noise in _places_of_forces(fit, where) if where is not None else ():
+    for noise in _places_of_forces(fit, where):
         best = _most_probable(declared, noise)
         move = _forces_alone(fit, noise, best)
         if _worth(fit, move) <= INSEPARABLE or _better_with_effects(fit, noise, move):
@@ -95,8 +95,10 @@ def _worth(fit: LoopFit, move: Move) -> float:
     return move.expected - problem.price * (hypothesis.count(problem) - fit.count)
 
 
-def _places_of_forces(fit: LoopFit, where: LocalisationResult) -> list[RandomForces]:
+def _places_of_forces(fit: LoopFit, where: LocalisationResult | None) -> list[RandomForces]:
     """Return random forces in the equations, and gusts, near the best place."""
+    if where is None:
+        return []
     time = FORCE_TIME * float(typical_step(fit.problem.train.t))
     sizes: dict[LocationKind, dict[str, float]] = {LocationKind.EQUATION: {}, LocationKind.AIR: {}}
     for place in where.near_best():

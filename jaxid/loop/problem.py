@@ -252,11 +252,6 @@ class LoopProblem:
                 absent.append(name)
         return tuple(absent)
 
-    def refined_by(self, name: str, effects: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the effects among `effects` that an effect refines and replaces."""
-        refines = self.cards[name].refines
-        return tuple(e for e in effects if refines and self.cards[e].family == refines)
-
     def has_shape(self, name: str) -> bool:
         """Return True if an effect has estimated parameters besides its gain."""
         return len(self.columns.own[name]) > 1

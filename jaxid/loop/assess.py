@@ -5,6 +5,8 @@ import enum
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from .._foundation.checks import require
 from .._foundation.location import Location, LocationKind
 from ..data.record import Record
@@ -14,7 +16,7 @@ from ..effects.base import Effect
 from .evidence import DETERMINED, SETTLED, Decision, inflation, is_noise_like
 from .fit import LoopFit
 from .hypothesis import White
-from .linear import fall
+from .linear import falls, reduce
 from .moves import MoveKind, localise_fit
 from .noise import above_known_noise, followed_signals, is_drift, memory, stands_out
 from .options import LoopOptions
@@ -303,8 +305,8 @@ def neighbours(best: LoopFit) -> dict[str, float]:
     triangle = best.triangle_with(columns)
     worse = {}
     for name, (effect, _) in pairs.items():
-        out = triangle.at(problem.columns.own[effect.name])
-        worse[name] = -fall(triangle, out, triangle.at([f"{name}.gain"]))
+        reduced = reduce(triangle, triangle.at(problem.columns.own[effect.name]))
+        worse[name] = -float(falls(reduced, np.array([triangle.at([f"{name}.gain"])]))[0])
     return worse
 
 

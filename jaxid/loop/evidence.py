@@ -86,8 +86,7 @@ def compare(old: LoopFit, new: LoopFit, options: LoopOptions, count: int) -> Com
     fall = 2.0 * (old.cost - new.cost)
     if type(old.hypothesis.noise) is not type(new.hypothesis.noise):
         required = new.problem.price * (new.count - old.count) + INSEPARABLE
-        better = np.isfinite(fall) and fall > required
-        decision = Decision.BETTER if better else Decision.NOT_SIGNIFICANT
+        decision = Decision.BETTER if fall > required else Decision.NOT_SIGNIFICANT
         return Comparison(decision, fall, required, float("nan"), worth(new))
     required = _required(old, new, options.level / max(count, 1))
     check_fall = mean_log(old.check_prediction) - mean_log(new.check_prediction)

@@ -72,8 +72,9 @@ class LoopFit:
 
     @property
     def cost(self) -> float:
-        """Negative log-likelihood of the training records."""
-        return float(self.solution.cost)
+        """Negative log-likelihood of the training records; infinite if a simulation fails."""
+        cost = float(self.solution.cost)
+        return cost if np.isfinite(cost) else np.inf
 
     @property
     def converged(self) -> bool:

@@ -1,7 +1,7 @@
 """`search`: beam search over hypotheses, from the declared model."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -195,35 +195,40 @@ def _expand(tree, parent: LoopFit, path, options: LoopOptions, progress) -> list
     """
     if not isinstance(parent.estimation.problem.likelihood, OutputError):
         return []
-    proposals = Proposals(parent, options)
-    count = len(proposals.candidates)
-    stages: list[Callable[[], tuple[list[Move], int]]] = [lambda: (proposals.drops()[:1], count)]
     rounds = sum(step.move.kind is not MoveKind.DROP for step in path)
-    if rounds < options.max_rounds:
-        stages.append(lambda: (_changes(proposals), count))
-        stages.append(lambda: (proposals.pairs(), count * (count - 1) // 2))
-        if len(parent.effects) > 1:
-            stages.append(lambda: (proposals.swaps(np.inf)[: options.swap_limit], count))
-        stages.append(lambda: (_noises(tree, parent, options, progress), 1))
-    for stage in stages:
-        moves, candidates = stage()
-        report = _of_round(rounds + 1, progress)
-        steps = _refits(tree, parent, moves, candidates, options, report)
+
+    def report(text: str) -> None:
+        progress(f"round {rounds + 1}: {text}")
+
+    for moves, count in _stages(tree, Proposals(parent, options), rounds, progress):
+        steps = _refits(tree, parent, moves, count, options, report)
         accepted = [step for step in steps if step.comparison.accepted]
         if accepted:
             return _ordered(accepted)
     return []
 
 
-def _of_round(number: int, progress: Progress) -> Progress:
-    """Return a progress function whose texts name the round."""
-    return lambda text: progress(f"round {number}: {text}")
+def _stages(
+    tree: SearchTree, proposals: Proposals, rounds: int, progress: Progress
+) -> Iterator[tuple[list[Move], int]]:
+    """Yield the moves of each stage, with the number of candidates among which they are selected.
 
-
-def _changes(proposals: Proposals) -> list[Move]:
-    """Return additions, groups, and the swaps that should be better."""
-    swaps = proposals.swaps(0.0)[: proposals.options.swap_limit]
-    return [*proposals.additions(), *proposals.groups(), *swaps]
+    Args:
+        tree: the search.
+        proposals: the moves from a fit.
+        rounds: number of rounds before it.
+        progress: function that receives a short text.
+    """
+    options, count = proposals.options, len(proposals.candidates)
+    yield proposals.drops()[:1], count
+    if rounds >= options.max_rounds:
+        return
+    swaps = proposals.swaps(0.0)[: options.swap_limit]
+    yield [*proposals.additions(), *proposals.groups(), *swaps], count
+    yield proposals.pairs(), count * (count - 1) // 2
+    if len(proposals.fit.effects) > 1:
+        yield proposals.swaps(np.inf)[: options.swap_limit], count
+    yield _noises(tree, proposals.fit, options, progress), 1
 
 
 def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
@@ -266,23 +271,17 @@ def refit(parent: LoopFit, move: Move) -> LoopFit:
     from the gain that the linear model predicts, and from the declared values.
     """
     first = fit(parent.problem, move.hypothesis, parent, move.start)
-    if move.kind is MoveKind.DROP:
-        return first
-    fits = [first]
+    others: list[tuple[LoopFit | None, Mapping[str, float]]] = []
     if move.kind is MoveKind.NOISE:
-        if move.start and first.converged:  # forces start at their most probable values
-            return first
-        second = fit(parent.problem, move.hypothesis, None, move.start)
-        return min(first, second, key=_cost_or_infinity)
-    if not first.converged or 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
-        fits.append(fit(parent.problem, move.hypothesis, parent, {**move.start, **move.estimated}))
-    if not first.converged:
-        fits.append(fit(parent.problem, move.hypothesis, None, move.start))
-    return min(fits, key=_cost_or_infinity)
-
-
-def _cost_or_infinity(fitted: LoopFit) -> float:
-    return fitted.cost if np.isfinite(fitted.cost) else float("inf")
+        if not (move.start and first.converged):  # forces start at their most probable values
+            others.append((None, move.start))
+    elif move.kind is not MoveKind.DROP:
+        if not first.converged or 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
+            others.append((parent, {**move.start, **move.estimated}))
+        if not first.converged:
+            others.append((None, move.start))
+    fits = [first, *(fit(parent.problem, move.hypothesis, *other) for other in others)]
+    return min(fits, key=lambda fitted: fitted.cost)
 
 
 def _ordered(steps: list[Step]) -> list[Step]:
@@ -290,8 +289,7 @@ def _ordered(steps: list[Step]) -> list[Step]:
 
     An effect that the records show without a model goes before all others.
     """
-    evident = [step for step in steps if _is_evident(step)]
-    rest = [s for s in steps if s not in evident]
+    evident, rest = ([s for s in steps if _is_evident(s) is one] for one in (True, False))
     return [*_by_evidence(evident), *_by_evidence(rest)]
 
 
@@ -305,14 +303,11 @@ def _by_evidence(steps: list[Step]) -> list[Step]:
     margin = top.comparison.worth - INSEPARABLE * inflation(top.fit, top.move.into)
 
     def order(step: Step):
-        near = step.comparison.worth >= margin
-        return not near, _complexity(step) if near else 0, -step.comparison.worth
+        near, cards = step.comparison.worth >= margin, step.fit.problem.cards
+        complexity = sum(cards[name].complexity for name in step.fit.effects)
+        return not near, complexity if near else 0, -step.comparison.worth
 
     return sorted(steps, key=order)
-
-
-def _complexity(step: Step) -> int:
-    return sum(step.fit.problem.effects[name].card.complexity for name in step.fit.effects)
 
 
 def _refit_alternatives(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:

@@ -88,7 +88,7 @@ def padded_problem(
     likelihood: AbstractLikelihood,
     effects: tuple[str, ...],
     values: Float[np.ndarray, " column"],
-) -> tuple[Problem, Float[Array, " column"]]:
+) -> tuple[Problem, Float[Array, " parameter"]]:
     """Return a problem of the model with all candidates, and the values of its shared parameters,
     both padded to a width.
 

@@ -54,15 +54,12 @@ class Comparison:
         required: least fall for the change, for its number of parameters, the number of candidates
             and the colour of the residual.
         check_fall: decrease of the mean logarithm of the check records' error.
-        worth: evidence of the new hypothesis: twice the log-likelihood less a price for each
-            parameter.
     """
 
     decision: Decision
     fall: float
     required: float
     check_fall: float
-    worth: float
 
     @property
     def accepted(self) -> bool:
@@ -87,11 +84,11 @@ def compare(old: LoopFit, new: LoopFit, options: LoopOptions, count: int) -> Com
     if type(old.hypothesis.noise) is not type(new.hypothesis.noise):
         required = new.problem.price * (new.count - old.count) + INSEPARABLE
         decision = Decision.BETTER if fall > required else Decision.NOT_SIGNIFICANT
-        return Comparison(decision, fall, required, float("nan"), worth(new))
+        return Comparison(decision, fall, required, float("nan"))
     required = _required(old, new, options.level / max(count, 1))
     check_fall = mean_log(old.check_prediction) - mean_log(new.check_prediction)
     decision = _decide(old, new, options, fall - required, check_fall)
-    return Comparison(decision, fall, required, check_fall, worth(new))
+    return Comparison(decision, fall, required, check_fall)
 
 
 def _decide(old: LoopFit, new: LoopFit, options: LoopOptions, excess, check_fall) -> Decision:

@@ -83,6 +83,10 @@ class White(NoiseHypothesis):
 
     outcome: ClassVar[Outcome] = Outcome.NOTHING_MISSING
 
+    @property
+    def words(self):
+        return "white noise"
+
     def likelihood(self, declared):
         return declared
 
@@ -99,6 +103,10 @@ class Coloured(NoiseHypothesis):
 
     order: int = eqx.field(static=True, default=1)
     outcome: ClassVar[Outcome] = Outcome.COLOURED_NOISE
+
+    @property
+    def words(self):
+        return f"coloured sensor noise of order {self.order}"
 
     def likelihood(self, declared):
         require(
@@ -131,6 +139,11 @@ class RandomForces(NoiseHypothesis):
     def __init__(self, forces: Mapping[str, float], gusts: Mapping[str, float], time: float):
         self.forces, self.gusts = tuple(sorted(forces.items())), tuple(sorted(gusts.items()))
         self.time = float(time)
+
+    @property
+    def words(self):
+        places = [f"the equation of {name}" for name in self.equations] + [*self.air]
+        return f"random forces in {' and '.join(places)}"
 
     @property
     def equations(self) -> tuple[str, ...]:

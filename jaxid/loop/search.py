@@ -299,13 +299,14 @@ def _by_evidence(steps: list[Step]) -> list[Step]:
     """
     if not steps:
         return []
-    top = max(steps, key=lambda step: step.comparison.worth)
-    margin = top.comparison.worth - INSEPARABLE * inflation(top.fit, top.move.into)
+    worths = {step: worth(step.fit) for step in steps}
+    top = max(steps, key=lambda step: worths[step])
+    margin = worths[top] - INSEPARABLE * inflation(top.fit, top.move.into)
 
     def order(step: Step):
-        near, cards = step.comparison.worth >= margin, step.fit.problem.cards
+        near, cards = worths[step] >= margin, step.fit.problem.cards
         complexity = sum(cards[name].complexity for name in step.fit.effects)
-        return not near, complexity if near else 0, -step.comparison.worth
+        return not near, complexity if near else 0, -worths[step]
 
     return sorted(steps, key=order)
 

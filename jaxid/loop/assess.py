@@ -299,14 +299,11 @@ def neighbours(best: LoopFit) -> dict[str, float]:
             f"{name!r}, a neighbouring shape of {effect.name!r}, has no `terms`. "
             "Give a sum of terms.",
         )
-    columns = {
-        f"{name}.gain": best.motion.response(shape.terms) for name, (_, shape) in pairs.items()
-    }
-    triangle = best.triangle_with(columns)
-    worse = {}
+    columns = {name: best.motion.response(shape.terms) for name, (_, shape) in pairs.items()}
+    triangle, worse = best.triangle_with(columns), {}
     for name, (effect, _) in pairs.items():
         reduced = reduce(triangle, triangle.at(problem.columns.own[effect.name]))
-        worse[name] = -float(falls(reduced, np.array([triangle.at([f"{name}.gain"])]))[0])
+        worse[name] = -float(falls(reduced, np.array([triangle.at([name])]))[0])
     return worse
 
 

@@ -16,7 +16,7 @@ from .._foundation.results import RESULTS
 from .._foundation.types import Array, Float
 from ..diagnosis.autoregression import autoregressive_r2
 from ..diagnosis.free_form import linear_models
-from ..diagnosis.validation import Prediction, Predictor
+from ..diagnosis.validation import Prediction
 from ..effects.augmented import Augmented
 from ..estimation.estimate import Fit
 from ..estimation.host_iteration import fit_by_steps
@@ -226,10 +226,8 @@ class LoopFit:
         Args:
             records: an anonymous stack.
         """
-        known = FixedNoise(regular(self.noise_covariance))
-        likelihood = eqx.tree_at(lambda node: node.noise, self.problem.likelihood, known)
-        problem = self.problem
-        predictor = Predictor(likelihood, problem.window, problem.starts, problem.train.n_cases)
+        problem, known = self.problem, FixedNoise(regular(self.noise_covariance))
+        predictor = eqx.tree_at(lambda node: node.likelihood.noise, problem.predictor, known)
         return predictor.predict(problem.model_at(self.values, self.effects), records)
 
 
@@ -283,7 +281,6 @@ def compile_programs(problem: LoopProblem) -> None:
     make_room(PROGRAMS_OF_A_STUDY)
     start = estimation_of(problem, Hypothesis(), problem.initial_values, {}, None)
     case = FlatProblem.of(start.problem)
-    predictor = Predictor(problem.likelihood, problem.window, problem.starts, problem.train.n_cases)
     model = problem.model_at(problem.initial_values, ())
     motion = LinearMotion(problem, (), problem.initial_values, start.parameters.rows)
     compile_together(
@@ -291,7 +288,7 @@ def compile_programs(problem: LoopProblem) -> None:
             (PROGRAMS.outputs, case.outputs_arguments(start.parameters)),
             (PROGRAMS.sensitivities, case.sensitivities_arguments(start.parameters)),
             (linear_models, motion.linear_arguments),
-            *predictor.programs(model, problem.check),
+            *problem.predictor.programs(model, problem.check),
         ]
     )
 

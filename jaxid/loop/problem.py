@@ -4,13 +4,15 @@ import dataclasses
 from collections.abc import Collection, Sequence
 from functools import cached_property
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
 from .._foundation.host import to_device
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from ..diagnosis.validation import check_window
+from ..diagnosis.validation import Predictor, check_window
 from ..effects.augmented import Augmented, split_effects
 from ..effects.base import Effect
 from ..effects.card import EffectCard
@@ -22,8 +24,8 @@ from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel, canonical, equations_of
 from ..models.free import INITIAL_STATE, Free, all_names, leaves_at, with_values_at
 from ..models.names import flat_vector
+from ..simulation.steppers import rate
 from .columns import Columns
-from .compilation import use_reduced_model
 
 # The tolerance is in standard errors; a decision needs no smaller one. Effects with corners make
 # the solver reject steps, hence the number of steps.
@@ -31,6 +33,10 @@ SEARCH_SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chor
 # Chosen: parameters of effects are padded to multiples of this, so that few widths are compiled.
 # More padding costs arithmetic, less costs compilations.
 COLUMN_BLOCK = 8
+# Measured: cost of compiling a fit, in operations that the 24 passes of a refit do per sample:
+# 3 s and 10 ms per operation of its model, at 0.3 us per operation and sample (0.15 to 0.6), on
+# two cores, for models of 6 to 1,435 operations.
+COMPILE_COST, COMPILE_COST_PER_OPERATION = 400_000, 1400
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -199,6 +205,11 @@ class LoopProblem:
         """States whose initial value is fitted for a prediction, those of effects included."""
         return self.declared_starts + self.augmented.states[len(self.model.states) :]
 
+    @property
+    def predictor(self) -> Predictor:
+        """Prediction of records that were not fitted."""
+        return Predictor(self.likelihood, self.window, self.starts, self.train.n_cases)
+
     @cached_property
     def samples(self) -> int:
         """Number of valid measured values of the training records."""
@@ -287,3 +298,47 @@ def regular(R: Float[Array, "output output"]) -> Float[Array, "output output"]:
     known = np.asarray(R)
     floor = np.finfo(float).eps * np.max(np.diagonal(known))
     return to_device(known + floor * np.eye(known.shape[0]))
+
+
+def use_reduced_model(model: Augmented, samples: int) -> bool:
+    """True if each set of effects is fitted faster by a program of its own than by the program of
+    the complete library.
+
+    The program of the complete library is compiled once, and skips absent effects by a branch for
+    each group of them. Separate programs are faster if
+
+        samples * (operations with all effects absent - operations of the declared model)
+            > COMPILE_COST + COMPILE_COST_PER_OPERATION * (operations of the declared model)
+
+    in operations of the right-hand side; the right side of the inequality is the cost of compiling
+    a separate program. This holds for a small model on long records, and not for an aircraft, whose
+    declared equations are most of the work.
+
+    Args:
+        model: the declared model with the complete library.
+        samples: number of samples of a record.
+    """
+    declared = operations(model.model)
+    return (
+        samples * (operations(model) - declared)
+        > COMPILE_COST + COMPILE_COST_PER_OPERATION * declared
+    )
+
+
+def operations(model: AbstractModel) -> int:
+    """Return the number of elementary operations in a model's right-hand side, where a branch
+    counts as one.
+
+    Every later program reuses the trace made here.
+    """
+    t, x, u = jnp.zeros(()), jnp.zeros(len(model.states)), jnp.zeros(len(model.inputs))
+    return _count(jax.make_jaxpr(lambda *instant: rate(model, *instant))(t, x, u).jaxpr)
+
+
+def _count(program) -> int:
+    inner = [
+        [getattr(value, "jaxpr", value) for value in equation.params.values()]
+        for equation in program.eqns
+    ]
+    called = [[part for part in parts if hasattr(part, "eqns")] for parts in inner]
+    return sum(sum(map(_count, parts)) if parts else 1 for parts in called)

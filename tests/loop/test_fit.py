@@ -15,9 +15,8 @@ from jaxid.effects.sensor import SensorBias
 from jaxid.estimation.estimate import as_stack
 from jaxid.loop import Hypothesis, LoopProblem, problem
 from jaxid.loop import fit as fits
-from jaxid.loop.compilation import operations, use_reduced_model
 from jaxid.loop.fit import MIN_COST_FALL, fit, worth_continuing
-from jaxid.loop.problem import SEARCH_SOLVER
+from jaxid.loop.problem import SEARCH_SOLVER, operations, use_reduced_model
 from jaxid.loop.search import with_shapes
 
 LIBRARY = (Term("v", "x^3"), InputLag("force"), SensorBias("x"), StateLimit("x", "v"))

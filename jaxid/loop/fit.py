@@ -25,13 +25,12 @@ from ..estimation.model_programs import PROGRAMS, FlatProblem
 from ..models.base import AbstractModel
 from ..models.free import Free, with_values
 from ..models.noise import AbstractNoise, FixedNoise
-from ..sensitivity.information import gather, record_triangles
 from .estimation_problem import Estimation, estimation_of, free_of
 from .hypothesis import ForceNoise, Hypothesis, RandomForces
 from .linear import Triangle
 from .linear_motion import LinearMotion
 from .problem import LoopProblem, regular
-from .random_forces import force_innovations, forced_motion
+from .random_forces import force_innovations, forced_motion, information_of
 
 # Chosen: largest number of continuations of a fit that its iteration limit stopped; more cost time
 # where a direction is undetermined.
@@ -171,7 +170,7 @@ class LoopFit:
         """Return the residuals and columns in units of the noise, with its memory removed."""
         motion, noise, v = self.motion, self.hypothesis.noise, self.motion.sensitivities[0]
         if isinstance(noise, RandomForces):
-            return force_innovations(forced_motion(motion, noise)._replace(S=S), self.force_noise)
+            return force_innovations(forced_motion(motion, noise, v, S), self.force_noise)
         likelihood = self.estimation.problem.likelihood
         return _white(likelihood.noise, v, S, likelihood.row_mask(self.problem.train.mask))
 
@@ -385,7 +384,4 @@ def _white(noise: AbstractNoise, rows, S, row_mask):
 @fast_compile_jit
 def triangular_factor(v, S, own: int):
     """Return the triangle `[T r]` of whitened columns, the per-record ones eliminated."""
-    triangles = record_triangles(S[..., :own], S[..., own:], v)
-    shared = S.shape[-1] - own
-    held = jnp.zeros((v.shape[0], own), bool), jnp.zeros(shared, bool)
-    return gather(triangles, jnp.zeros((1, shared + 1)), *held).factor
+    return information_of(v, S, own).factor

@@ -240,7 +240,7 @@ def followed_by_forces(
     """
     problem, names = fitted.problem, [name for name in signals if name != "t"]
     stacked = jnp.stack([jnp.asarray(signals[name]) for name in names], axis=-1)
-    forced = probes(forced_motion(motion, noise), stacked)
+    forced = probes(forced_motion(motion, noise, *motion.sensitivities), stacked)
     factor = triangular_factor(*force_innovations(forced, values), len(problem.free.per_record))
     labels = {f"{name}.gain": name for name in problem.effects}
     functions = [name for name in names for _ in FUNCTIONS] * len(noise.sizes)

@@ -27,7 +27,7 @@ from .._foundation.host import to_device
 from .._foundation.types import Array, Bool, Float
 from ..diagnosis.free_form import Linear, answers
 from ..estimation.limits import Limits
-from ..sensitivity.information import gather, record_triangles
+from ..sensitivity.information import Information, gather, record_triangles
 from .estimation_problem import free_of
 from .hypothesis import ForceNoise, RandomForces
 from .linear_motion import LinearMotion
@@ -159,13 +159,17 @@ def _step(white: Float[Array, "case time output column"], own: int):
     """Return the step of the parameters of each record and of the others, from whitened residuals
     and columns.
     """
-    v, S = white[..., 0], white[..., 1:]
+    information = information_of(white[..., 0], white[..., 1:], own)
+    d = jnp.linalg.lstsq(information.triangle, information.rhs)[0]
+    return information.own.solve(d), d
+
+
+def information_of(v, S, own: int) -> Information:
+    """Return the information of whitened columns, the per-record ones eliminated."""
     triangles = record_triangles(S[..., :own], S[..., own:], v)
     shared = S.shape[-1] - own
     held = jnp.zeros((v.shape[0], own), bool), jnp.zeros(shared, bool)
-    information = gather(triangles, jnp.zeros((1, shared + 1)), *held)
-    d = jnp.linalg.lstsq(information.triangle, information.rhs)[0]
-    return information.own.solve(d), d
+    return gather(triangles, jnp.zeros((1, shared + 1)), *held)
 
 
 def _functions(signals):
@@ -246,20 +250,16 @@ class ForceFit(NamedTuple):
     cost: float
 
 
-def forced_motion(
-    motion: LinearMotion, noise: RandomForces, names: tuple[str, ...] | None = None
-) -> ForcedMotion:
+def forced_motion(motion: LinearMotion, noise: RandomForces, v, S) -> ForcedMotion:
     """Return a motion for random forces at their places.
 
     Args:
         motion: the motion without forces.
         noise: the forces.
-        names: names of the shared parameters; all by default.
+        v, S: its residuals and sensitivities.
     """
     linear = motion.without_absent_states(motion.linear_at(noise.places))
-    v, S = motion.sensitivities if names is None else motion.columns_of(names)
-    records = motion.problem.train
-    return ForcedMotion(linear, records.t, records.mask, v, S)
+    return ForcedMotion(linear, motion.problem.train.t, motion.problem.train.mask, v, S)
 
 
 def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> ForceFit:
@@ -277,8 +277,10 @@ def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> F
     best, step = ForceFit(start, first, np.inf), None
     motion, share = start, 1.0
     for _ in range(MOST_FORCE_STEPS):
-        forced = forced_motion(motion, noise, names)
-        here = estimate_forces(forced, own, best.noise) if _is_finite(forced) else None
+        v, S = motion.columns_of(names)
+        finite = all(np.all(np.isfinite(np.asarray(part))) for part in (v, S))
+        forced = forced_motion(motion, noise, v, S)
+        here = estimate_forces(forced, own, best.noise) if finite else None
         if here is not None and here.cost < best.cost:
             best, step, share = ForceFit(motion, here.noise, here.cost), here, 1.0
         else:
@@ -287,10 +289,6 @@ def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> F
             break
         motion = _moved(best.motion, chosen, step, share)
     return best
-
-
-def _is_finite(motion: ForcedMotion) -> bool:
-    return all(bool(np.all(np.isfinite(np.asarray(part)))) for part in (motion.v, motion.S))
 
 
 def _moved(motion: LinearMotion, chosen, step: ForceEstimate, share: float) -> LinearMotion:

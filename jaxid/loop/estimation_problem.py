@@ -50,13 +50,13 @@ def estimation_of(
         known: starting values by name, also of parameters of the noise.
         rows: starting values of the per-record parameters; by default those of the model.
     """
-    effects, noise = hypothesis.effects, hypothesis.noise
-    likelihood = canonical(noise.likelihood(problem.likelihood))
+    effects = hypothesis.effects
+    likelihood = canonical(hypothesis.noise.likelihood(problem.likelihood))
     model, free = problem.model_at(values, effects), free_of(problem, effects)
     if isinstance(likelihood, OutputError) and not problem.uses_reduced_model:
         base, shared = padded_problem(problem, model, likelihood, effects, values)
     else:
-        own, model = free.shared, canonical(noise.model(model.only(effects)))
+        own, model = free.shared, canonical(model.only(effects))
         model, free = canonical(likelihood.prepared(model, free, problem.train))
         extra = tuple(name for name in free.shared if name in known and name not in own)
         if extra:

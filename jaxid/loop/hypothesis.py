@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require
@@ -19,8 +18,6 @@ from ..estimation.autoregressive_noise import AutoregressiveNoise
 from ..estimation.filter.filter_error import FilterError
 from ..estimation.filter.noise_options import FirstOrder
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
-from ..models.base import AbstractModel
-from ..simulation.steppers import rate
 from .outcome import Outcome
 from .problem import LoopProblem, regular
 
@@ -72,10 +69,6 @@ class NoiseHypothesis(eqx.Module):
         Args:
             outputs: number of outputs of the model.
         """
-
-    def model(self, model: AbstractModel) -> AbstractModel:
-        """Return the model with the disturbances of this noise; by default it has none."""
-        return model
 
 
 class White(NoiseHypothesis):
@@ -163,8 +156,8 @@ class RandomForces(NoiseHypothesis):
 
     @property
     def sizes(self) -> dict[str, float]:
-        """Starting values of the standard deviations, by disturbance input."""
-        return {force_in(state): size for state, size in self.forces} | dict(self.gusts)
+        """Starting values of the standard deviations, by state or disturbance input."""
+        return dict((*self.forces, *self.gusts))
 
     def initial(self, covariance: Float[Array, "output output"]) -> ForceNoise:
         """Return the starting values of forces and sensor noise.
@@ -202,75 +195,6 @@ class RandomForces(NoiseHypothesis):
 
     def count(self, outputs):
         return 2 * (len(self.forces) + len(self.gusts))
-
-    def model(self, model):
-        return ForcedModel(model, self.equations) if self.forces else model
-
-
-class ForcedModel(AbstractModel):
-    """A model with forces in some equations, which are its last disturbance inputs.
-
-    Args:
-        model: the model without forces.
-        forced: states in whose equations the forces act.
-        acting: True for the model that has the forces as inputs.
-    """
-
-    model: AbstractModel
-    forced: tuple[str, ...] = eqx.field(static=True)
-    acting: bool = eqx.field(static=True, default=False)
-    transparent: ClassVar[tuple[str, ...]] = ("model",)
-
-    @property
-    def states(self):
-        return self.model.states
-
-    @property
-    def inputs(self):
-        forces = tuple(map(force_in, self.forced)) if self.acting else ()
-        return (*self.model.inputs, *forces)
-
-    @property
-    def outputs(self):
-        return self.model.outputs
-
-    def with_disturbance_inputs(self):
-        return ForcedModel(self.model.with_disturbance_inputs(), self.forced, acting=True)
-
-    def rhs(self, t, x, u):
-        recorded, forces = self._split(u)
-        at = np.array([self.states.index(name) for name in self.forced], int)
-        return rate(self.model, t, x, recorded).at[at].add(forces)
-
-    def output(self, t, x, u):
-        return self.output_given(t, x, u, self.rhs(t, x, u))
-
-    def output_given(self, t, x, u, dx):
-        return self.model.output_given(t, x, self._split(u)[0], dx)
-
-    def initial_state(self, record):
-        return self.model.initial_state(record)
-
-    def input_signal(self, path):
-        return self.model.input_signal(path)
-
-    def observe(self, t, y):
-        return self.model.observe(t, y)
-
-    def units(self):
-        units = self.model.units()
-        return units | {force_in(name): f"{units.get(name, '')}/s" for name in self.forced}
-
-    def _split(self, u):
-        """Return the recorded inputs and the forces."""
-        if not self.acting:
-            return u, jnp.zeros(len(self.forced))
-        return jnp.split(u, [len(self.model.inputs)])
-
-
-def force_in(state: str) -> str:
-    """Return the name of the force in the equation of a state, as a disturbance input."""
-    return f"force_{state}"
 
 
 @dataclasses.dataclass(frozen=True)

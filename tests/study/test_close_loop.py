@@ -266,7 +266,7 @@ def test_random_force_is_reported_as_process_noise_without_effects():
     assert (result.outcome, result.effects) == (Outcome.PROCESS_NOISE, ())
     assert isinstance(result.noise_model, RandomForces)
     assert result.noise_model.equations == ("v",)
-    for name, true in (("process.force_v", 0.1), ("correlation_time.force_v", 0.5)):
+    for name, true in (("process.v", 0.1), ("correlation_time.v", 0.5)):
         value, error = (
             float(getattr(result.after.estimate, part)(name))
             for part in ("value", "standard_error")

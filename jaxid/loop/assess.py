@@ -73,12 +73,10 @@ class Assessment:
     Attributes:
         outcome: the outcome.
         objections: objections of the checks.
-        where: location of the residual of the declared model; None if nothing is missing.
     """
 
     outcome: Outcome
-    objections: tuple[Objection, ...]
-    where: LocalisationResult | None
+    objections: tuple[Objection, ...] = ()
 
 
 def assess(tree: SearchTree, tests: Mapping[str, Record], options: LoopOptions) -> Assessment:
@@ -89,31 +87,18 @@ def assess(tree: SearchTree, tests: Mapping[str, Record], options: LoopOptions) 
         tests: anonymous stacks of records that decided nothing, by name.
         options: levels and limits.
     """
-    more = noise_like(tree, options)
-    if not tree.best.effects:
-        return _assess_noise(tree, more)
-    where, best = tree.where, tree.best
+    more, best = noise_like(tree, options), tree.best
+    if not best.effects:
+        if more is not None:
+            return Assessment(Outcome.UNEXPLAINED, (more,))
+        return Assessment(best.hypothesis.noise.outcome)
     effects = [best.problem.effects[name] for name in best.effects]
-    results = [more, one_function(effects), in_place(effects, where), unit_gain(best)]
+    results = [more, one_function(effects), in_place(effects, tree.where), unit_gain(best)]
     if not any(results):
         results.append(alternative(tree))
     results.append(carries_over(tree, tests))
     objections = tuple(result for result in results if result is not None)
-    return Assessment(Outcome.PROXIES if objections else Outcome.EXPLAINED, objections, where)
-
-
-def _assess_noise(tree: SearchTree, more: Objection | None) -> Assessment:
-    """Return the verdict of a search that ended without effects.
-
-    Args:
-        tree: the search.
-        more: objection of `noise_like`.
-    """
-    if more is not None:
-        return Assessment(Outcome.UNEXPLAINED, (more,), tree.where)
-    if isinstance(tree.best.hypothesis.noise, White):
-        return Assessment(Outcome.NOTHING_MISSING, (), None)
-    return Assessment(tree.best.hypothesis.noise.outcome, (), tree.where)
+    return Assessment(Outcome.PROXIES if objections else Outcome.EXPLAINED, objections)
 
 
 def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
@@ -142,7 +127,7 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
 def _noise_model(tree: SearchTree, level: float) -> Objection | None:
     """Return an objection if the noise model of the best hypothesis is no noise."""
     best = tree.best
-    signals = followed_signals(best, tree.signals, level)
+    signals = followed_signals(best, tree.declared, level)
     more = signals or is_drift(best, memory(best))
     return Objection(Check.NOISE_LIKE, signals) if more else None
 

@@ -143,6 +143,12 @@ class LinearMotion:
         x = to_device(np.asarray(self.linear.x)[..., : len(model.states)])
         return {n: np.asarray(s) for n, s in signals_of(model, problem.train, x).items()}
 
+    @property
+    def variables(self) -> dict[str, np.ndarray]:
+        """States, inputs and time along the motion, by name."""
+        model, signals = self.problem.model, self.signals
+        return {name: signals[name] for name in (*model.states, *model.inputs, "t")}
+
     def response(self, terms: Sequence[tuple[str, str]]) -> Float[np.ndarray, "case time output"]:
         """Return the response of the outputs to terms in equations, in the linear model.
 

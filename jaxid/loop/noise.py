@@ -17,9 +17,8 @@ from ..diagnosis.residual_report import analyse_residual
 from ..estimation.autoregressive_noise import AutoregressiveNoise, select_order
 from .evidence import INSEPARABLE, SETTLED
 from .fit import LoopFit, triangular_factor
-from .hypothesis import Coloured, ForceNoise, Hypothesis, NoiseHypothesis, RandomForces, White
+from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces, White
 from .linear import falls, reduce
-from .linear_motion import LinearMotion
 from .moves import Move, MoveKind
 from .options import LoopOptions
 from .random_forces import FUNCTIONS, ForceFit, fit_forces, force_innovations, forced_motion, probes
@@ -30,14 +29,11 @@ FORCE_TIME = 5.0
 # five times in a record, and is as well a constant or a drift.
 LONGEST_MEMORY = 0.1
 
-Signals = Mapping[str, np.ndarray]
-
 
 def noise_moves(
     fit: LoopFit,
     declared: LoopFit,
     where: LocalisationResult | None,
-    signals: Signals,
     options: LoopOptions,
 ) -> tuple[list[Move], tuple[str, ...]]:
     """Return the noise models that should explain the residual of a fit with white noise.
@@ -52,7 +48,6 @@ def noise_moves(
         fit: the fit.
         declared: fit of the declared model.
         where: location of the residual; None without random forces.
-        signals: states, inputs and time of the declared fit.
         options: levels.
 
     Returns:
@@ -67,7 +62,7 @@ def noise_moves(
         move = _forces_alone(fit, noise, best)
         if _worth(fit, move) <= INSEPARABLE or _better_with_effects(fit, noise, move):
             continue
-        names = followed_by_forces(declared, best.motion, noise, best.noise, signals, options.level)
+        names = followed_by_forces(declared, declared, best, noise, options.level)
         followed |= dict.fromkeys(names)
         if not names and not is_drift(declared, float(np.max(np.asarray(best.noise.time)))):
             moves.append(move)
@@ -195,19 +190,20 @@ def is_drift(fitted: LoopFit, memory: float) -> bool:
     return bool(memory > LONGEST_MEMORY * float(np.max(t[:, -1] - t[:, 0])))
 
 
-def followed_signals(best: LoopFit, signals: Signals, level: float) -> tuple[str, ...]:
+def followed_signals(best: LoopFit, declared: LoopFit, level: float) -> tuple[str, ...]:
     """Return the candidates and signals on which the noise of a fit depends; noise depends on none.
 
     Args:
         best: a fit with a noise model.
-        signals: states, inputs and time of the declared fit.
+        declared: the declared fit, for its states, inputs and time.
         level: probability of a false alarm, over all of them.
     """
     noise = best.hypothesis.noise
     if isinstance(noise, RandomForces):
-        return followed_by_forces(best, best.motion, noise, best.force_noise, signals, level)
+        forces = ForceFit(best.motion, best.force_noise, best.cost)
+        return followed_by_forces(best, declared, forces, noise, level)
     mask, outputs = best.problem.train.mask, best.problem.model.outputs
-    arrays = {name: jnp.asarray(signal) for name, signal in signals.items()}
+    arrays = {name: jnp.asarray(s) for name, s in declared.motion.variables.items()}
     report = analyse_residual(jnp.asarray(best.white_residuals), mask, arrays, outputs)
     maps, cross = np.asarray(report.maps.p_value), np.asarray(report.tests.cross_p)
     limit = level / (maps.size + cross.size)
@@ -218,12 +214,7 @@ def followed_signals(best: LoopFit, signals: Signals, level: float) -> tuple[str
 
 
 def followed_by_forces(
-    fitted: LoopFit,
-    motion: LinearMotion,
-    noise: RandomForces,
-    values: ForceNoise,
-    signals: Signals,
-    level: float,
+    fitted: LoopFit, declared: LoopFit, forces: ForceFit, noise: RandomForces, level: float
 ) -> tuple[str, ...]:
     """Return the candidates and the signals that random forces follow.
 
@@ -232,16 +223,17 @@ def followed_by_forces(
 
     Args:
         fitted: a fit, for its free parameters.
-        motion: motion without the forces.
-        noise: the forces.
-        values: their parameters, and the sensor noise.
-        signals: states, inputs and time of the declared fit.
+        declared: the declared fit, for its states and inputs.
+        forces: the motion without the forces, and their parameters.
+        noise: their places.
         level: probability of a false alarm, over all of them.
     """
-    problem, names = fitted.problem, [name for name in signals if name != "t"]
+    problem, motion, signals = fitted.problem, forces.motion, declared.motion.variables
+    names = [name for name in signals if name != "t"]
     stacked = jnp.stack([jnp.asarray(signals[name]) for name in names], axis=-1)
     forced = probes(forced_motion(motion, noise, *motion.sensitivities), stacked)
-    factor = triangular_factor(*force_innovations(forced, values), len(problem.free.per_record))
+    white = force_innovations(forced, forces.noise)
+    factor = triangular_factor(*white, len(problem.free.per_record))
     labels = {f"{name}.gain": name for name in problem.effects}
     functions = [name for name in names for _ in FUNCTIONS] * len(noise.sizes)
     columns = {f"force {k}": name for k, name in enumerate(functions)}

@@ -57,25 +57,26 @@ class SearchTree:
     """All fits of a search.
 
     Attributes:
-        problem: the problem, with shapes set from the declared fit.
-        declared: fit of the declared model.
+        declared: fit of the declared model, whose problem has the shapes set from it.
         best: fit of the best hypothesis.
         steps: all refits, in order.
-        signals: states, inputs and time `t` of the declared fit, each of shape (case, time).
         path: accepted steps from the declared model to the best hypothesis.
         followed: candidates and signals that forces without effects would follow; such forces are
             not random.
         interrupted: True if the user stopped the search.
     """
 
-    problem: LoopProblem
     declared: LoopFit
     best: LoopFit
-    signals: Mapping[str, np.ndarray]
     steps: list[Step] = dataclasses.field(default_factory=list)
     path: list[Step] = dataclasses.field(default_factory=list)
     followed: tuple[str, ...] = ()
     interrupted: bool = False
+
+    @property
+    def problem(self) -> LoopProblem:
+        """The problem of the search."""
+        return self.declared.problem
 
     @cached_property
     def where(self) -> LocalisationResult:
@@ -127,10 +128,9 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
     declared = fit(problem, Hypothesis())
     if not np.isfinite(declared.cost):
         raise divergence(problem.model, problem.free, problem.train, problem.likelihood)
-    problem, signals = with_shapes(declared)
-    declared = dataclasses.replace(declared, problem=problem)
+    declared = with_shapes(declared)
     check_finite(declared)
-    tree = SearchTree(problem, declared, declared, signals)
+    tree = SearchTree(declared, declared)
     try:
         _grow(tree, options, progress)
         _refit_alternatives(tree, options, progress)
@@ -139,15 +139,12 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
     return tree
 
 
-def with_shapes(declared: LoopFit) -> tuple[LoopProblem, dict[str, np.ndarray]]:
-    """Return the problem with the initial shapes of its effects set from the declared fit, and the
-    states, inputs and time of that fit.
-    """
+def with_shapes(declared: LoopFit) -> LoopFit:
+    """Return the declared fit with the initial shapes of the candidates set from it."""
     problem, train = declared.problem, declared.problem.train
-    model, signals = problem.model, declared.motion.signals
+    signals = dict(declared.motion.signals)
     mask, z = np.asarray(train.mask), np.asarray(train.z)
     left = np.where(mask, np.asarray(declared.solution.residuals), 0.0)
-    variables = {name: signals[name] for name in (*model.states, *model.inputs, "t")}
     for i, name in enumerate(train.outputs):
         signals[RESIDUAL + name] = left[..., i]
         signals[SIMULATED + name] = np.where(mask[..., i], z[..., i] - left[..., i], 0.0)
@@ -156,7 +153,7 @@ def with_shapes(declared: LoopFit) -> tuple[LoopProblem, dict[str, np.ndarray]]:
     samples = {name: signal[valid] for name, signal in signals.items()}
     step = float(typical_step(train.t))
     library = initialise_shapes(problem.library, samples, problem.measured, step)
-    return dataclasses.replace(problem, library=library), variables
+    return dataclasses.replace(declared, problem=dataclasses.replace(problem, library=library))
 
 
 def _grow(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
@@ -239,7 +236,7 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
     if not is_noise_like(parent, options) and tree.problem.equations:
         progress("location of the residual")
         where = tree.where if parent is tree.declared else localise_fit(parent, tree.where.splines)
-    moves, followed = noise_moves(parent, tree.declared, where, tree.signals, options)
+    moves, followed = noise_moves(parent, tree.declared, where, options)
     tree.followed = tuple(dict.fromkeys((*tree.followed, *followed)))
     return moves
 

@@ -24,7 +24,7 @@ class EffectSearch:
 
     Attributes:
         tree: all fits of the search.
-        assessment: outcome, objections and location of the residual.
+        assessment: outcome and objections.
     """
 
     tree: SearchTree
@@ -64,7 +64,7 @@ class EffectSearch:
     def __str__(self) -> str:
         tree, width = self.tree, max(map(len, (*self.estimates, "parameter")))
         lines = ["The search was stopped; this is its best so far."] * tree.interrupted
-        lines += [verdict_words(tree.best, self.assessment), next_best_words(tree), ""]
+        lines += [verdict_words(tree, tree.best, self.assessment), next_best_words(tree), ""]
         lines.append(f"{'parameter':<{width}} {'value':>12} {'std. error':>12}")
         lines += [f"{n:<{width}} {v:>12.5g} {e:>12.3g}" for n, (v, e) in self.estimates.items()]
         return "\n".join(lines)

@@ -22,10 +22,10 @@ NO_EFFECT = (
 )
 
 
-def verdict_words(best: LoopFit, assessment: Assessment) -> str:
-    """Return the outcome in a sentence or two."""
+def verdict_words(tree: SearchTree, best: LoopFit, assessment: Assessment) -> str:
+    """Return the outcome of a search, with its last fit, in a sentence or two."""
     effects, noise = effect_words(best), best.hypothesis.noise.words
-    near = assessment.where.near_best() if assessment.where else ()
+    near = tree.where.near_best() if assessment.outcome is Outcome.UNEXPLAINED else ()
     places = " or ".join(place.location.label for place in near)
     sentence = {
         Outcome.NOTHING_MISSING: f"Nothing is missing: the residual is consistent with {noise}, "

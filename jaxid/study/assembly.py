@@ -66,7 +66,7 @@ def assemble_study(
         for predictor, fitted in zip(predicting, (declared, best), strict=True)
     )
     estimated = {effect.name: effect for effect in split_effects(after.model)[1]}
-    words = [verdict_words(best, assessment)]
+    words = [verdict_words(tree, best, assessment)]
     if best.effects:
         words += caveats(before, after, records.tests, records.used)
     return Study(
@@ -105,7 +105,7 @@ def _where(tree: SearchTree):
 def _residual_reports(tree: SearchTree) -> dict[str, ResidualReport]:
     """Return the tests of the training residual before and after, noise models removed."""
     train = tree.problem.train
-    signals = {name: jnp.asarray(signal) for name, signal in tree.signals.items()}
+    signals = {name: jnp.asarray(signal) for name, signal in tree.declared.motion.variables.items()}
 
     def report(residuals):
         return analyse_residual(residuals, train.mask, signals, train.outputs)

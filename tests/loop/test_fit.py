@@ -42,9 +42,8 @@ def _both(monkeypatch, named, solver=SEARCH_SOLVER):
     """For each of two starts: the fit with the complete library, and with the reduced model."""
     fits = []
     for reduced in (False, True):
-        declared = fit(_problem(monkeypatch, reduced, solver), Hypothesis())
-        given, _ = with_shapes(declared)
-        declared = dataclasses.replace(declared, problem=given)
+        declared = with_shapes(fit(_problem(monkeypatch, reduced, solver), Hypothesis()))
+        given = declared.problem
         starts = ({}, {f"{name}.gain": 0.05 for name in named})
         fits.append([fit(given, Hypothesis(named), declared, start) for start in starts])
     return zip(*fits, strict=True)

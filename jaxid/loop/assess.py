@@ -162,10 +162,6 @@ def in_place(effects: Sequence[Effect], where: LocalisationResult) -> Objection 
 
     It alone decides when effects elsewhere imitate the cause in full: two late sensors for a late
     input (`test_effects_elsewhere_are_proxies`).
-
-    Args:
-        effects: the effects of the best hypothesis.
-        where: location of the residual of the declared model.
     """
     locations = [effect.card.location for effect in effects]
     if act_between(effects) or not set(locations) <= {place.location for place in where.places}:
@@ -221,7 +217,7 @@ def alternative(tree: SearchTree) -> Objection | None:
     margin = SETTLED * inflation(best, best.effects)
     explained = 2.0 * (tree.declared.cost - best.cost)
     near = {
-        _label(other): worse
+        str(other.hypothesis): worse
         for other, worse in tree.alternatives()
         if worse < margin and abs(worse) > SAME_SHARE * explained and other.count <= best.count
     }
@@ -290,11 +286,3 @@ def neighbours(best: LoopFit) -> dict[str, float]:
         reduced = reduce(triangle, triangle.at(problem.columns.own[effect.name]))
         worse[name] = -float(falls(reduced, np.array([triangle.at([name])]))[0])
     return worse
-
-
-def _label(fitted: LoopFit) -> str:
-    """Return the names of the effects and the noise of a hypothesis."""
-    noise = fitted.hypothesis.noise
-    parts = list(fitted.effects)
-    parts += [] if isinstance(noise, White) else [type(noise).__name__]
-    return " + ".join(parts) or "no effect"

@@ -123,10 +123,9 @@ def _tolerated_loss(old: LoopFit, new: LoopFit, options: LoopOptions) -> float:
     """
     if _is_swap(old, new):
         return uncertainty(new.check_prediction)
-    if any(new.problem.is_evident(name) for name in new.effects if name not in old.effects):
-        scatter = difference_error(old.check_prediction, new.check_prediction)
-        return max(options.max_check_loss, scatter)
-    return options.max_check_loss
+    evident = any(map(new.problem.is_evident, set(new.effects) - set(old.effects)))
+    scatter = difference_error(old.check_prediction, new.check_prediction) if evident else 0.0
+    return max(options.max_check_loss, scatter)
 
 
 def _is_swap(old: LoopFit, new: LoopFit) -> bool:
@@ -137,13 +136,11 @@ def _is_swap(old: LoopFit, new: LoopFit) -> bool:
 
 def _required(old: LoopFit, new: LoopFit, level: float) -> float:
     """Return the least fall of chi-square by which the new hypothesis is better."""
-    more = new.count - old.count
-    removal = set(new.effects) < set(old.effects)
-    if removal:
+    more, before, after = new.count - old.count, set(old.effects), set(new.effects)
+    if after < before:
         return -float(chi2.isf(level, -more))
-    if more > 0 and not set(old.effects) - set(new.effects):
-        added = [name for name in new.effects if name not in old.effects]
-        return float(chi2.isf(level, more)) * inflation(new, added)
+    if more > 0 and before <= after:
+        return float(chi2.isf(level, more)) * inflation(new, after - before)
     return new.problem.price * more + INSEPARABLE * (more == 0)
 
 

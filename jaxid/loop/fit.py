@@ -26,7 +26,7 @@ from ..models.base import AbstractModel
 from ..models.free import Free, with_values
 from ..models.noise import AbstractNoise, FixedNoise
 from .estimation_problem import Estimation, estimation_of, free_of
-from .hypothesis import ForceNoise, Hypothesis, RandomForces
+from .hypothesis import Hypothesis, RandomForces
 from .linear import Triangle
 from .linear_motion import LinearMotion
 from .problem import LoopProblem, regular
@@ -139,25 +139,13 @@ class LoopFit:
         rows = self.solution.parameters.rows
         return LinearMotion(self.problem, self.effects, self.values, rows)
 
-    @property
-    def force_noise(self) -> ForceNoise:
-        """Random forces of the fit and its sensor noise, at their estimates."""
-        noise = self.hypothesis.noise
-        assert isinstance(noise, RandomForces), "a fit with random forces"
-        values = {name: value for name, (value, _) in self.estimates.items()}
-        return noise.at(values, self.problem.model.outputs)
-
     @cached_property
     def triangle(self) -> Triangle:
         """Triangular factor of the sensitivities to all columns, and of the residual."""
         return self._triangle(self.motion.sensitivities[1], self.problem.columns.names)
 
     def triangle_with(self, columns: Mapping[str, Float[np.ndarray, "case time output"]]):
-        """Return the triangular factor of the sensitivities to the free parameters, and of columns.
-
-        Args:
-            columns: further columns, by name.
-        """
+        """Return the triangular factor of the free parameters and of further columns, by name."""
         own = np.asarray(self.motion.columns_of(self.estimation.names)[1])
         S = np.concatenate([own, np.stack([*columns.values()], axis=-1)], axis=-1)
         return self._triangle(to_device(S), (*self.estimation.names, *columns))
@@ -170,7 +158,8 @@ class LoopFit:
         """Return the residuals and columns in units of the noise, with its memory removed."""
         motion, noise, v = self.motion, self.hypothesis.noise, self.motion.sensitivities[0]
         if isinstance(noise, RandomForces):
-            return force_innovations(forced_motion(motion, noise, v, S), self.force_noise)
+            forces = noise.at(self.estimates, self.problem.model.outputs)
+            return force_innovations(forced_motion(motion, noise, v, S), forces)
         likelihood = self.estimation.problem.likelihood
         return _white(likelihood.noise, v, S, likelihood.row_mask(self.problem.train.mask))
 
@@ -220,11 +209,7 @@ class LoopFit:
         return self.predict(self.problem.check)
 
     def predict(self, records) -> Prediction:
-        """Return the prediction of records that were not fitted, by simulation.
-
-        Args:
-            records: an anonymous stack.
-        """
+        """Return the prediction of an anonymous stack that was not fitted, by simulation."""
         problem, known = self.problem, FixedNoise(regular(self.noise_covariance))
         predictor = eqx.tree_at(lambda node: node.likelihood.noise, problem.predictor, known)
         return predictor.predict(problem.model_at(self.values, self.effects), records)
@@ -323,10 +308,8 @@ def _known_sensitivities(
 
 
 def worth_continuing(costs: list[float]) -> bool:
-    """Return True if a fit that its iteration limit stopped should be continued.
-
-    Args:
-        costs: cost after the first run and after each continuation so far.
+    """Return True if a fit that its iteration limit stopped should be continued, given its cost
+    after the first run and after each continuation so far.
     """
     if len(costs) > MAX_CONTINUATIONS:
         return False
@@ -342,9 +325,6 @@ def check_finite(declared: LoopFit) -> None:
     Forward derivatives carry every tangent through every effect: an infinite slope times the zero
     of a tangent that does not concern it is not a number, and spoils all columns that are computed
     together with it.
-
-    Args:
-        declared: fit of the declared model.
 
     Raises:
         InputError: if a candidate spoils the column of another parameter than its own.

@@ -160,11 +160,7 @@ class RandomForces(NoiseHypothesis):
         return dict((*self.forces, *self.gusts))
 
     def initial(self, covariance: Float[Array, "output output"]) -> ForceNoise:
-        """Return the starting values of forces and sensor noise.
-
-        Args:
-            covariance: covariance of the sensor noise.
-        """
+        """Return the starting values, from the covariance of the sensor noise."""
         floor = np.diagonal(np.asarray(regular(covariance)))
         sizes = np.array([*self.sizes.values()])
         parts = sizes, np.full(sizes.size, self.time), np.sqrt(floor)
@@ -183,10 +179,13 @@ class RandomForces(NoiseHypothesis):
         groups = zip(self.parameters(outputs), noise, strict=True)
         return {n: float(v) for names, part in groups for n, v in zip(names, part, strict=True)}
 
-    def at(self, values: Mapping[str, float], outputs: tuple[str, ...]) -> ForceNoise:
-        """Return the parameters at values by name."""
+    def at(
+        self, estimates: Mapping[str, tuple[float, float]], outputs: tuple[str, ...]
+    ) -> ForceNoise:
+        """Return the parameters at estimates by name, each a value and its standard error."""
         groups = self.parameters(outputs)
-        return ForceNoise(*(to_device(np.array([values[n] for n in group])) for group in groups))
+        values = (np.array([estimates[name][0] for name in group]) for group in groups)
+        return ForceNoise(*map(to_device, values))
 
     def likelihood(self, declared):
         assert isinstance(declared, OutputError), "proposed for output error alone"
@@ -215,13 +214,13 @@ class Hypothesis:
         return Hypothesis((*kept, *into), self.noise)
 
     def count(self, problem: LoopProblem) -> int:
-        """Return the number of shared parameters, those of the noise beyond white noise included.
-
-        Args:
-            problem: the problem of the search.
-        """
+        """Return the number of shared parameters, those beyond white noise included."""
         own = self.noise.count(len(problem.model.outputs))
         return len(problem.columns.chosen(self.effects)) + own
+
+    def __str__(self) -> str:
+        noise = () if isinstance(self.noise, White) else (type(self.noise).__name__,)
+        return " + ".join((*self.effects, *noise)) or "no effect"
 
     @property
     def key(self) -> tuple:

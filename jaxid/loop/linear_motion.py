@@ -77,11 +77,8 @@ class LinearMotion:
         return v, to_device(S), infinite
 
     def columns_of(self, names: Sequence[str]) -> tuple[Float[Array, "case time output"], Array]:
-        """Return residuals and sensitivities to the per-record parameters and to some columns, in
-        blocks as wide as a fit.
-
-        Args:
-            names: names of the columns.
+        """Return residuals and sensitivities to the per-record parameters and to the named columns,
+        in blocks as wide as a fit.
         """
         problem, columns = self.problem, self.problem.columns
         model = problem.model_at(self.values, self.effects)
@@ -176,13 +173,7 @@ def _term_values(term: str, signals: dict) -> Float[Array, "case time"]:
 def signals_of(
     model: AbstractModel, records: Record, x: Float[Array, "case time state"]
 ) -> dict[str, Float[Array, "case time"]]:
-    """Return every signal of a model along a motion, with time and record number (jitted).
-
-    Args:
-        model: the model.
-        records: a stack.
-        x: states at every sample.
-    """
+    """Return every signal of a model at states `x`, with time and record number (jitted)."""
     signals = jax.vmap(jax.vmap(model.signals))(records.t, x, records.u)
     number = jnp.broadcast_to(1.0 * jnp.arange(records.n_cases)[:, None], records.t.shape)
     return {"t": records.t, RECORD: number} | signals

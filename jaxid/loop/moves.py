@@ -230,11 +230,8 @@ class Proposals:
 
 
 def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> LocalisationResult:
-    """Return the location of the residual of a fit with output error.
-
-    Args:
-        fit: the fit.
-        splines: number of splines and rows of an earlier result.
+    """Return the location of the residual of a fit with output error, by as many splines and rows
+    as an earlier result has.
     """
     problem, motion = fit.problem, fit.motion
     places = motion.places | {LocationKind.EQUATION: problem.equations}

@@ -135,11 +135,8 @@ def _better_with_effects(fit: LoopFit, noise: RandomForces, alone: Move) -> bool
 
 
 def stands_out(where: LocalisationResult, level: float) -> bool:
-    """Return True if a free-form disturbance at a place explains more than chance would.
-
-    Args:
-        where: location of the residual.
-        level: probability of a false alarm, over all places.
+    """Return True if a free-form disturbance at a place explains more than chance would, with a
+    probability of a false alarm of `level` over all places.
     """
     places = [place for place in where.places if place.dof]
     chances = [float(chi2.sf(place.score, place.dof)) for place in places]
@@ -148,11 +145,7 @@ def stands_out(where: LocalisationResult, level: float) -> bool:
 
 def above_known_noise(fitted: LoopFit, level: float) -> bool:
     """Return True if the noise is given and the whitened sum of squares is larger than chi-square
-    allows.
-
-    Args:
-        fitted: a fit.
-        level: probability of a false alarm.
+    allows, with a probability of a false alarm of `level`.
     """
     noise = fitted.estimation.problem.likelihood.noise
     if not noise.is_known or not isinstance(fitted.hypothesis.noise, White):
@@ -180,11 +173,8 @@ def memory(fitted: LoopFit) -> float:
 
 
 def is_drift(fitted: LoopFit, memory: float) -> bool:
-    """Return True if a noise is so slow that it is as well a constant or a drift.
-
-    Args:
-        fitted: a fit, for its records.
-        memory: correlation time of the noise [s].
+    """Return True if a noise of some memory [s] is so slow in the records of a fit that it is as
+    well a constant or a drift.
     """
     t = np.asarray(fitted.problem.train.t)
     return bool(memory > LONGEST_MEMORY * float(np.max(t[:, -1] - t[:, 0])))
@@ -198,11 +188,14 @@ def followed_signals(best: LoopFit, declared: LoopFit, level: float) -> tuple[st
         declared: the declared fit, for its states, inputs and time.
         level: probability of a false alarm, over all of them.
     """
-    noise = best.hypothesis.noise
+    noise, mask, outputs = (
+        best.hypothesis.noise,
+        best.problem.train.mask,
+        best.problem.model.outputs,
+    )
     if isinstance(noise, RandomForces):
-        forces = ForceFit(best.motion, best.force_noise, best.cost)
+        forces = ForceFit(best.motion, noise.at(best.estimates, outputs), best.cost)
         return followed_by_forces(best, declared, forces, noise, level)
-    mask, outputs = best.problem.train.mask, best.problem.model.outputs
     arrays = {name: jnp.asarray(s) for name, s in declared.motion.variables.items()}
     report = analyse_residual(jnp.asarray(best.white_residuals), mask, arrays, outputs)
     maps, cross = np.asarray(report.maps.p_value), np.asarray(report.tests.cross_p)

@@ -108,11 +108,7 @@ class LoopProblem:
         return problem
 
     def check_predicted(self, records: Record) -> None:
-        """Refuse records that the model, its effects, or the window cannot predict.
-
-        Args:
-            records: a stack.
-        """
+        """Refuse a stack of records that the model, its effects, or the window cannot predict."""
         check_channels(self.model, records)
         check_sampling(self.model, records, self.likelihood)
         for effect in self.library:
@@ -227,22 +223,15 @@ class LoopProblem:
         return {name: z[..., i][mask[..., i]] for i, name in enumerate(self.train.outputs)}
 
     def model_at(self, values: Float[np.ndarray, " column"], effects: Collection[str]) -> Augmented:
-        """Return the model with all candidates, in which only the named ones are evaluated.
-
-        Args:
-            values: values of all columns.
-            effects: names of the effects in the model.
+        """Return the model with values of all columns, in which only the named effects are
+        evaluated.
         """
         changed = np.asarray(values) != self.initial_values
         model = with_values_at(self.augmented, self.positions[changed], values[changed])
         return model.with_present(effects)
 
     def width(self, chosen: int) -> int:
-        """Return the number of columns of a fit, padding included.
-
-        Args:
-            chosen: number of its shared parameters.
-        """
+        """Return the number of columns of a fit of some shared parameters, padding included."""
         declared = self.columns.declared
         return declared + COLUMN_BLOCK * max(1, -(-(chosen - declared) // COLUMN_BLOCK))
 

@@ -82,12 +82,7 @@ class ForceEstimate(NamedTuple):
 def force_innovations(
     motion: ForcedMotion, noise: ForceNoise
 ) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
-    """Return the whitened innovations of residuals and sensitivities.
-
-    Args:
-        motion: residuals and sensitivities along the motion without forces.
-        noise: forces and sensor noise.
-    """
+    """Return the whitened innovations of the residuals and sensitivities along a motion."""
     white, _ = _filtered(motion, motion.S, noise)
     return white[..., 0], white[..., 1:]
 
@@ -96,10 +91,6 @@ def force_innovations(
 def probes(motion: ForcedMotion, signals: Float[Array, "case time signal"]) -> ForcedMotion:
     """Return the motion with further columns: responses to forces that follow signals, place by
     place, signal by signal, function by function.
-
-    Args:
-        motion: residuals and sensitivities along the motion without forces.
-        signals: signals that a force might follow.
     """
     forced = jax.vmap(answers)(motion.linear, _functions(signals)).reshape(*motion.v.shape, -1)
     return motion._replace(S=jnp.concatenate([motion.S, forced], axis=-1))
@@ -251,13 +242,7 @@ class ForceFit(NamedTuple):
 
 
 def forced_motion(motion: LinearMotion, noise: RandomForces, v, S) -> ForcedMotion:
-    """Return a motion for random forces at their places.
-
-    Args:
-        motion: the motion without forces.
-        noise: the forces.
-        v, S: its residuals and sensitivities.
-    """
+    """Return a motion with its residuals and sensitivities, for random forces at their places."""
     linear = motion.without_absent_states(motion.linear_at(noise.places))
     return ForcedMotion(linear, motion.problem.train.t, motion.problem.train.mask, v, S)
 

@@ -210,11 +210,7 @@ def _stages(
 ) -> Iterator[tuple[list[Move], int]]:
     """Yield the moves of each stage, with the number of candidates among which they are selected.
 
-    Args:
-        tree: the search.
-        proposals: the moves from a fit.
-        rounds: number of rounds before it.
-        progress: function that receives a short text.
+    After the last round only removals remain.
     """
     options, count = proposals.options, len(proposals.candidates)
     yield proposals.drops()[:1], count
@@ -251,8 +247,7 @@ def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> l
         simple = move.kind is MoveKind.ADD and not tree.problem.has_shape(move.into[0])
         if simple and move.expected < HOPELESS_SHARE * best:
             continue
-        noise = type(move.hypothesis.noise).__name__ if move.kind is MoveKind.NOISE else ""
-        progress(f"refit with {', '.join(move.hypothesis.effects) or 'no effect'} {noise}".strip())
+        progress(f"refit with {move.hypothesis}")
         new = refit(parent, move)
         steps.append(Step(parent, move, new, compare(parent, new, options, count)))
         tree.steps.append(steps[-1])

@@ -27,7 +27,7 @@ DETERMINED = 2.0
 
 
 class Decision(enum.Enum):
-    """Outcome of a comparison.
+    """Outcome of a comparison; the value is the decision in words.
 
     Attributes:
         BETTER: the new hypothesis replaces the old one.
@@ -37,11 +37,11 @@ class Decision(enum.Enum):
         NOT_SIGNIFICANT: the decrease of the cost may be due to chance.
     """
 
-    BETTER = enum.auto()
-    CHECK_WORSE = enum.auto()
-    UNDETERMINED = enum.auto()
-    DEGENERATE = enum.auto()
-    NOT_SIGNIFICANT = enum.auto()
+    BETTER = "better"
+    CHECK_WORSE = "predicts the check records worse"
+    UNDETERMINED = "its gain is not determined"
+    DEGENERATE = "on a bound where it has no effect"
+    NOT_SIGNIFICANT = "not significant"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -193,17 +193,14 @@ class Proposals:
 
     def _distinct(self, ordered: list[str]) -> list[str]:
         """Return the candidates without those that the records cannot distinguish from another."""
-        kept: list[str] = []
+        kept, cards = [], self.problem.cards
         for name in ordered:
             alike = [k for k, other in enumerate(kept) if self._same(name, other)]
             if not alike:
                 kept.append(name)
-            elif self._complexity(name) < self._complexity(kept[alike[0]]):
+            elif cards[name].complexity < cards[kept[alike[0]]].complexity:
                 kept[alike[0]] = name
         return kept
-
-    def _complexity(self, name: str) -> int:
-        return self.problem.cards[name].complexity
 
     def _same(self, name: str, other: str) -> bool:
         """Return True if two effects without a shape have the same influence on the outputs."""

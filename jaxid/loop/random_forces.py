@@ -15,6 +15,7 @@ another minimum where gusts are strong.) No program holds the model but those of
 noise, so that a search tries random forces without compiling a filter for them.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -137,22 +138,15 @@ def _cost_and_slope(logarithms: ForceNoise, motion: ForcedMotion, own: int):
         white, scale = _filtered(motion, motion.S, jax.lax.stop_gradient(noise))
         before = 0.5 * jnp.sum(white[..., 0] ** 2) + jnp.sum(scale)
         # At the best step the derivative by the step is zero, so that it counts as constant.
-        every, d = jax.lax.stop_gradient(_step(white, own))
+        information = information_of(white[..., 0], white[..., 1:], own)
+        d = jax.lax.stop_gradient(jnp.linalg.lstsq(information.triangle, information.rhs)[0])
+        every = jax.lax.stop_gradient(information.own.solve(d))
         moved = jnp.einsum("ctjp,cp->ctj", motion.S[..., :own], every) + motion.S[..., own:] @ d
         after = motion._replace(v=motion.v - moved)
         white, scale = _filtered(after, motion.S[..., :0], noise)
         return 0.5 * jnp.sum(white**2) + jnp.sum(scale), (before, every, d)
 
     return jax.value_and_grad(cost, has_aux=True)(logarithms)
-
-
-def _step(white: Float[Array, "case time output column"], own: int):
-    """Return the step of the parameters of each record and of the others, from whitened residuals
-    and columns.
-    """
-    information = information_of(white[..., 0], white[..., 1:], own)
-    d = jnp.linalg.lstsq(information.triangle, information.rhs)[0]
-    return information.own.solve(d), d
 
 
 def information_of(v, S, own: int) -> Information:
@@ -179,12 +173,9 @@ def _filtered(
     valid, and the logarithm of the determinant of each innovation's factor.
     """
 
-    def of_one(linear, t, mask, v, columns):
-        return _filtered_record(
-            linear, t, mask, jnp.concatenate([v[..., None], columns], axis=-1), noise
-        )
-
-    return jax.vmap(of_one)(motion.linear, motion.t, motion.mask, motion.v, columns)
+    columns = jnp.concatenate([motion.v[..., None], columns], axis=-1)
+    of_one = partial(_filtered_record, noise=noise)
+    return jax.vmap(of_one)(motion.linear, motion.t, motion.mask, columns)
 
 
 def _filtered_record(

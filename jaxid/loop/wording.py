@@ -5,18 +5,10 @@ from collections.abc import Sequence
 
 from ..effects.augmented import split_effects
 from .assess import Assessment, Check, Objection
-from .evidence import Decision
 from .fit import LoopFit
 from .outcome import Outcome
 from .search import SearchTree
 
-DECISIONS = {
-    Decision.BETTER: "better",
-    Decision.CHECK_WORSE: "predicts the check records worse",
-    Decision.UNDETERMINED: "its gain is not determined",
-    Decision.DEGENERATE: "on a bound where it has no effect",
-    Decision.NOT_SIGNIFICANT: "not significant",
-}
 NO_EFFECT = (
     "No effect is missing that these records could show: the residual is consistent with {}."
 )

@@ -12,7 +12,6 @@ from ..loop.fit import LoopFit
 from ..loop.moves import MoveKind, Proposals
 from ..loop.options import LoopOptions
 from ..loop.search import SearchTree, Step
-from ..loop.wording import DECISIONS
 from ..models.base import AbstractModel
 from ..models.free import Free
 from .second_opinion import Refusal, SecondOpinion, second_opinion
@@ -85,7 +84,7 @@ class Candidate:
         """The decision in words."""
         if self.added:
             return "added"
-        return "not refitted" if self.decision is None else DECISIONS[self.decision]
+        return "not refitted" if self.decision is None else self.decision.value
 
 
 @dataclasses.dataclass(frozen=True)

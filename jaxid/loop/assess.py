@@ -80,13 +80,7 @@ class Assessment:
 
 
 def assess(tree: SearchTree, tests: Mapping[str, Record], options: LoopOptions) -> Assessment:
-    """Return the verdict of a search.
-
-    Args:
-        tree: the search.
-        tests: anonymous stacks of records that decided nothing, by name.
-        options: levels and limits.
-    """
+    """Return the verdict of a search, with anonymous test records by name of set."""
     more, best = noise_like(tree, options), tree.best
     if not best.effects:
         if more is not None:

@@ -23,14 +23,11 @@ class Estimation(NamedTuple):
     Attributes:
         problem: the problem, with padding columns if it has the absent effects.
         parameters: starting values.
-        names: names of the free shared parameters, without the padding.
-        model, free: the model with its values, and its free parameters.
+        free: the free parameters, without the padding.
     """
 
     problem: Problem
     parameters: Parameters
-    names: tuple[str, ...]
-    model: AbstractModel
     free: Free
 
 
@@ -65,7 +62,7 @@ def estimation_of(
         shared = initial_parameters(model, base.positions, problem.train).shared
     if rows is None:
         rows = initial_parameters(base.model, base.positions, problem.train).rows
-    return Estimation(base, Parameters(shared, rows), free.shared, model, free)
+    return Estimation(base, Parameters(shared, rows), free)
 
 
 def free_of(problem: LoopProblem, effects: tuple[str, ...]) -> Free:
@@ -100,7 +97,7 @@ def padded_problem(
     def padded(vector, fill):
         return to_device(np.r_[np.asarray(vector), np.full(padding, fill)])
 
-    at = padded(problem.positions[chosen], len(problem.names))
+    at = padded(problem.positions[chosen], len(problem.position))
     positions = Positions(at, problem.row_positions, problem.leaves)
     own = Limits.of(free_of(problem, effects), problem.train.n_cases)
     limits = Limits(

@@ -76,8 +76,6 @@ def compare(old: LoopFit, new: LoopFit, options: LoopOptions, count: int) -> Com
     predictable, significance is inaccurate: the check records must gain as well.
 
     Args:
-        old, new: the two fits.
-        options: levels and limits.
         count: number of candidates among which the change was selected.
     """
     fall = 2.0 * (old.cost - new.cost)
@@ -151,7 +149,7 @@ def inflation(fit: LoopFit, effects) -> float:
     larger by this factor.
     """
     columns = fit.problem.columns
-    at = [fit.estimation.names.index(name) for e in effects for name in columns.own[e]]
+    at = [fit.estimation.free.shared.index(name) for e in effects for name in columns.own[e]]
     robust, plain = (
         np.diagonal(np.asarray(matrix))[at]
         for matrix in (fit.solution.robust_covariance, fit.solution.covariance)
@@ -164,7 +162,7 @@ def is_degenerate(fit: LoopFit, effects) -> bool:
     """Return True if an effect is on a bound at which it has no effect, or has an undetermined
     parameter that is not on a bound.
     """
-    problem, names = fit.problem, fit.estimation.names
+    problem, names = fit.problem, fit.estimation.free.shared
     at_bound = np.asarray(fit.solution.shared_on_bound)
     variance = np.diagonal(np.asarray(fit.solution.covariance))
     for effect in effects:

@@ -100,7 +100,7 @@ class LoopFit:
         """Value and standard error, corrected for colour, of each free shared parameter."""
         deviation = np.sqrt(np.diagonal(np.asarray(self.solution.robust_covariance)))
         shared = np.asarray(self.solution.parameters.shared)
-        names = self.estimation.names
+        names = self.estimation.free.shared
         return {n: (float(shared[k]), float(deviation[k])) for k, n in enumerate(names)}
 
     @cached_property
@@ -108,7 +108,7 @@ class LoopFit:
         """The declared model with the effects and the values of the fit, and its free parameters,
         those of the noise included.
         """
-        problem, names = self.problem, self.estimation.names
+        problem, names = self.problem, self.estimation.free.shared
         columns = self.problem.columns.chosen(self.effects)
         own = tuple(problem.columns.names[k] for k in columns)
         effects = tuple(problem.effects[name] for name in self.effects)
@@ -122,7 +122,7 @@ class LoopFit:
     @property
     def information(self) -> Float[np.ndarray, "row parameter"]:
         """Factor of the information on the free parameters, without the padding columns."""
-        factor = np.asarray(self.solution.information.factor)[:, : len(self.estimation.names)]
+        factor = np.asarray(self.solution.information.factor)[:, : len(self.estimation.free.shared)]
         return np.asarray(np.linalg.qr(factor, mode="r"))
 
     @cached_property
@@ -146,9 +146,9 @@ class LoopFit:
 
     def triangle_with(self, columns: Mapping[str, Float[np.ndarray, "case time output"]]):
         """Return the triangular factor of the free parameters and of further columns, by name."""
-        own = np.asarray(self.motion.columns_of(self.estimation.names)[1])
+        own = np.asarray(self.motion.columns_of(self.estimation.free.shared)[1])
         S = np.concatenate([own, np.stack([*columns.values()], axis=-1)], axis=-1)
-        return self._triangle(to_device(S), (*self.estimation.names, *columns))
+        return self._triangle(to_device(S), (*self.estimation.free.shared, *columns))
 
     def _triangle(self, S, names: tuple[str, ...]) -> Triangle:
         own = len(self.problem.free.per_record)
@@ -172,7 +172,7 @@ class LoopFit:
             factor: triangular factor of columns and residual.
             names: names of the columns; those unknown to the fit are absent.
         """
-        chosen, columns = set(self.estimation.names), self.problem.columns
+        chosen, columns = set(self.estimation.free.shared), self.problem.columns
         free = np.array([name in chosen for name in names])
         gains = {f"{effect}.gain" for effect in columns.own}
         values = [self.values[columns.index[n]] if n in gains else 0.0 for n in names]
@@ -247,7 +247,7 @@ def fit(
         if solution.result != RESULTS.steps_exhausted or not worth_continuing(costs):
             return LoopFit(problem, hypothesis, estimation, solution)
         shared = np.asarray(solution.parameters.shared)
-        known = {name: float(shared[k]) for k, name in enumerate(estimation.names)}
+        known = {name: float(shared[k]) for k, name in enumerate(estimation.free.shared)}
         chosen = problem.columns.chosen(hypothesis.effects)
         values[chosen], rows = shared[: len(chosen)], solution.parameters.rows
 

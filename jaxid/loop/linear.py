@@ -66,12 +66,7 @@ class Reduced(NamedTuple):
 
 
 def reduce(triangle: Triangle, out: Sequence[int] = ()) -> Reduced:
-    """Return the triangle without some free columns.
-
-    Args:
-        triangle: factor at a fit.
-        out: columns that are removed.
-    """
+    """Return the triangle without the free columns `out`."""
     T, r = triangle.factor[:, :-1], triangle.factor[:, -1]
     removed = np.zeros(T.shape[1], bool)
     removed[list(out)] = True

@@ -88,7 +88,7 @@ class LinearMotion:
         chosen = problem.positions[[columns.index[name] for name in names]]
         own, width = problem.row_positions.size, case.at.size
         at = np.r_[np.asarray(problem.row_positions), chosen]
-        padded = np.r_[at, np.full(-at.size % width, len(problem.names))]
+        padded = np.r_[at, np.full(-at.size % width, len(problem.position))]
         owners = [None] * own + [columns.owners.get(name) for name in names]
         blocks = []
         for k in range(0, padded.size, width):

@@ -55,12 +55,7 @@ class Move:
 
 
 class Proposals:
-    """The moves from one fit.
-
-    Args:
-        fit: the fit.
-        options: levels and limits.
-    """
+    """The moves from one fit."""
 
     def __init__(self, fit: LoopFit, options: LoopOptions):
         self.fit, self.options, self.problem = fit, options, fit.problem
@@ -233,7 +228,7 @@ def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> Locali
     problem, motion = fit.problem, fit.motion
     places = motion.places | {LocationKind.EQUATION: problem.equations}
     places = {kind: names for kind, names in places.items() if names}
-    names = fit.estimation.names
+    names = fit.estimation.free.shared
     v, S = motion.columns_of([name for name in names if name in problem.columns.index])
     padding = problem.width(len(names)) - len(names)
     S = np.pad(np.asarray(S), ((0, 0), (0, 0), (0, 0), (0, padding)))

@@ -154,12 +154,12 @@ class LoopProblem:
     @cached_property
     def positions(self) -> np.ndarray:
         """Positions of the columns in the flat vector of the augmented model."""
-        return self._positions(self.columns.names)
+        return np.array([self.position[name] for name in self.columns.names], int)
 
     @cached_property
     def row_positions(self) -> Array:
         """Positions of the per-record parameters in the flat vector of the augmented model."""
-        return to_device(self._positions(self.free.per_record))
+        return to_device(np.array([self.position[name] for name in self.free.per_record], int))
 
     @cached_property
     def leaves(self) -> tuple[int, ...]:
@@ -167,9 +167,9 @@ class LoopProblem:
         return leaves_at(self.augmented, np.r_[self.positions, np.asarray(self.row_positions)])
 
     @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of all parameters of the augmented model."""
-        return all_names(self.augmented)
+    def position(self) -> dict[str, int]:
+        """Position of each parameter in the flat vector of the augmented model."""
+        return {name: k for k, name in enumerate(all_names(self.augmented))}
 
     @cached_property
     def initial_values(self) -> Float[np.ndarray, " column"]:
@@ -242,15 +242,13 @@ class LoopProblem:
         effect that it refines, and replaces it.
         """
         inside = [self.cards[name] for name in effects]
-        families = {card.family for card in inside}
-        refined = {card.refines for card in inside}
-        absent = []
-        for name, card in self.cards.items():
+        families, refined = {card.family for card in inside}, {card.refines for card in inside}
+
+        def allowed(card: EffectCard) -> bool:
             taken = refined if card.repeatable else families | refined
-            allowed = name not in effects and card.family not in taken
-            if allowed and (not card.refines or card.refines in families):
-                absent.append(name)
-        return tuple(absent)
+            return card.family not in taken and (not card.refines or card.refines in families)
+
+        return tuple(n for n, card in self.cards.items() if n not in effects and allowed(card))
 
     def has_shape(self, name: str) -> bool:
         """Return True if an effect has estimated parameters besides its gain."""
@@ -259,10 +257,6 @@ class LoopProblem:
     def is_evident(self, name: str) -> bool:
         """Return True if the records show an effect without a model."""
         return self.effects[name].evident_in_data(self.measured)
-
-    def _positions(self, names) -> np.ndarray:
-        index = {name: position for position, name in enumerate(self.names)}
-        return np.array([index[name] for name in names], int)
 
 
 def _check_absent(library: Sequence[Effect], model: AbstractModel) -> None:
@@ -302,10 +296,6 @@ def use_reduced_model(model: Augmented, samples: int) -> bool:
     in operations of the right-hand side; the right side of the inequality is the cost of compiling
     a separate program. This holds for a small model on long records, and not for an aircraft, whose
     declared equations are most of the work.
-
-    Args:
-        model: the declared model with the complete library.
-        samples: number of samples of a record.
     """
     declared = operations(model.model)
     return (

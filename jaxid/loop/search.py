@@ -116,11 +116,6 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
     with an accepted move ends the expansion, and the best `beam_width` results of all expansions
     are the next beam. The search stops when no move is accepted. Ctrl-C ends it with the best
     hypothesis so far.
-
-    Args:
-        problem: the problem.
-        options: levels and limits.
-        progress: function that receives a short text at every step.
     """
     progress("compilation of the model with its candidates")
     compile_programs(problem)

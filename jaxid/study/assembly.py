@@ -157,9 +157,9 @@ def _side(predicting: LoopFit, fitted: LoopFit, records: StudyRecords) -> Side:
     problem, (model, free) = fitted.problem, fitted.model_and_free
     noise, threshold = problem.likelihood.noise, problem.solver.policy.threshold
     solution = _unpadded(fitted.solution, len(free.shared))
-    estimation = fitted.estimation
-    stochastic = not isinstance(estimation.problem.likelihood, OutputError)
-    of = estimation.model if stochastic else model
+    estimated = fitted.estimation.problem
+    stochastic = not isinstance(estimated.likelihood, OutputError)
+    of = estimated.model if stochastic else model
     estimate = Estimate.of(solution, of, free, used, threshold, noise.is_known)
     return Side(model, estimate, predictions, rms)
 

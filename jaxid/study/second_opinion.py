@@ -171,7 +171,7 @@ def block_products(
     length = np.linalg.norm(orthogonal, axis=0)
     unit = orthogonal / np.where(length > 0, length, 1.0)
 
-    estimated = len(result.estimation.names) + result.solution.parameters.rows.size
+    estimated = len(result.estimation.free.shared) + result.solution.parameters.rows.size
     inflation = problem.samples / max(problem.samples - estimated, 1)
     mask = np.asarray(problem.train.mask)
     e = np.where(mask, np.asarray(result.white_residuals), 0.0) * np.sqrt(inflation)

@@ -102,8 +102,11 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
     the cost significantly, if a free-form disturbance at some place explains it, if it depends on a
     signal under a noise model or that noise is as slow as a drift.
 
-    It alone decides when the effect is not in the library and no shape in it comes near: a scale of
-    the sensor that no other effect imitates (`test_absent_effect_is_not_named`).
+    It alone decides when no shape of the library comes near the effect: a scale of the sensor that
+    no other effect imitates (`test_absent_effect_is_not_named`); when a white residual is larger
+    than the given noise (`test_residual_above_given_noise_is_unexplained`); and when a constant
+    error of a sensor is noise only with an endless memory
+    (`test_constant_sensor_error_is_not_reported_as_coloured_noise`).
     """
     best, level = tree.best, options.level
     if not is_noise_like(best, options) or above_known_noise(best, level):

@@ -2,12 +2,13 @@
 
 import jax.numpy as jnp
 import pytest
-from searched_spring import fly, problem
+from searched_spring import NOISE, fly, problem
 
-from jaxid import InputError
+from jaxid import InputError, OutputError
 from jaxid.effects import DeadBand, InputDelay, Placement, Term
 from jaxid.loop import Outcome, search_effects
 from jaxid.loop.assess import Check, one_function
+from jaxid.models import FixedNoise
 
 LATE_INPUT = InputDelay("force", jnp.array(0.1))
 CUBIC = Term("v", "x^3", jnp.array(-0.3))
@@ -63,6 +64,14 @@ def test_effect_that_does_not_carry_over_is_proxy():
     assert checks(found) == [Check.CARRIES_OVER]
     assert found.assessment.objections[0].names == ("new spring",)
     assert found.outcome is Outcome.PROXIES
+
+
+def test_residual_above_given_noise_is_unexplained():
+    """The model is complete, and its noise a quarter larger than declared."""
+    found = search_effects(problem(17, likelihood=OutputError(FixedNoise((0.8 * NOISE) ** 2))))
+    assert found.effects == ()
+    assert checks(found) == [Check.NOISE_LIKE]
+    assert found.outcome is Outcome.UNEXPLAINED
 
 
 def test_library_without_an_unknown_name_is_refused():

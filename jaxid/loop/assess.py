@@ -245,14 +245,10 @@ def _significant_refusals(tree: SearchTree) -> tuple[str, ...]:
     refused.
     """
     refused = (Decision.CHECK_WORSE, Decision.NOT_SIGNIFICANT)
-    steps = [
-        step
-        for step in tree.steps
-        if step.parent is tree.best and step.move.kind is MoveKind.ADD
-        if step.comparison.decision in refused
-    ]
-    significant = [step for step in steps if step.comparison.fall > step.comparison.required]
-    return tuple(name for step in significant for name in step.move.into)
+    steps = (s for s in tree.steps if s.parent is tree.best and s.move.kind is MoveKind.ADD)
+    pairs = ((step.move.into, step.comparison) for step in steps)
+    significant = (into for into, n in pairs if n.decision in refused and n.fall > n.required)
+    return tuple(name for into in significant for name in into)
 
 
 def neighbours(best: LoopFit) -> dict[str, float]:

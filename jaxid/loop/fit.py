@@ -164,13 +164,9 @@ class LoopFit:
         return _white(likelihood.noise, v, S, likelihood.row_mask(self.problem.train.mask))
 
     def triangle_of(self, factor, names: tuple[str, ...]) -> Triangle:
-        """Return a factor with names, free columns and values of the gains.
+        """Return the factor of some columns with their names; names unknown to the fit are absent.
 
         An effect is removed by its gain; its shape then has no column, and counts as zero.
-
-        Args:
-            factor: triangular factor of columns and residual.
-            names: names of the columns; those unknown to the fit are absent.
         """
         chosen, columns = set(self.estimation.free.shared), self.problem.columns
         free = np.array([name in chosen for name in names])

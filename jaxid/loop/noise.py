@@ -45,10 +45,7 @@ def noise_moves(
     together with the effects of the fit, neither is the cause.
 
     Args:
-        fit: the fit.
-        declared: fit of the declared model.
         where: location of the residual; None without random forces.
-        options: levels.
 
     Returns:
         The changes of hypothesis, and the candidates and signals that forces without effects would
@@ -183,10 +180,8 @@ def is_drift(fitted: LoopFit, memory: float) -> bool:
 def followed_signals(best: LoopFit, declared: LoopFit, level: float) -> tuple[str, ...]:
     """Return the candidates and signals on which the noise of a fit depends; noise depends on none.
 
-    Args:
-        best: a fit with a noise model.
-        declared: the declared fit, for its states, inputs and time.
-        level: probability of a false alarm, over all of them.
+    The signals are states, inputs and time of the declared fit; `level` is the probability of a
+    false alarm over all of them.
     """
     noise, mask, outputs = (
         best.hypothesis.noise,
@@ -209,17 +204,12 @@ def followed_signals(best: LoopFit, declared: LoopFit, level: float) -> tuple[st
 def followed_by_forces(
     fitted: LoopFit, declared: LoopFit, forces: ForceFit, noise: RandomForces, level: float
 ) -> tuple[str, ...]:
-    """Return the candidates and the signals that random forces follow.
+    """Return the candidates and the signals that random forces follow, with a probability of a
+    false alarm of `level` over all of them.
 
     A force that is a function of a signal is no random one. Each candidate, and simple functions
-    of each signal as a force at each place, are scored in the innovations of the filter.
-
-    Args:
-        fitted: a fit, for its free parameters.
-        declared: the declared fit, for its states and inputs.
-        forces: the motion without the forces, and their parameters.
-        noise: their places.
-        level: probability of a false alarm, over all of them.
+    of the states and inputs of the declared fit as a force at each place, are scored in the
+    innovations of the filter, orthogonal to the free parameters of `fitted`.
     """
     problem, motion, signals = fitted.problem, forces.motion, declared.motion.variables
     names = [name for name in signals if name != "t"]

@@ -99,12 +99,7 @@ def probes(motion: ForcedMotion, signals: Float[Array, "case time signal"]) -> F
 
 def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceEstimate:
     """Return the most probable forces and sensor noise, by L-BFGS-B on logarithms, with the step of
-    the free parameters.
-
-    Args:
-        motion: residuals and sensitivities along the motion without forces.
-        own: number of per-record parameters.
-        start: starting values.
+    the free parameters; the first `own` columns are those of the per-record parameters.
     """
     sizes = np.cumsum([part.size for part in start])[:-1]
     begin = np.log(np.concatenate([np.asarray(part) for part in start]))
@@ -239,13 +234,8 @@ def forced_motion(motion: LinearMotion, noise: RandomForces, v, S) -> ForcedMoti
 
 
 def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> ForceFit:
-    """Return the most probable random forces and parameters; an infinite cost if the start
-    diverges.
-
-    Args:
-        start: motion at the starting values.
-        noise: the forces.
-        first: starting values of their parameters and of the sensor noise.
+    """Return the most probable random forces and parameters, from a motion and the parameters of
+    forces and sensor noise; an infinite cost if the start diverges.
     """
     columns, own = start.problem.columns, len(start.problem.free.per_record)
     chosen = columns.chosen(start.effects)

@@ -37,14 +37,7 @@ Progress = Callable[[str], None]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Step:
-    """A refitted move.
-
-    Attributes:
-        parent: fit from which it was made.
-        move: the change.
-        fit: the fit after it.
-        comparison: the comparison of both.
-    """
+    """A move from one fit to another, and the comparison of both."""
 
     parent: LoopFit
     move: Move

@@ -135,8 +135,8 @@ def one_function(effects: Sequence[Effect]) -> Objection | None:
     Terms of one series are one function; a kink, a friction and a cubic of the same signal at one
     place are not three causes.
 
-    It alone decides in the scenario "quadratic drag" of the spring without that effect in the
-    library, where cubic, friction and dead band imitate it (`test_shapes_of_one_function`).
+    It alone decides for a quadratic drag outside the library, which a cubic and a dead band imitate
+    (`test_shapes_that_imitate_a_drag_together_are_proxies`).
     """
     groups: dict[tuple, list[Effect]] = {}
     for effect in effects:

@@ -130,7 +130,8 @@ def _fitted_on(records: Record, declared: LoopFit, best: LoopFit, options: LoopO
 def without(
     assessment: Assessment, effects: tuple[str, ...], dropped: tuple[str, ...]
 ) -> Assessment:
-    """Return the assessment after effects turned out insignificant on the complete records.
+    """Return the assessment after effects turned out insignificant on the complete records
+    (`test_effect_removed_by_complete_records_is_no_cause`).
 
     Args:
         assessment: the assessment of the search.

@@ -5,7 +5,15 @@ import pytest
 from searched_spring import NOISE, fly, problem
 
 from jaxid import InputError, OutputError
-from jaxid.effects import DeadBand, InputDelay, Placement, Term
+from jaxid.effects import (
+    DeadBand,
+    DryFriction,
+    InputDelay,
+    Placement,
+    QuadraticDrag,
+    SensorBias,
+    Term,
+)
 from jaxid.loop import Outcome, search_effects
 from jaxid.loop.assess import Check, one_function
 from jaxid.models import FixedNoise
@@ -28,6 +36,19 @@ def test_shapes_of_one_function():
     assert set(objection.names) == {cubic.name, kink.name}
     assert one_function((cubic, square)) is None
     assert one_function((Term("v", "x^3"), kink)) is None
+
+
+def test_shapes_that_imitate_a_drag_together_are_proxies():
+    """Of a quadratic drag outside the library a cubic and a dead band leave nothing but noise."""
+    library = (
+        *(Term("v", "v^3"), DryFriction("v", "v"), DeadBand(Placement.equation("v"), "v")),
+        *(Term("v", "x^3"), SensorBias("v")),
+    )
+    drag = QuadraticDrag("v", "v", jnp.array(-0.3))
+    found = search_effects(problem(18, drag, library=library, size=1.5))
+    assert set(found.effects) == {"v^3 in v", "dead band of v in v"}
+    assert checks(found) == [Check.ONE_FUNCTION]
+    assert found.outcome is Outcome.PROXIES
 
 
 def test_effects_elsewhere_are_proxies():

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from .._foundation.checks import require_float64
 from ..effects.base import Effect
-from ..estimation.estimate import check_channels
+from ..estimation.estimate import check_channels, check_sampling
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
 from ..loop.options import LoopOptions
@@ -74,6 +74,7 @@ def close_loop(
     everything = (records.fitted, records.check, *records.tests.values())
     for stacked in everything:
         check_channels(model, stacked)
+        check_sampling(model, stacked, likelihood)
     library = candidates(model, free, *everything) if effects is None else tuple(effects)
     problem = LoopProblem.of(
         model,

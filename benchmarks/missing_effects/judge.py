@@ -148,7 +148,7 @@ def names_no_cause(one: Result, unseen: bool = False) -> bool:
     if unseen:
         return not one["effects"]
     outcome = outcome_of(one)
-    if outcome.is_noise_alone:
+    if outcome in (Outcome.PROCESS_NOISE, Outcome.COLOURED_NOISE):
         return one["kind"] == "process"
     return outcome not in (Outcome.EXPLAINED, Outcome.NOTHING_MISSING)
 

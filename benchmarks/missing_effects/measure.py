@@ -12,7 +12,7 @@ from jaxid.data.record import Record
 from jaxid.effects.base import Effect
 from jaxid.estimation.estimate import as_stack
 from jaxid.loop import EffectSearch, search_effects
-from jaxid.loop.moves import MoveKind, Proposals, localise_fit
+from jaxid.loop.moves import MoveKind, Proposals
 from jaxid.loop.options import LoopOptions
 from jaxid.study.candidates import candidates
 
@@ -103,8 +103,7 @@ def search_summary(
     ordered = sorted(proposals.candidates, key=lambda name: -proposals.score(name))
     leading = list(dict.fromkeys(families[name] for name in ordered))[:3]
     first = next((s.move.into for s in tree.path if s.move.kind is not MoveKind.NOISE), ())
-    where = found.assessment.where or localise_fit(tree.declared)
-    near = [place.location for place in where.near_best()]
+    near = [place.location for place in tree.where.near_best()]
     expected = {place for one in planted for place in one.places}
     errors = [
         mean_log(np.asarray(fitted.predict(test.anonymous()).rms))

@@ -62,7 +62,7 @@ def reference(
         window: samples in which initial states are fitted.
     """
     declared = fit(problem_of(flown, library, window), Hypothesis())
-    problem, _ = with_shapes(declared)
+    problem = with_shapes(declared).problem
     names, start = [], dict(flown.true) if scenario.planted else {}
     for one in scenario.planted:
         name = next(

@@ -5,22 +5,23 @@ import enum
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from .._foundation.checks import require
 from .._foundation.location import Location, LocationKind
 from ..data.record import Record
 from ..diagnosis.heldout_error import difference_error, mean_log
 from ..diagnosis.localise import LocalisationResult
 from ..effects.base import Effect
-from .evidence import DETERMINED, Decision, inflation, is_noise_like
+from .evidence import DETERMINED, SETTLED, Decision, inflation, is_noise_like
 from .fit import LoopFit
 from .hypothesis import White
-from .linear import fall
+from .linear import falls, reduce
 from .moves import MoveKind, localise_fit
-from .noise_checks import above_known_noise, followed_signals, is_drift, memory, stands_out
+from .noise import above_known_noise, followed_signals, is_drift, memory, stands_out
 from .options import LoopOptions
 from .outcome import Outcome
 from .search import SearchTree
-from .thresholds import SETTLED
 
 # Derived: the misfits of shapes in equal steps grow as squares, 0, 1, 4. Where the truth is one
 # step to the other side and would fit better by SETTLED, the next shape fits worse by three times
@@ -72,47 +73,26 @@ class Assessment:
     Attributes:
         outcome: the outcome.
         objections: objections of the checks.
-        where: location of the residual of the declared model; None if nothing is missing.
     """
 
     outcome: Outcome
-    objections: tuple[Objection, ...]
-    where: LocalisationResult | None
+    objections: tuple[Objection, ...] = ()
 
 
 def assess(tree: SearchTree, tests: Mapping[str, Record], options: LoopOptions) -> Assessment:
-    """Return the verdict of a search.
-
-    Args:
-        tree: the search.
-        tests: anonymous stacks of records that decided nothing, by name.
-        options: levels and limits.
-    """
-    more = noise_like(tree, options)
-    if not tree.best.effects:
-        return _assess_noise(tree, more)
-    where, best = _where(tree), tree.best
+    """Return the verdict of a search, with anonymous test records by name of set."""
+    more, best = noise_like(tree, options), tree.best
+    if not best.effects:
+        if more is not None:
+            return Assessment(Outcome.UNEXPLAINED, (more,))
+        return Assessment(best.hypothesis.noise.outcome)
     effects = [best.problem.effects[name] for name in best.effects]
-    results = [more, one_function(effects), in_place(effects, where), unit_gain(best)]
+    results = [more, one_function(effects), in_place(effects, tree.where), unit_gain(best)]
     if not any(results):
         results.append(alternative(tree))
     results.append(carries_over(tree, tests))
     objections = tuple(result for result in results if result is not None)
-    return Assessment(Outcome.PROXIES if objections else Outcome.EXPLAINED, objections, where)
-
-
-def _assess_noise(tree: SearchTree, more: Objection | None) -> Assessment:
-    """Return the verdict of a search that ended without effects.
-
-    Args:
-        tree: the search.
-        more: objection of `noise_like`.
-    """
-    if more is not None:
-        return Assessment(Outcome.UNEXPLAINED, (more,), _where(tree))
-    if isinstance(tree.best.hypothesis.noise, White):
-        return Assessment(Outcome.NOTHING_MISSING, (), None)
-    return Assessment(tree.best.hypothesis.noise.outcome, (), _where(tree))
+    return Assessment(Outcome.PROXIES if objections else Outcome.EXPLAINED, objections)
 
 
 def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
@@ -122,8 +102,11 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
     the cost significantly, if a free-form disturbance at some place explains it, if it depends on a
     signal under a noise model or that noise is as slow as a drift.
 
-    It alone decides when the effect is not in the library and no shape in it comes near: a scale of
-    the sensor that no other effect imitates (`test_absent_effect_is_not_named`).
+    It alone decides when no shape of the library comes near the effect: a scale of the sensor that
+    no other effect imitates (`test_absent_effect_is_not_named`); when a white residual is larger
+    than the given noise (`test_residual_above_given_noise_is_unexplained`); and when a constant
+    error of a sensor is noise only with an endless memory
+    (`test_constant_sensor_error_is_not_reported_as_coloured_noise`).
     """
     best, level = tree.best, options.level
     if not is_noise_like(best, options) or above_known_noise(best, level):
@@ -133,7 +116,7 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
         return Objection(Check.NOISE_LIKE, refused)
     if not isinstance(best.hypothesis.noise, White):
         return _noise_model(tree, level)
-    if best.effects and stands_out(localise_fit(best, _where(tree).splines), level):
+    if best.effects and stands_out(localise_fit(best, tree.where.splines), level):
         return Objection(Check.NOISE_LIKE)
     return None
 
@@ -141,7 +124,7 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
 def _noise_model(tree: SearchTree, level: float) -> Objection | None:
     """Return an objection if the noise model of the best hypothesis is no noise."""
     best = tree.best
-    signals = followed_signals(best, tree.signals, level)
+    signals = followed_signals(best, tree.declared, level)
     more = signals or is_drift(best, memory(best))
     return Objection(Check.NOISE_LIKE, signals) if more else None
 
@@ -152,8 +135,8 @@ def one_function(effects: Sequence[Effect]) -> Objection | None:
     Terms of one series are one function; a kink, a friction and a cubic of the same signal at one
     place are not three causes.
 
-    It alone decides in the scenario "quadratic drag" of the spring without that effect in the
-    library, where cubic, friction and dead band imitate it (`test_shapes_of_one_function`).
+    It alone decides for a quadratic drag outside the library, which a cubic and a dead band imitate
+    (`test_shapes_that_imitate_a_drag_together_are_proxies`).
     """
     groups: dict[tuple, list[Effect]] = {}
     for effect in effects:
@@ -176,10 +159,6 @@ def in_place(effects: Sequence[Effect], where: LocalisationResult) -> Objection 
 
     It alone decides when effects elsewhere imitate the cause in full: two late sensors for a late
     input (`test_effects_elsewhere_are_proxies`).
-
-    Args:
-        effects: the effects of the best hypothesis.
-        where: location of the residual of the declared model.
     """
     locations = [effect.card.location for effect in effects]
     if act_between(effects) or not set(locations) <= {place.location for place in where.places}:
@@ -235,7 +214,7 @@ def alternative(tree: SearchTree) -> Objection | None:
     margin = SETTLED * inflation(best, best.effects)
     explained = 2.0 * (tree.declared.cost - best.cost)
     near = {
-        _label(other): worse
+        str(other.hypothesis): worse
         for other, worse in tree.alternatives()
         if worse < margin and abs(worse) > SAME_SHARE * explained and other.count <= best.count
     }
@@ -261,26 +240,15 @@ def carries_over(tree: SearchTree, tests: Mapping[str, Record]) -> Objection | N
     return Objection(Check.CARRIES_OVER, tuple(worse), tuple(worse.values())) if worse else None
 
 
-def _where(tree: SearchTree) -> LocalisationResult:
-    """Return the location of the residual of the declared model, computed once."""
-    if tree.where is None:
-        tree.where = localise_fit(tree.declared)
-    return tree.where
-
-
 def _significant_refusals(tree: SearchTree) -> tuple[str, ...]:
     """Return the effects that lower the cost of the best hypothesis significantly, and were
     refused.
     """
     refused = (Decision.CHECK_WORSE, Decision.NOT_SIGNIFICANT)
-    steps = [
-        step
-        for step in tree.steps
-        if step.parent is tree.best and step.move.kind is MoveKind.ADD
-        if step.comparison.decision in refused
-    ]
-    significant = [step for step in steps if step.comparison.fall > step.comparison.required]
-    return tuple(name for step in significant for name in step.move.into)
+    steps = (s for s in tree.steps if s.parent is tree.best and s.move.kind is MoveKind.ADD)
+    pairs = ((step.move.into, step.comparison) for step in steps)
+    significant = (into for into, n in pairs if n.decision in refused and n.fall > n.required)
+    return tuple(name for into in significant for name in into)
 
 
 def neighbours(best: LoopFit) -> dict[str, float]:
@@ -305,20 +273,9 @@ def neighbours(best: LoopFit) -> dict[str, float]:
             f"{name!r}, a neighbouring shape of {effect.name!r}, has no `terms`. "
             "Give a sum of terms.",
         )
-    columns = {
-        f"{name}.gain": best.motion.response(shape.terms) for name, (_, shape) in pairs.items()
-    }
-    triangle = best.triangle_with(columns)
-    worse = {}
+    columns = {name: best.motion.response(shape.terms) for name, (_, shape) in pairs.items()}
+    triangle, worse = best.triangle_with(columns), {}
     for name, (effect, _) in pairs.items():
-        out = triangle.at(problem.columns.own[effect.name])
-        worse[name] = -fall(triangle, out, triangle.at([f"{name}.gain"]))
+        reduced = reduce(triangle, triangle.at(problem.columns.own[effect.name]))
+        worse[name] = -float(falls(reduced, np.array([triangle.at([name])]))[0])
     return worse
-
-
-def _label(fitted: LoopFit) -> str:
-    """Return the names of the effects and the noise of a hypothesis."""
-    noise = fitted.hypothesis.noise
-    parts = list(fitted.effects)
-    parts += [] if isinstance(noise, White) else [type(noise).__name__]
-    return " + ".join(parts) or "no effect"

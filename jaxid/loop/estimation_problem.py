@@ -11,7 +11,7 @@ from .._foundation.types import Array, Float
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
 from ..estimation.limits import Limits
 from ..estimation.problem import Problem
-from ..models.base import AbstractModel, canonical
+from ..models.base import AbstractModel, as_float, canonical
 from ..models.free import Free, Parameters, Positions, initial_parameters, with_values
 from .hypothesis import Hypothesis
 from .problem import LoopProblem
@@ -23,14 +23,11 @@ class Estimation(NamedTuple):
     Attributes:
         problem: the problem, with padding columns if it has the absent effects.
         parameters: starting values.
-        names: names of the free shared parameters, without the padding.
-        model, free: the model with its values, and its free parameters.
+        free: the free parameters, without the padding.
     """
 
     problem: Problem
     parameters: Parameters
-    names: tuple[str, ...]
-    model: AbstractModel
     free: Free
 
 
@@ -50,40 +47,35 @@ def estimation_of(
         known: starting values by name, also of parameters of the noise.
         rows: starting values of the per-record parameters; by default those of the model.
     """
-    noise, columns = hypothesis.noise, problem.columns
-    likelihood = canonical(noise.likelihood(problem.likelihood))
-    chosen = columns.chosen(hypothesis.effects)
-    names = tuple(columns.names[k] for k in chosen)
-    free = free_of(problem, names)
-    augmented = problem.model_at(values, hypothesis.effects)
-    padded = isinstance(likelihood, OutputError) and not problem.uses_reduced_model
-    if padded:
-        model = augmented
-        shared = to_device(values[chosen])
-        base = padded_problem(problem, model, likelihood, hypothesis.effects, shared)
-        shared = padded_values(shared, base)
+    effects = hypothesis.effects
+    likelihood = canonical(hypothesis.noise.likelihood(problem.likelihood))
+    model, free = problem.model_at(values, effects), free_of(problem, effects)
+    if isinstance(likelihood, OutputError) and not problem.uses_reduced_model:
+        base, shared = padded_problem(problem, model, likelihood, effects, values)
     else:
-        model = canonical(noise.model(augmented.only(hypothesis.effects)))
+        own, model = free.shared, canonical(model.only(effects))
         model, free = canonical(likelihood.prepared(model, free, problem.train))
-        extra = tuple(name for name in free.shared if name in known and name not in names)
+        extra = tuple(name for name in free.shared if name in known and name not in own)
         if extra:
             model = with_values(model, extra, jnp.array([known[name] for name in extra]))
         base = Problem.of(model, free, problem.train, likelihood)
         shared = initial_parameters(model, base.positions, problem.train).shared
     if rows is None:
         rows = initial_parameters(base.model, base.positions, problem.train).rows
-    return Estimation(base, Parameters(shared, rows), free.shared, model, free)
+    return Estimation(base, Parameters(shared, rows), free)
 
 
-def free_of(problem: LoopProblem, names: tuple[str, ...]) -> Free:
-    """Return the free parameters with these shared ones, and their bounds."""
+def free_of(problem: LoopProblem, effects: tuple[str, ...]) -> Free:
+    """Return the declared free parameters and those of some effects, with their bounds."""
     free, columns = problem.free, problem.columns
-    lower, upper = dict(free.lower), dict(free.upper)
-    for name in names:
-        column = columns.index[name]
-        if column >= columns.declared:
-            lower[name] = to_device(np.array(columns.lower[column]))
-            upper[name] = to_device(np.array(columns.upper[column]))
+    bounds = {
+        f"{name}.{field}": bound
+        for name in effects
+        for field, bound in problem.effects[name].card.bounds.items()
+    }
+    lower, upper = ({n: as_float(pair[k]) for n, pair in bounds.items()} for k in (0, 1))
+    names = tuple(columns.names[k] for k in columns.chosen(effects))
+    lower, upper = {**free.lower, **lower}, {**free.upper, **upper}
     return Free(names, free.per_record, lower, upper, free.scale, free.prior)
 
 
@@ -92,21 +84,28 @@ def padded_problem(
     model: AbstractModel,
     likelihood: AbstractLikelihood,
     effects: tuple[str, ...],
-    shared: Float[Array, " column"],
-) -> Problem:
-    """Return a problem of the model with all candidates, whose columns are padded to a width.
+    values: Float[np.ndarray, " column"],
+) -> tuple[Problem, Float[Array, " parameter"]]:
+    """Return a problem of the model with all candidates, and the values of its shared parameters,
+    both padded to a width.
 
     All hypotheses of one width share their compiled programs.
     """
     chosen = problem.columns.chosen(effects)
     padding = problem.width(len(chosen)) - len(chosen)
-    at = to_device(np.r_[problem.positions[chosen], np.full(padding, len(problem.names))])
+
+    def padded(vector, fill):
+        return to_device(np.r_[np.asarray(vector), np.full(padding, fill)])
+
+    at = padded(problem.positions[chosen], len(problem.position))
     positions = Positions(at, problem.row_positions, problem.leaves)
-    limits: Limits = problem.columns.limits(chosen, padding, problem.train.n_cases)
-    return Problem(model, positions, problem.train, likelihood, limits)
-
-
-def padded_values(shared, base: Problem):
-    """Return starting values with zeros for the padding."""
-    missing = base.positions.shared.size - shared.size
-    return to_device(np.r_[np.asarray(shared), np.zeros(missing)])
+    own = Limits.of(free_of(problem, effects), problem.train.n_cases)
+    limits = Limits(
+        Parameters(padded(own.lower.shared, -np.inf), own.lower.rows),
+        Parameters(padded(own.upper.shared, np.inf), own.upper.rows),
+        padded(own.scale, np.nan),
+        padded(own.prior_mean, 0.0),
+        padded(own.prior_deviation, np.inf),
+    )
+    shared = padded(values[chosen], 0.0)
+    return Problem(model, positions, problem.train, likelihood, limits), shared

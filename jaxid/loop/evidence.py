@@ -15,14 +15,19 @@ from ..models.noise import AbstractNoise
 from .fit import LoopFit
 from .hypothesis import White
 from .options import LoopOptions
-from .thresholds import INSEPARABLE
 
+# Chosen: chi-square by which two fits differ at least to be distinguished; a likelihood ratio of
+# 20. Less names an arbitrary one of two, more reports alternatives that the records do distinguish.
+INSEPARABLE = 6.0
+# Derived: chi-square of five standard errors, the convention for a discovery. An effect is
+# called the cause only if the nearest alternative fits worse by at least this.
+SETTLED = 25.0
 # Chosen: standard errors by which a gain must differ from zero to be determined.
 DETERMINED = 2.0
 
 
 class Decision(enum.Enum):
-    """Outcome of a comparison.
+    """Outcome of a comparison; the value is the decision in words.
 
     Attributes:
         BETTER: the new hypothesis replaces the old one.
@@ -32,11 +37,11 @@ class Decision(enum.Enum):
         NOT_SIGNIFICANT: the decrease of the cost may be due to chance.
     """
 
-    BETTER = enum.auto()
-    CHECK_WORSE = enum.auto()
-    UNDETERMINED = enum.auto()
-    DEGENERATE = enum.auto()
-    NOT_SIGNIFICANT = enum.auto()
+    BETTER = "better"
+    CHECK_WORSE = "predicts the check records worse"
+    UNDETERMINED = "its gain is not determined"
+    DEGENERATE = "on a bound where it has no effect"
+    NOT_SIGNIFICANT = "not significant"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,15 +54,12 @@ class Comparison:
         required: least fall for the change, for its number of parameters, the number of candidates
             and the colour of the residual.
         check_fall: decrease of the mean logarithm of the check records' error.
-        worth: evidence of the new hypothesis: twice the log-likelihood less a price for each
-            parameter.
     """
 
     decision: Decision
     fall: float
     required: float
     check_fall: float
-    worth: float
 
     @property
     def accepted(self) -> bool:
@@ -74,20 +76,17 @@ def compare(old: LoopFit, new: LoopFit, options: LoopOptions, count: int) -> Com
     predictable, significance is inaccurate: the check records must gain as well.
 
     Args:
-        old, new: the two fits.
-        options: levels and limits.
         count: number of candidates among which the change was selected.
     """
     fall = 2.0 * (old.cost - new.cost)
     if type(old.hypothesis.noise) is not type(new.hypothesis.noise):
-        required = log_samples(new) * (new.count - old.count) + INSEPARABLE
-        better = np.isfinite(fall) and fall > required
-        decision = Decision.BETTER if better else Decision.NOT_SIGNIFICANT
-        return Comparison(decision, fall, required, float("nan"), worth(new))
+        required = new.problem.price * (new.count - old.count) + INSEPARABLE
+        decision = Decision.BETTER if fall > required else Decision.NOT_SIGNIFICANT
+        return Comparison(decision, fall, required, float("nan"))
     required = _required(old, new, options.level / max(count, 1))
     check_fall = mean_log(old.check_prediction) - mean_log(new.check_prediction)
     decision = _decide(old, new, options, fall - required, check_fall)
-    return Comparison(decision, fall, required, check_fall, worth(new))
+    return Comparison(decision, fall, required, check_fall)
 
 
 def _decide(old: LoopFit, new: LoopFit, options: LoopOptions, excess, check_fall) -> Decision:
@@ -122,10 +121,9 @@ def _tolerated_loss(old: LoopFit, new: LoopFit, options: LoopOptions) -> float:
     """
     if _is_swap(old, new):
         return uncertainty(new.check_prediction)
-    if any(new.problem.is_evident(name) for name in new.effects if name not in old.effects):
-        scatter = difference_error(old.check_prediction, new.check_prediction)
-        return max(options.max_check_loss, scatter)
-    return options.max_check_loss
+    evident = any(map(new.problem.is_evident, set(new.effects) - set(old.effects)))
+    scatter = difference_error(old.check_prediction, new.check_prediction) if evident else 0.0
+    return max(options.max_check_loss, scatter)
 
 
 def _is_swap(old: LoopFit, new: LoopFit) -> bool:
@@ -136,14 +134,12 @@ def _is_swap(old: LoopFit, new: LoopFit) -> bool:
 
 def _required(old: LoopFit, new: LoopFit, level: float) -> float:
     """Return the least fall of chi-square by which the new hypothesis is better."""
-    more = new.count - old.count
-    removal = set(new.effects) < set(old.effects)
-    if removal:
+    more, before, after = new.count - old.count, set(old.effects), set(new.effects)
+    if after < before:
         return -float(chi2.isf(level, -more))
-    if more > 0 and not set(old.effects) - set(new.effects):
-        added = [name for name in new.effects if name not in old.effects]
-        return float(chi2.isf(level, more)) * inflation(new, added)
-    return log_samples(new) * more + INSEPARABLE * (more == 0)
+    if more > 0 and before <= after:
+        return float(chi2.isf(level, more)) * inflation(new, after - before)
+    return new.problem.price * more + INSEPARABLE * (more == 0)
 
 
 def inflation(fit: LoopFit, effects) -> float:
@@ -153,7 +149,7 @@ def inflation(fit: LoopFit, effects) -> float:
     larger by this factor.
     """
     columns = fit.problem.columns
-    at = [fit.estimation.names.index(name) for e in effects for name in columns.own[e]]
+    at = [fit.estimation.free.shared.index(name) for e in effects for name in columns.own[e]]
     robust, plain = (
         np.diagonal(np.asarray(matrix))[at]
         for matrix in (fit.solution.robust_covariance, fit.solution.covariance)
@@ -166,7 +162,7 @@ def is_degenerate(fit: LoopFit, effects) -> bool:
     """Return True if an effect is on a bound at which it has no effect, or has an undetermined
     parameter that is not on a bound.
     """
-    problem, names = fit.problem, fit.estimation.names
+    problem, names = fit.problem, fit.estimation.free.shared
     at_bound = np.asarray(fit.solution.shared_on_bound)
     variance = np.diagonal(np.asarray(fit.solution.covariance))
     for effect in effects:
@@ -189,19 +185,13 @@ def is_noise_like(fit: LoopFit, options: LoopOptions) -> bool:
 def worth(fit: LoopFit) -> float:
     """Return the evidence of a fit: twice the log-likelihood less a price for each parameter.
 
-    The price is the logarithm of the number of samples (Schwarz, Annals of Statistics 6, 1978). For
-    white noise the check records count as well: a short check record alone is a matter of chance.
+    For white noise the check records count as well: a short check record alone is a matter of
+    chance.
     """
-    evidence = -2.0 * fit.cost - log_samples(fit) * fit.count
-    if isinstance(fit.hypothesis.noise, White):
-        noise = fit.estimation.problem.likelihood.noise
-        evidence -= 2.0 * float(_cost(noise, fit.check_prediction))
-    return evidence
-
-
-def log_samples(fit: LoopFit) -> float:
-    """Return the price of a parameter, the logarithm of the number of samples."""
-    return float(np.log(fit.problem.samples))
+    if not isinstance(fit.hypothesis.noise, White):
+        return -fit.price
+    noise = fit.estimation.problem.likelihood.noise
+    return -fit.price - 2.0 * float(_cost(noise, fit.check_prediction))
 
 
 def _is_determined(fit: LoopFit, effect: str) -> bool:

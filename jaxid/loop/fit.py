@@ -16,7 +16,7 @@ from .._foundation.results import RESULTS
 from .._foundation.types import Array, Float
 from ..diagnosis.autoregression import autoregressive_r2
 from ..diagnosis.free_form import linear_models
-from ..diagnosis.validation import Prediction, Predictor
+from ..diagnosis.validation import Prediction
 from ..effects.augmented import Augmented
 from ..estimation.estimate import Fit
 from ..estimation.host_iteration import fit_by_steps
@@ -25,20 +25,27 @@ from ..estimation.model_programs import PROGRAMS, FlatProblem
 from ..models.base import AbstractModel
 from ..models.free import Free, with_values
 from ..models.noise import AbstractNoise, FixedNoise
-from ..sensitivity.information import gather, record_triangles
 from .estimation_problem import Estimation, estimation_of, free_of
-from .hypothesis import ForceNoise, Hypothesis, RandomForces
+from .hypothesis import Hypothesis, RandomForces
 from .linear import Triangle
 from .linear_motion import LinearMotion
 from .problem import LoopProblem, regular
-from .random_forces import force_innovations, forced_motion
-from .thresholds import (
-    MAX_COMPILED_FITS,
-    MAX_CONTINUATIONS,
-    MIN_CONTINUATION_SHARE,
-    MIN_COST_FALL,
-    PROGRAMS_OF_A_STUDY,
-)
+from .random_forces import force_innovations, forced_motion, information_of
+
+# Chosen: largest number of continuations of a fit that its iteration limit stopped; more cost time
+# where a direction is undetermined.
+MAX_CONTINUATIONS = 10
+# Chosen: fall of the cost (half of chi-square) below which a fit is not continued: one unit of
+# chi-square changes no choice between hypotheses.
+MIN_COST_FALL = 0.5
+# Chosen: share of the fall of all continuations so far below which a fit is not continued. Stops
+# fits that creep along an undetermined direction.
+MIN_CONTINUATION_SHARE = 0.1
+# Chosen: compiled fits that are kept. At most as many are added in one round, and those of a
+# large model then leave half of the memory maps of a process free.
+MAX_COMPILED_FITS = 48
+# Counted: programs of one kind in a study that fits all sets of effects by one program.
+PROGRAMS_OF_A_STUDY = 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,8 +71,9 @@ class LoopFit:
 
     @property
     def cost(self) -> float:
-        """Negative log-likelihood of the training records."""
-        return float(self.solution.cost)
+        """Negative log-likelihood of the training records; infinite if a simulation fails."""
+        cost = float(self.solution.cost)
+        return cost if np.isfinite(cost) else np.inf
 
     @property
     def converged(self) -> bool:
@@ -78,16 +86,21 @@ class LoopFit:
     @property
     def count(self) -> int:
         """Number of shared parameters, those of the noise beyond white noise included."""
-        outputs = len(self.problem.model.outputs)
-        columns = self.problem.columns.chosen(self.effects)
-        return len(columns) + self.hypothesis.noise.count(outputs)
+        return self.hypothesis.count(self.problem)
+
+    @property
+    def price(self) -> float:
+        """Twice the cost, with a price for each parameter: the logarithm of the number of samples
+        (Schwarz, Annals of Statistics 6, 1978).
+        """
+        return 2.0 * self.cost + self.problem.price * self.count
 
     @cached_property
     def estimates(self) -> dict[str, tuple[float, float]]:
         """Value and standard error, corrected for colour, of each free shared parameter."""
         deviation = np.sqrt(np.diagonal(np.asarray(self.solution.robust_covariance)))
         shared = np.asarray(self.solution.parameters.shared)
-        names = self.estimation.names
+        names = self.estimation.free.shared
         return {n: (float(shared[k]), float(deviation[k])) for k, n in enumerate(names)}
 
     @cached_property
@@ -95,13 +108,13 @@ class LoopFit:
         """The declared model with the effects and the values of the fit, and its free parameters,
         those of the noise included.
         """
-        problem, names = self.problem, self.estimation.names
+        problem, names = self.problem, self.estimation.free.shared
         columns = self.problem.columns.chosen(self.effects)
         own = tuple(problem.columns.names[k] for k in columns)
         effects = tuple(problem.effects[name] for name in self.effects)
         model = Augmented(problem.model, effects) if effects else problem.model
         model = with_values(model, own, jnp.array([self.estimates[name][0] for name in own]))
-        free = free_of(problem, own)
+        free = free_of(problem, self.effects)
         if len(names) > len(own):
             free = dataclasses.replace(self.estimation.free, shared=names)
         return model, free
@@ -109,7 +122,7 @@ class LoopFit:
     @property
     def information(self) -> Float[np.ndarray, "row parameter"]:
         """Factor of the information on the free parameters, without the padding columns."""
-        factor = np.asarray(self.solution.information.factor)[:, : len(self.estimation.names)]
+        factor = np.asarray(self.solution.information.factor)[:, : len(self.estimation.free.shared)]
         return np.asarray(np.linalg.qr(factor, mode="r"))
 
     @cached_property
@@ -126,58 +139,38 @@ class LoopFit:
         rows = self.solution.parameters.rows
         return LinearMotion(self.problem, self.effects, self.values, rows)
 
-    @property
-    def force_noise(self) -> ForceNoise:
-        """Random forces of the fit and its sensor noise, at their estimates."""
-        noise = self.hypothesis.noise
-        assert isinstance(noise, RandomForces), "a fit with random forces"
-        values = {name: value for name, (value, _) in self.estimates.items()}
-        return noise.at(values, self.problem.model.outputs)
-
     @cached_property
     def triangle(self) -> Triangle:
         """Triangular factor of the sensitivities to all columns, and of the residual."""
-        v, S = self.motion.sensitivities
-        noise, own = self.hypothesis.noise, len(self.problem.free.per_record)
-        if isinstance(noise, RandomForces):
-            nothing = jnp.zeros((*v.shape[:2], 0))
-            forced = forced_motion(self.motion, noise)
-            white_v, white_S, _ = force_innovations(forced, self.force_noise, nothing)
-            factor = triangular_factor(white_v, white_S, own)
-        else:
-            factor = self._white_factor(S)
-        return self.triangle_of(np.asarray(factor), self.problem.columns.names)
+        return self._triangle(self.motion.sensitivities[1], self.problem.columns.names)
 
     def triangle_with(self, columns: Mapping[str, Float[np.ndarray, "case time output"]]):
-        """Return the triangular factor of the sensitivities to the free parameters, and of columns.
-
-        Args:
-            columns: further columns, by name.
-        """
-        own = np.asarray(self.motion.columns_of(self.estimation.names)[1])
+        """Return the triangular factor of the free parameters and of further columns, by name."""
+        own = np.asarray(self.motion.columns_of(self.estimation.free.shared)[1])
         S = np.concatenate([own, np.stack([*columns.values()], axis=-1)], axis=-1)
-        factor = np.asarray(self._white_factor(to_device(S)))
-        return self.triangle_of(factor, (*self.estimation.names, *columns))
+        return self._triangle(to_device(S), (*self.estimation.free.shared, *columns))
 
-    def _white_factor(self, S: Float[Array, "case time output column"]):
-        """Return the triangle of some columns and the residual, without the noise's memory."""
-        likelihood, v = self.estimation.problem.likelihood, self.motion.sensitivities[0]
-        mask = likelihood.row_mask(self.problem.train.mask)
+    def _triangle(self, S, names: tuple[str, ...]) -> Triangle:
         own = len(self.problem.free.per_record)
-        return _white_factor(likelihood.noise, v, S, mask, own)
+        return self.triangle_of(np.asarray(triangular_factor(*self.whitened(S), own)), names)
+
+    def whitened(self, S: Float[Array, "case time output column"]):
+        """Return the residuals and columns in units of the noise, with its memory removed."""
+        motion, noise, v = self.motion, self.hypothesis.noise, self.motion.sensitivities[0]
+        if isinstance(noise, RandomForces):
+            forces = noise.at(self.estimates, self.problem.model.outputs)
+            return force_innovations(forced_motion(motion, noise, v, S), forces)
+        likelihood = self.estimation.problem.likelihood
+        return _white(likelihood.noise, v, S, likelihood.row_mask(self.problem.train.mask))
 
     def triangle_of(self, factor, names: tuple[str, ...]) -> Triangle:
-        """Return a factor with names, free columns and values of the gains.
+        """Return the factor of some columns with their names; names unknown to the fit are absent.
 
         An effect is removed by its gain; its shape then has no column, and counts as zero.
-
-        Args:
-            factor: triangular factor of columns and residual.
-            names: names of the columns; those unknown to the fit are absent.
         """
-        chosen, columns = set(self.estimation.names), self.problem.columns
+        chosen, columns = set(self.estimation.free.shared), self.problem.columns
         free = np.array([name in chosen for name in names])
-        gains = {columns.names[column] for column in columns.gains.values()}
+        gains = {f"{effect}.gain" for effect in columns.own}
         values = [self.values[columns.index[n]] if n in gains else 0.0 for n in names]
         return Triangle(names, factor, free, np.array(values))
 
@@ -186,7 +179,8 @@ class LoopFit:
         """Residuals in units of the noise, with its memory removed: innovations under colour."""
         likelihood, mask = self.estimation.problem.likelihood, self.problem.train.mask
         if isinstance(likelihood, OutputError):
-            return _white(likelihood.noise, self.solution.residuals, mask)
+            v = self.solution.residuals
+            return _white(likelihood.noise, v, jnp.zeros((*v.shape, 0)), mask)[0]
         case = FlatProblem.of(self.estimation.problem)
         rows, _ = PROGRAMS.sensitivities(*case.sensitivities_arguments(self.solution.parameters))
         return rows[..., : mask.shape[-1]]
@@ -211,15 +205,9 @@ class LoopFit:
         return self.predict(self.problem.check)
 
     def predict(self, records) -> Prediction:
-        """Return the prediction of records that were not fitted, by simulation.
-
-        Args:
-            records: an anonymous stack.
-        """
-        known = FixedNoise(regular(self.noise_covariance))
-        likelihood = eqx.tree_at(lambda node: node.noise, self.problem.likelihood, known)
-        problem = self.problem
-        predictor = Predictor(likelihood, problem.window, problem.starts, problem.train.n_cases)
+        """Return the prediction of an anonymous stack that was not fitted, by simulation."""
+        problem, known = self.problem, FixedNoise(regular(self.noise_covariance))
+        predictor = eqx.tree_at(lambda node: node.likelihood.noise, problem.predictor, known)
         return predictor.predict(problem.model_at(self.values, self.effects), records)
 
 
@@ -242,25 +230,22 @@ def fit(
     """
     values, known = _start(problem, hypothesis, parent, start or {})
     rows = None if parent is None else parent.solution.parameters.rows
-    solution, costs = None, []
-    while solution is None or (
-        solution.result == RESULTS.steps_exhausted
-        and worth_continuing(costs, MIN_CONTINUATION_SHARE)
-    ):
+    S, costs = None, []
+    while True:
         estimation = estimation_of(problem, hypothesis, values, known, rows)
         likelihood, solver = estimation.problem.likelihood, problem.solver
         if not isinstance(likelihood, OutputError):
             solver = dataclasses.replace(solver, chord=False)  # its rows are no residuals
-        S = None
-        if solution is None:  # a continuation starts elsewhere
+        if not costs:  # a continuation starts elsewhere
             S = _known_sensitivities(parent, estimation, hypothesis, values)
         solution = fit_by_steps(estimation.problem, estimation.parameters, solver, S)
+        costs, S = [*costs, float(solution.cost)], None
+        if solution.result != RESULTS.steps_exhausted or not worth_continuing(costs):
+            return LoopFit(problem, hypothesis, estimation, solution)
         shared = np.asarray(solution.parameters.shared)
-        known = {name: float(shared[k]) for k, name in enumerate(estimation.names)}
+        known = {name: float(shared[k]) for k, name in enumerate(estimation.free.shared)}
         chosen = problem.columns.chosen(hypothesis.effects)
-        values[chosen] = shared[: len(chosen)]
-        rows, costs = solution.parameters.rows, [*costs, float(solution.cost)]
-    return LoopFit(problem, hypothesis, estimation, solution)
+        values[chosen], rows = shared[: len(chosen)], solution.parameters.rows
 
 
 def make_room(count: int) -> None:
@@ -276,7 +261,6 @@ def compile_programs(problem: LoopProblem) -> None:
     make_room(PROGRAMS_OF_A_STUDY)
     start = estimation_of(problem, Hypothesis(), problem.initial_values, {}, None)
     case = FlatProblem.of(start.problem)
-    predictor = Predictor(problem.likelihood, problem.window, problem.starts, problem.train.n_cases)
     model = problem.model_at(problem.initial_values, ())
     motion = LinearMotion(problem, (), problem.initial_values, start.parameters.rows)
     compile_together(
@@ -284,7 +268,7 @@ def compile_programs(problem: LoopProblem) -> None:
             (PROGRAMS.outputs, case.outputs_arguments(start.parameters)),
             (PROGRAMS.sensitivities, case.sensitivities_arguments(start.parameters)),
             (linear_models, motion.linear_arguments),
-            *predictor.programs(model, problem.check),
+            *problem.predictor.programs(model, problem.check),
         ]
     )
 
@@ -294,10 +278,10 @@ def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None,
     values = (problem.initial_values if parent is None else parent.values).copy()
     estimates = {} if parent is None else parent.estimates
     known = {name: value for name, (value, _) in estimates.items()} | dict(start)
-    index, gains = problem.columns.index, problem.columns.gains
+    index, absent = problem.columns.index, set(problem.columns.own) - set(hypothesis.effects)
     for name in set(known) & set(index):
         values[index[name]] = known[name]
-    values[[gains[name] for name in set(gains) - set(hypothesis.effects)]] = 0.0
+    values[[index[f"{name}.gain"] for name in absent]] = 0.0
     return values, known
 
 
@@ -319,20 +303,16 @@ def _known_sensitivities(
     return to_device(np.pad(S, ((0, 0), (0, 0), (0, 0), (0, padding))))
 
 
-def worth_continuing(costs: list[float], creeping: float) -> bool:
-    """Return True if a fit that its iteration limit stopped should be continued.
-
-    Args:
-        costs: cost after the first run and after each continuation so far.
-        creeping: share of the fall of all continuations; a continuation that brings less is the
-            last.
+def worth_continuing(costs: list[float]) -> bool:
+    """Return True if a fit that its iteration limit stopped should be continued, given its cost
+    after the first run and after each continuation so far.
     """
     if len(costs) > MAX_CONTINUATIONS:
         return False
     if len(costs) < 2:
         return True  # no fall is known yet
     fall, total = costs[-2] - costs[-1], costs[0] - costs[-1]
-    return fall > max(MIN_COST_FALL, creeping * total)
+    return fall > max(MIN_COST_FALL, MIN_CONTINUATION_SHARE * total)
 
 
 def check_finite(declared: LoopFit) -> None:
@@ -341,9 +321,6 @@ def check_finite(declared: LoopFit) -> None:
     Forward derivatives carry every tangent through every effect: an infinite slope times the zero
     of a tangent that does not concern it is not a number, and spoils all columns that are computed
     together with it.
-
-    Args:
-        declared: fit of the declared model.
 
     Raises:
         InputError: if a candidate spoils the column of another parameter than its own.
@@ -373,23 +350,14 @@ def _spoiling(declared: LoopFit, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 @fast_compile_jit
-def _white_factor(noise: AbstractNoise, rows, S, row_mask, own: int):
-    """Return the triangle `[T r]` of the shared columns."""
+def _white(noise: AbstractNoise, rows, S, row_mask):
+    """Return whitened rows of misfit and sensitivities, those of the outputs."""
     whiten = noise.whitening(rows, row_mask)
     v, mask = rows[..., : S.shape[2]], row_mask[..., : S.shape[2]]
-    return triangular_factor(whiten.misfit(v, mask), whiten(S, mask), own)
+    return whiten.misfit(v, mask), whiten(S, mask)
 
 
 @fast_compile_jit
 def triangular_factor(v, S, own: int):
     """Return the triangle `[T r]` of whitened columns, the per-record ones eliminated."""
-    triangles = record_triangles(S[..., :own], S[..., own:], v)
-    shared = S.shape[-1] - own
-    held = jnp.zeros((v.shape[0], own), bool), jnp.zeros(shared, bool)
-    return gather(triangles, jnp.zeros((1, shared + 1)), *held).factor
-
-
-@fast_compile_jit
-def _white(noise: AbstractNoise, v, mask):
-    """Return whitened residuals."""
-    return noise.whitening(v, mask).misfit(v, mask)
+    return information_of(v, S, own).factor

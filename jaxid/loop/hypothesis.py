@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require
@@ -19,10 +18,8 @@ from ..estimation.autoregressive_noise import AutoregressiveNoise
 from ..estimation.filter.filter_error import FilterError
 from ..estimation.filter.noise_options import FirstOrder
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
-from ..models.base import AbstractModel
-from ..simulation.steppers import rate
 from .outcome import Outcome
-from .problem import regular
+from .problem import LoopProblem, regular
 
 
 class ForceNoise(NamedTuple):
@@ -73,15 +70,15 @@ class NoiseHypothesis(eqx.Module):
             outputs: number of outputs of the model.
         """
 
-    def model(self, model: AbstractModel) -> AbstractModel:
-        """Return the model with the disturbances of this noise; by default it has none."""
-        return model
-
 
 class White(NoiseHypothesis):
     """White noise of the sensors: the declared likelihood."""
 
     outcome: ClassVar[Outcome] = Outcome.NOTHING_MISSING
+
+    @property
+    def words(self):
+        return "white noise"
 
     def likelihood(self, declared):
         return declared
@@ -99,6 +96,10 @@ class Coloured(NoiseHypothesis):
 
     order: int = eqx.field(static=True, default=1)
     outcome: ClassVar[Outcome] = Outcome.COLOURED_NOISE
+
+    @property
+    def words(self):
+        return f"coloured sensor noise of order {self.order}"
 
     def likelihood(self, declared):
         require(
@@ -133,6 +134,11 @@ class RandomForces(NoiseHypothesis):
         self.time = float(time)
 
     @property
+    def words(self):
+        places = [f"the equation of {name}" for name in self.equations] + [*self.air]
+        return f"random forces in {' and '.join(places)}"
+
+    @property
     def equations(self) -> tuple[str, ...]:
         """States in whose equations the forces act."""
         return tuple(state for state, _ in self.forces)
@@ -150,15 +156,11 @@ class RandomForces(NoiseHypothesis):
 
     @property
     def sizes(self) -> dict[str, float]:
-        """Starting values of the standard deviations, by disturbance input."""
-        return {force_in(state): size for state, size in self.forces} | dict(self.gusts)
+        """Starting values of the standard deviations, by state or disturbance input."""
+        return dict((*self.forces, *self.gusts))
 
     def initial(self, covariance: Float[Array, "output output"]) -> ForceNoise:
-        """Return the starting values of forces and sensor noise.
-
-        Args:
-            covariance: covariance of the sensor noise.
-        """
+        """Return the starting values, from the covariance of the sensor noise."""
         floor = np.diagonal(np.asarray(regular(covariance)))
         sizes = np.array([*self.sizes.values()])
         parts = sizes, np.full(sizes.size, self.time), np.sqrt(floor)
@@ -177,10 +179,13 @@ class RandomForces(NoiseHypothesis):
         groups = zip(self.parameters(outputs), noise, strict=True)
         return {n: float(v) for names, part in groups for n, v in zip(names, part, strict=True)}
 
-    def at(self, values: Mapping[str, float], outputs: tuple[str, ...]) -> ForceNoise:
-        """Return the parameters at values by name."""
+    def at(
+        self, estimates: Mapping[str, tuple[float, float]], outputs: tuple[str, ...]
+    ) -> ForceNoise:
+        """Return the parameters at estimates by name, each a value and its standard error."""
         groups = self.parameters(outputs)
-        return ForceNoise(*(to_device(np.array([values[n] for n in group])) for group in groups))
+        values = (np.array([estimates[name][0] for name in group]) for group in groups)
+        return ForceNoise(*map(to_device, values))
 
     def likelihood(self, declared):
         assert isinstance(declared, OutputError), "proposed for output error alone"
@@ -189,75 +194,6 @@ class RandomForces(NoiseHypothesis):
 
     def count(self, outputs):
         return 2 * (len(self.forces) + len(self.gusts))
-
-    def model(self, model):
-        return ForcedModel(model, self.equations) if self.forces else model
-
-
-class ForcedModel(AbstractModel):
-    """A model with forces in some equations, which are its last disturbance inputs.
-
-    Args:
-        model: the model without forces.
-        forced: states in whose equations the forces act.
-        acting: True for the model that has the forces as inputs.
-    """
-
-    model: AbstractModel
-    forced: tuple[str, ...] = eqx.field(static=True)
-    acting: bool = eqx.field(static=True, default=False)
-    transparent: ClassVar[tuple[str, ...]] = ("model",)
-
-    @property
-    def states(self):
-        return self.model.states
-
-    @property
-    def inputs(self):
-        forces = tuple(map(force_in, self.forced)) if self.acting else ()
-        return (*self.model.inputs, *forces)
-
-    @property
-    def outputs(self):
-        return self.model.outputs
-
-    def with_disturbance_inputs(self):
-        return ForcedModel(self.model.with_disturbance_inputs(), self.forced, acting=True)
-
-    def rhs(self, t, x, u):
-        recorded, forces = self._split(u)
-        at = np.array([self.states.index(name) for name in self.forced], int)
-        return rate(self.model, t, x, recorded).at[at].add(forces)
-
-    def output(self, t, x, u):
-        return self.output_given(t, x, u, self.rhs(t, x, u))
-
-    def output_given(self, t, x, u, dx):
-        return self.model.output_given(t, x, self._split(u)[0], dx)
-
-    def initial_state(self, record):
-        return self.model.initial_state(record)
-
-    def input_signal(self, path):
-        return self.model.input_signal(path)
-
-    def observe(self, t, y):
-        return self.model.observe(t, y)
-
-    def units(self):
-        units = self.model.units()
-        return units | {force_in(name): f"{units.get(name, '')}/s" for name in self.forced}
-
-    def _split(self, u):
-        """Return the recorded inputs and the forces."""
-        if not self.acting:
-            return u, jnp.zeros(len(self.forced))
-        return jnp.split(u, [len(self.model.inputs)])
-
-
-def force_in(state: str) -> str:
-    """Return the name of the force in the equation of a state, as a disturbance input."""
-    return f"force_{state}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -276,6 +212,15 @@ class Hypothesis:
         """Return the hypothesis with effects removed and others added."""
         kept = tuple(name for name in self.effects if name not in out)
         return Hypothesis((*kept, *into), self.noise)
+
+    def count(self, problem: LoopProblem) -> int:
+        """Return the number of shared parameters, those beyond white noise included."""
+        own = self.noise.count(len(problem.model.outputs))
+        return len(problem.columns.chosen(self.effects)) + own
+
+    def __str__(self) -> str:
+        noise = () if isinstance(self.noise, White) else (type(self.noise).__name__,)
+        return " + ".join((*self.effects, *noise)) or "no effect"
 
     @property
     def key(self) -> tuple:

@@ -66,12 +66,7 @@ class Reduced(NamedTuple):
 
 
 def reduce(triangle: Triangle, out: Sequence[int] = ()) -> Reduced:
-    """Return the triangle without some free columns.
-
-    Args:
-        triangle: factor at a fit.
-        out: columns that are removed.
-    """
+    """Return the triangle without the free columns `out`."""
     T, r = triangle.factor[:, :-1], triangle.factor[:, -1]
     removed = np.zeros(T.shape[1], bool)
     removed[list(out)] = True
@@ -97,11 +92,8 @@ def falls(reduced: Reduced, into: Int[np.ndarray, "set member"]) -> Float[np.nda
     Returns:
         Falls; minus infinity for a set with a column that the others reproduce.
     """
-    gram, b = reduced.correlation[into[:, :, None], into[:, None, :]], reduced.product[into]
-    determined = np.linalg.eigvalsh(gram)[:, 0] > LEAST_APART
-    safe = np.where(determined[:, None, None], gram, np.eye(into.shape[1]))
-    gained = np.sum(b * np.linalg.solve(safe, b[..., None])[..., 0], axis=1)
-    return np.where(determined, reduced.base + gained, -np.inf)
+    inverse, determined = _inverses(reduced.correlation, into)
+    return np.where(determined, reduced.base + _gained(inverse, reduced.product[into]), -np.inf)
 
 
 def largest_falls(
@@ -112,34 +104,30 @@ def largest_falls(
     """Return the largest fall of chi-square among sets of added columns, for many right-hand sides.
 
     Args:
-        correlation: correlations between the columns, as in `Reduced`.
-        products: products of the columns with each right-hand side, as in `Reduced`.
+        correlation, products: as in `Reduced`, the products for each right-hand side.
         into: added columns, one row per set, all of one size.
 
     Returns:
         Largest falls; zero if in every set one column is reproduced by others.
     """
+    inverse, determined = _inverses(correlation, into)
+    inverse, members = inverse[determined], into[determined]
+    parts = np.array_split(products, 1 + len(products) * members.size // BATCH)
+    falls = [np.max(_gained(inverse, part[:, members]), axis=1, initial=0.0) for part in parts]
+    return np.concatenate(falls)
+
+
+def _inverses(correlation, into):
+    """Return the inverse correlations of sets of columns, and whether each is determined."""
     gram = correlation[into[:, :, None], into[:, None, :]]
     determined = np.linalg.eigvalsh(gram)[:, 0] > LEAST_APART
-    inverse, members = np.linalg.inv(gram[determined]), into[determined]
-    parts = np.array_split(products, 1 + len(products) * members.size // BATCH)
-    largest = []
-    for part in parts:
-        b = part[:, members]
-        gained = np.sum(b * np.einsum("sij,dsj->dsi", inverse, b), axis=-1)
-        largest.append(np.max(gained, axis=1, initial=0.0))
-    return np.concatenate(largest)
+    gram = np.where(determined[:, None, None], gram, np.eye(into.shape[1]))
+    return np.linalg.inv(gram), determined
 
 
-def fall(triangle: Triangle, out: Sequence[int], into: Sequence[int]) -> float:
-    """Return the fall of chi-square by removing columns and adding others.
-
-    Args:
-        triangle: factor at a fit.
-        out, into: removed and added columns; either may be empty.
-    """
-    reduced = reduce(triangle, out)
-    return float(falls(reduced, np.array([[*into]], int))[0]) if into else reduced.base
+def _gained(inverse, b):
+    """Return the falls of chi-square by sets of columns with products `b`."""
+    return np.sum(b * np.einsum("sij,...sj->...si", inverse, b), axis=-1)
 
 
 def gains(reduced: Reduced, into: Sequence[int]) -> Float[np.ndarray, " member"]:

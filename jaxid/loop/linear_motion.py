@@ -5,19 +5,22 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from .._foundation.types import Array, Float
+from ..data.record import Record
 from ..diagnosis.free_form import Linear, Places, gusts_of, linear_models, responses
+from ..effects.shape_initialisation import RECORD
 from ..estimation.model_programs import PROGRAMS, FlatProblem
 from ..estimation.problem import Problem
+from ..models.base import AbstractModel
 from ..models.free import Free, Parameters, with_values
 from ..models.polynomial import monomials
-from .compilation import signals_of
-from .estimation_problem import padded_problem, padded_values
+from .estimation_problem import padded_problem
 from .problem import LoopProblem
 
 
@@ -74,27 +77,25 @@ class LinearMotion:
         return v, to_device(S), infinite
 
     def columns_of(self, names: Sequence[str]) -> tuple[Float[Array, "case time output"], Array]:
-        """Return residuals and sensitivities to the per-record parameters and to some columns, in
-        blocks as wide as a fit.
-
-        Args:
-            names: names of the columns.
+        """Return residuals and sensitivities to the per-record parameters and to the named columns,
+        in blocks as wide as a fit.
         """
-        problem, index = self.problem, self.problem.columns.index
-        shared = to_device(self.values[: problem.columns.declared])
+        problem, columns = self.problem, self.problem.columns
         model = problem.model_at(self.values, self.effects)
-        base = padded_problem(problem, model, problem.likelihood, (), shared)
+        base, shared = padded_problem(problem, model, problem.likelihood, (), self.values)
         case = FlatProblem.of(base)
-        _, *others = case.outputs_arguments(Parameters(padded_values(shared, base), self.rows))
-        owners = problem.owners
-        chosen = problem.positions[[index[name] for name in names]]
-        width, at = case.at.size, np.r_[np.asarray(problem.row_positions), chosen]
-        padded = np.r_[at, np.full(-at.size % width, len(problem.names))]
+        _, *others = case.outputs_arguments(Parameters(shared, self.rows))
+        chosen = problem.positions[[columns.index[name] for name in names]]
+        own, width = problem.row_positions.size, case.at.size
+        at = np.r_[np.asarray(problem.row_positions), chosen]
+        padded = np.r_[at, np.full(-at.size % width, len(problem.position))]
+        owners = [None] * own + [columns.owners.get(name) for name in names]
         blocks = []
-        for block in padded.reshape(-1, width):
-            held = {*self.effects, *(owners[k] for k in block if k in owners)}
+        for k in range(0, padded.size, width):
+            held = {*self.effects, *owners[k : k + width]} - {None}
             arguments = (model.with_present(held), *others)
-            blocks.append(PROGRAMS.sensitivities(*arguments, to_device(block), problem.leaves))
+            block = to_device(padded[k : k + width])
+            blocks.append(PROGRAMS.sensitivities(*arguments, block, problem.leaves))
         S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : at.size]
         return blocks[0][0], to_device(S)
 
@@ -139,6 +140,12 @@ class LinearMotion:
         x = to_device(np.asarray(self.linear.x)[..., : len(model.states)])
         return {n: np.asarray(s) for n, s in signals_of(model, problem.train, x).items()}
 
+    @property
+    def variables(self) -> dict[str, np.ndarray]:
+        """States, inputs and time along the motion, by name."""
+        model, signals = self.problem.model, self.signals
+        return {name: signals[name] for name in (*model.states, *model.inputs, "t")}
+
     def response(self, terms: Sequence[tuple[str, str]]) -> Float[np.ndarray, "case time output"]:
         """Return the response of the outputs to terms in equations, in the linear model.
 
@@ -160,3 +167,13 @@ class LinearMotion:
 def _term_values(term: str, signals: dict) -> Float[Array, "case time"]:
     """Return the values of a term at every sample."""
     return jax.vmap(jax.vmap(lambda instant: monomials((term,), instant)[0]))(signals)
+
+
+@fast_compile_jit
+def signals_of(
+    model: AbstractModel, records: Record, x: Float[Array, "case time state"]
+) -> dict[str, Float[Array, "case time"]]:
+    """Return every signal of a model at states `x`, with time and record number (jitted)."""
+    signals = jax.vmap(jax.vmap(model.signals))(records.t, x, records.u)
+    number = jnp.broadcast_to(1.0 * jnp.arange(records.n_cases)[:, None], records.t.shape)
+    return {"t": records.t, RECORD: number} | signals

@@ -10,8 +10,8 @@ from scipy.stats import chi2
 
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
+from .._foundation.types import Float
 from ..diagnosis.localise import LocalisationResult, localise, resolution
-from .evidence import log_samples
 from .fit import LoopFit
 from .hypothesis import Hypothesis
 from .linear import Reduced, falls, gains, reduce
@@ -55,26 +55,30 @@ class Move:
 
 
 class Proposals:
-    """The moves from one fit.
-
-    Args:
-        fit: the fit.
-        options: levels and limits.
-    """
+    """The moves from one fit."""
 
     def __init__(self, fit: LoopFit, options: LoopOptions):
         self.fit, self.options, self.problem = fit, options, fit.problem
-        self.candidates = self._absent(fit.effects)
+        self.candidates = self.problem.absent(fit.effects)
         self.reduced = reduce(fit.triangle)
-        count = max(len(self.candidates), 1)
-        self.threshold = float(chi2.isf(options.level / count, 1))
+        falls = self._falls(self.reduced, [(name,) for name in self.candidates])
+        self._scores = dict(zip(self.candidates, falls.tolist(), strict=True))
+        self.level = options.level / max(len(self.candidates), 1)
+        self.threshold = float(chi2.isf(self.level, 1))
+
+    def score(self, name: str) -> float:
+        """Return the fall of chi-square by adding one candidate."""
+        return self._scores[name]
+
+    def gain(self, name: str) -> float:
+        """Return the gain of one candidate in the linear model."""
+        return self._gains(self.reduced, (name,))[0]
 
     def drops(self) -> list[Move]:
         """Return removals of effects that have become insignificant, the least harmful first."""
         moves = []
         for name in self._removable():
-            own = [n for n in self.problem.columns.own[name] if n in self.fit.triangle.names]
-            expected = reduce(self.fit.triangle, self.fit.triangle.at(own)).base
+            expected = self._without((name,)).base
             if expected > -self.threshold:
                 moves.append(self._move(MoveKind.DROP, (), (name,), expected, self.reduced))
         return sorted(moves, key=lambda move: -move.expected)
@@ -85,26 +89,22 @@ class Proposals:
         A place is a location of a card: many shapes at one place must not crowd out the others.
         Candidates that the records cannot distinguish are represented by the simplest.
         """
-        scores = self._scores(self.candidates, self.reduced)
+        scores, cards = np.array([*self._scores.values()]), self.problem.cards
         distinct = self._distinct([self.candidates[k] for k in np.argsort(-scores)])
         significant = [name for name in distinct if self.score(name) > self.threshold]
         best_of_place: dict = {}
         for name in significant:
-            best_of_place.setdefault(self.problem.cards[name].location, name)
+            best_of_place.setdefault(cards[name].location, name)
         blind = [name for name in self.candidates if self.is_blind(name)]
         blind.sort(key=lambda name: not self.problem.is_evident(name))
         chosen = [*significant[: self.options.refits], *best_of_place.values()]
         chosen += blind[: self.options.refits]
-        return [
-            self._move(
-                MoveKind.ADD,
-                (name,),
-                self.problem.refined_by(name, self.fit.effects),
-                max(self.score(name), 0.0),
-                self.reduced,
-            )
-            for name in dict.fromkeys(chosen)
-        ]
+        moves = []
+        for name in dict.fromkeys(chosen):
+            refined = (e for e in self.fit.effects if cards[e].family == cards[name].refines)
+            fall = max(self.score(name), 0.0)
+            moves.append(self._move(MoveKind.ADD, (name,), tuple(refined), fall, self.reduced))
+        return moves
 
     def groups(self) -> list[Move]:
         """Return sets of terms of one signal in one place that are significant only together."""
@@ -114,13 +114,9 @@ class Proposals:
             if self.problem.effects[name].terms and len(card.signals) == 1:
                 sets.setdefault((card.location, card.signals), []).append(name)
         moves = []
-        for names in sets.values():
-            if len(names) < 2:
-                continue
-            joint = float(self._joint(self.reduced, [names])[0])
-            best, others = max(map(self.score, names)), len(names) - 1
-            level = self.options.level / max(len(self.candidates), 1)
-            if joint - best > chi2.isf(level, others):
+        for names in (names for names in sets.values() if len(names) > 1):
+            joint = float(self._falls(self.reduced, [names])[0])
+            if joint - max(map(self.score, names)) > chi2.isf(self.level, len(names) - 1):
                 moves.append(self._move(MoveKind.GROUP, tuple(names), (), joint, self.reduced))
         return moves
 
@@ -133,10 +129,8 @@ class Proposals:
     def pairs(self) -> list[Move]:
         """Return the best pairs of effects that hide each other: weak alone, strong together."""
         pairs = self.pair_sets()
-        if not pairs:
-            return []
-        joint = self._joint(self.reduced, pairs)
-        threshold = chi2.isf(self.options.level / len(pairs), 2)
+        joint = self._falls(self.reduced, pairs)
+        threshold = chi2.isf(self.options.level / max(len(pairs), 1), 2)
         best = [k for k in np.argsort(-joint)[: self.options.swap_limit] if joint[k] > threshold]
         return [
             self._move(MoveKind.PAIR, pairs[k], (), float(joint[k]), self.reduced) for k in best
@@ -156,13 +150,11 @@ class Proposals:
 
     def _swaps_of(self, out: tuple[str, ...], margin: float) -> list[Move]:
         """Return the best exchanges of some effects for another one."""
-        own = [name for effect in out for name in self.problem.columns.own[effect]]
-        if not set(own) <= set(self.fit.triangle.names):
-            return []
-        reduced = reduce(self.fit.triangle, self.fit.triangle.at(own))
-        rest = self._absent(self.fit.hypothesis.changed(out).effects)
+        reduced = self._without(out)
+        rest = self.problem.absent(self.fit.hypothesis.changed(out).effects)
         others = [n for n in rest if n not in out and not self.problem.cards[n].refines]
-        expected = self._scores(others, reduced) + log_samples(self.fit) * (len(out) - 1)
+        expected = self._falls(reduced, [(name,) for name in others])
+        expected += self.problem.price * (len(out) - 1)
         best = [
             k for k in np.argsort(-expected)[: self.options.swap_limit] if expected[k] > -margin
         ]
@@ -170,91 +162,73 @@ class Proposals:
             self._move(MoveKind.SWAP, (others[k],), out, float(expected[k]), reduced) for k in best
         ]
 
-    def score(self, name: str) -> float:
-        """Return the fall of chi-square by adding one candidate."""
-        return float(self._scores([name], self.reduced)[0])
-
-    def gain(self, name: str) -> float:
-        """Return the gain of one candidate in the linear model."""
-        return float(gains(self.reduced, self.fit.triangle.at([f"{name}.gain"]))[0])
-
-    def _absent(self, effects: tuple[str, ...]) -> list[str]:
-        """Return the candidates that may be added to some effects and have a column."""
-        columns = set(self.fit.triangle.names)
-        return [name for name in self.problem.absent(effects) if f"{name}.gain" in columns]
+    def is_blind(self, name: str) -> bool:
+        """Return True if the score of a candidate does not predict its fall of the cost."""
+        refines = bool(self.problem.cards[name].refines)
+        return refines or self.problem.effects[name].score_blind(self.problem.measured)
 
     def _removable(self) -> list[str]:
         return [name for name in self.fit.effects if not self.problem.is_evident(name)]
 
-    def is_blind(self, name: str) -> bool:
-        """Return True if the score of a candidate does not predict its fall of the cost."""
-        if self.problem.cards[name].refines:
-            return True
-        return self.problem.effects[name].score_blind(self.problem.measured)
+    def _without(self, out: tuple[str, ...]) -> Reduced:
+        """Return the linear model without some effects of the fit."""
+        own = [name for effect in out for name in self.problem.columns.own[effect]]
+        return reduce(self.fit.triangle, self.fit.triangle.at(own))
 
-    def _scores(self, names: list[str], reduced: Reduced):
-        """Return the fall of chi-square by each of some candidates."""
-        return self._joint(reduced, [(name,) for name in names])
+    def _falls(self, reduced: Reduced, sets) -> Float[np.ndarray, " set"]:
+        """Return the fall of chi-square by sets of effects of one size."""
+        index = self.problem.columns.index
+        at = [[index[f"{name}.gain"] for name in names] for names in sets]
+        return falls(reduced, np.array(at, int)) if at else np.zeros(0)
 
-    def _joint(self, reduced: Reduced, sets):
-        """Return the fall of chi-square by sets of effects."""
-        if not sets:
-            return np.zeros(0)
-        column = {name: k for k, name in enumerate(self.fit.triangle.names)}
-        at = [[column[f"{name}.gain"] for name in names] for names in sets]
-        return falls(reduced, np.array(at, int))
+    def _gains(self, reduced: Reduced, names: tuple[str, ...]) -> list[float]:
+        """Return the gains of effects in the linear model."""
+        at = self.fit.triangle.at([f"{name}.gain" for name in names])
+        return gains(reduced, at).tolist()
 
     def _distinct(self, ordered: list[str]) -> list[str]:
         """Return the candidates without those that the records cannot distinguish from another."""
-        kept: list[str] = []
-        at = self.fit.triangle.at([f"{name}.gain" for name in ordered])
-        column = dict(zip(ordered, at, strict=True))
-        cards = self.problem.cards
+        kept, cards = [], self.problem.cards
         for name in ordered:
-            alike = [k for k, other in enumerate(kept) if self._same(name, other, column)]
+            alike = [k for k, other in enumerate(kept) if self._same(name, other)]
             if not alike:
                 kept.append(name)
             elif cards[name].complexity < cards[kept[alike[0]]].complexity:
                 kept[alike[0]] = name
         return kept
 
-    def _same(self, name: str, other: str, column: Mapping[str, int]) -> bool:
+    def _same(self, name: str, other: str) -> bool:
         """Return True if two effects without a shape have the same influence on the outputs."""
         if self.problem.has_shape(name) or self.problem.has_shape(other):
             return False
-        overlap = self.reduced.correlation[column[name], column[other]]
+        index = self.problem.columns.index
+        overlap = self.reduced.correlation[index[f"{name}.gain"], index[f"{other}.gain"]]
         return bool(abs(overlap) > COLLINEAR_OVERLAP)
 
     def _move(self, kind, into, out, expected: float, reduced: Reduced) -> Move:
         """Return a move with its starting values."""
-        columns, cards = self.problem.columns, self.problem.cards
+        cards, known = self.problem.cards, self.fit.estimates
         start = {f"{name}.gain": cards[name].initial_gain for name in into}
         for name, other in itertools.product(into, out):
             if cards[other].family == cards[name].refines:
-                for own, theirs in columns.same_named(name, other):
-                    start[columns.names[own]] = float(self.fit.values[theirs])
-        gain_names = [f"{name}.gain" for name in into]
-        estimated = dict(
-            zip(
-                gain_names,
-                map(float, gains(reduced, self.fit.triangle.at(gain_names))),
-                strict=True,
-            )
-        )
+                fields = (own.removeprefix(f"{name}.") for own in self.problem.columns.own[name])
+                common = (field for field in fields if f"{other}.{field}" in known)
+                start |= {f"{name}.{field}": known[f"{other}.{field}"][0] for field in common}
+        estimated = {
+            f"{name}.gain": gain
+            for name, gain in zip(into, self._gains(reduced, into), strict=True)
+        }
         return Move(kind, self.fit.hypothesis.changed(out, into), into, expected, start, estimated)
 
 
 def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> LocalisationResult:
-    """Return the location of the residual of a fit with output error.
-
-    Args:
-        fit: the fit.
-        splines: number of splines and rows of an earlier result.
+    """Return the location of the residual of a fit with output error, by as many splines and rows
+    as an earlier result has.
     """
     problem, motion = fit.problem, fit.motion
     places = motion.places | {LocationKind.EQUATION: problem.equations}
     places = {kind: names for kind, names in places.items() if names}
-    names = fit.estimation.names
+    names = fit.estimation.free.shared
     v, S = motion.columns_of([name for name in names if name in problem.columns.index])
     padding = problem.width(len(names)) - len(names)
     S = np.pad(np.asarray(S), ((0, 0), (0, 0), (0, 0), (0, padding)))

@@ -23,11 +23,6 @@ class Outcome(enum.Enum):
     COLOURED_NOISE = "coloured noise"
 
     @property
-    def is_noise_alone(self) -> bool:
-        """True if a noise model explains the residual of the declared model without any effect."""
-        return self in (Outcome.PROCESS_NOISE, Outcome.COLOURED_NOISE)
-
-    @property
     def leaves_more_than_noise(self) -> bool:
         """True if the residual of the last fit is no estimate of the sensor noise."""
         return self in (Outcome.PROXIES, Outcome.UNEXPLAINED, Outcome.PROCESS_NOISE)

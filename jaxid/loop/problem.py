@@ -1,32 +1,42 @@
 """`LoopProblem`: declared model, library of candidate effects and records of a search."""
 
 import dataclasses
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from functools import cached_property
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
 from .._foundation.host import to_device
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from ..effects.augmented import Augmented
+from ..diagnosis.validation import Predictor, check_window
+from ..effects.augmented import Augmented, split_effects
 from ..effects.base import Effect
 from ..effects.card import EffectCard
 from ..effects.library import uncertain_equations
-from ..estimation.estimate import as_stack, check_channels
+from ..estimation.estimate import as_stack, check_channels, check_samples, check_sampling
+from ..estimation.filter.filter_error import FilterError
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel, canonical, equations_of
 from ..models.free import INITIAL_STATE, Free, all_names, leaves_at, with_values_at
 from ..models.names import flat_vector
+from ..simulation.steppers import rate
 from .columns import Columns
-from .compilation import use_reduced_model
-from .thresholds import COLUMN_BLOCK
 
 # The tolerance is in standard errors; a decision needs no smaller one. Effects with corners make
 # the solver reject steps, hence the number of steps.
 SEARCH_SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
+# Chosen: parameters of effects are padded to multiples of this, so that few widths are compiled.
+# More padding costs arithmetic, less costs compilations.
+COLUMN_BLOCK = 8
+# Measured: cost of compiling a fit, in operations that the 24 passes of a refit do per sample:
+# 3 s and 10 ms per operation of its model, at 0.3 us per operation and sample (0.15 to 0.6), on
+# two cores, for models of 6 to 1,435 operations.
+COMPILE_COST, COMPILE_COST_PER_OPERATION = 400_000, 1400
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,21 +72,22 @@ class LoopProblem:
         """Return the problem of a model and its records; the arguments are the attributes.
 
         Raises:
-            InputError: if channels differ, or a candidate occurs twice or is already present.
+            InputError: if channels differ, records are too short for the window or sampled in a way
+                that the model, the likelihood or a candidate cannot use, the check records have no
+                valid sample after the window, or a candidate occurs twice or is already present.
         """
+        require(
+            not isinstance(likelihood, FilterError),
+            "A study fits by output error and tries random forces by itself. Use OutputError().",
+        )
         train, check = as_stack(train), as_stack(check)
-        for records in (train, check):
-            check_channels(model, records)
+        check_channels(model, train)
+        check_sampling(model, train, likelihood)
+        check_samples(train)
         likelihood.check(model, train)
-        for effect in library:
-            gain = float(effect.gain)
-            require(
-                gain == 0.0,
-                f"The candidate {effect.name!r} has a gain of {gain:g}; a candidate starts absent. "
-                "Leave its gain out.",
-            )
+        _check_absent(library, model)
         augmented = canonical(Augmented(model, tuple(library)))
-        return cls(
+        problem = cls(
             augmented.model,
             augmented.effects_in,
             canonical(free),
@@ -86,6 +97,24 @@ class LoopProblem:
             window,
             solver=solver,
         )
+        for effect in problem.library:
+            effect.check(np.asarray(train.t))
+        problem.check_predicted(check)
+        require(
+            bool(np.any(np.asarray(check.mask)[:, window or 0 :])),
+            "No output of the check records has a valid sample after the window. Give other "
+            "records, or leave `check` out.",
+        )
+        return problem
+
+    def check_predicted(self, records: Record) -> None:
+        """Refuse a stack of records that the model, its effects, or the window cannot predict."""
+        check_channels(self.model, records)
+        check_sampling(self.model, records, self.likelihood)
+        for effect in self.library:
+            effect.check(np.asarray(records.t))
+        if self.window is not None:
+            check_window(self.model, records, self.window, len(self.declared_starts))
 
     def on(self, records) -> "LoopProblem":
         """Return the same problem with other training records."""
@@ -101,10 +130,6 @@ class LoopProblem:
         require_known("effect of the library", names, sorted(known))
         barred = {card.name for card in cards if {card.name, card.family} & set(names)}
         return dataclasses.replace(self, excluded=self.excluded | barred)
-
-    def with_library(self, library: tuple[Effect, ...]) -> "LoopProblem":
-        """Return the problem with other shapes of the same candidates."""
-        return dataclasses.replace(self, library=tuple(library))
 
     @cached_property
     def augmented(self) -> Augmented:
@@ -129,19 +154,12 @@ class LoopProblem:
     @cached_property
     def positions(self) -> np.ndarray:
         """Positions of the columns in the flat vector of the augmented model."""
-        return self._positions(self.columns.names)
-
-    @cached_property
-    def owners(self) -> dict[int, str]:
-        """Name of the effect that has each position of the flat vector, for those of effects."""
-        columns = zip(self.positions, self.columns.names, strict=True)
-        owners = self.columns.owners
-        return {int(position): owners[name] for position, name in columns if name in owners}
+        return np.array([self.position[name] for name in self.columns.names], int)
 
     @cached_property
     def row_positions(self) -> Array:
         """Positions of the per-record parameters in the flat vector of the augmented model."""
-        return to_device(self._positions(self.free.per_record))
+        return to_device(np.array([self.position[name] for name in self.free.per_record], int))
 
     @cached_property
     def leaves(self) -> tuple[int, ...]:
@@ -149,9 +167,9 @@ class LoopProblem:
         return leaves_at(self.augmented, np.r_[self.positions, np.asarray(self.row_positions)])
 
     @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of all parameters of the augmented model."""
-        return all_names(self.augmented)
+    def position(self) -> dict[str, int]:
+        """Position of each parameter in the flat vector of the augmented model."""
+        return {name: k for k, name in enumerate(all_names(self.augmented))}
 
     @cached_property
     def initial_values(self) -> Float[np.ndarray, " column"]:
@@ -170,15 +188,33 @@ class LoopProblem:
             return ()
         return uncertain_equations(self.model, np.asarray(self.free.positions(self.model).shared))
 
-    @cached_property
+    @property
+    def declared_starts(self) -> tuple[str, ...]:
+        """States of the declared model whose initial value is fitted for a prediction: those whose
+        initial state is free, or all if none is.
+        """
+        states, free = self.model.states, self.free.per_record
+        return tuple(name for name in states if f"{INITIAL_STATE}.{name}" in free) or states
+
+    @property
     def starts(self) -> tuple[str, ...]:
-        """States whose initial value is fitted for a prediction."""
-        return starting_states(self.free, self.model, self.augmented)
+        """States whose initial value is fitted for a prediction, those of effects included."""
+        return self.declared_starts + self.augmented.states[len(self.model.states) :]
+
+    @property
+    def predictor(self) -> Predictor:
+        """Prediction of records that were not fitted."""
+        return Predictor(self.likelihood, self.window, self.starts, self.train.n_cases)
 
     @cached_property
     def samples(self) -> int:
         """Number of valid measured values of the training records."""
         return int(np.sum(np.asarray(self.train.mask)))
+
+    @property
+    def price(self) -> float:
+        """Chi-square by which a parameter must be worth adding: the logarithm of the samples."""
+        return float(np.log(self.samples))
 
     @cached_property
     def measured(self) -> dict[str, np.ndarray]:
@@ -187,22 +223,15 @@ class LoopProblem:
         return {name: z[..., i][mask[..., i]] for i, name in enumerate(self.train.outputs)}
 
     def model_at(self, values: Float[np.ndarray, " column"], effects: Collection[str]) -> Augmented:
-        """Return the model with all candidates, in which only the named ones are evaluated.
-
-        Args:
-            values: values of all columns.
-            effects: names of the effects in the model.
+        """Return the model with values of all columns, in which only the named effects are
+        evaluated.
         """
         changed = np.asarray(values) != self.initial_values
         model = with_values_at(self.augmented, self.positions[changed], values[changed])
         return model.with_present(effects)
 
     def width(self, chosen: int) -> int:
-        """Return the number of columns of a fit, padding included.
-
-        Args:
-            chosen: number of its shared parameters.
-        """
+        """Return the number of columns of a fit of some shared parameters, padding included."""
         declared = self.columns.declared
         return declared + COLUMN_BLOCK * max(1, -(-(chosen - declared) // COLUMN_BLOCK))
 
@@ -213,20 +242,13 @@ class LoopProblem:
         effect that it refines, and replaces it.
         """
         inside = [self.cards[name] for name in effects]
-        families = {card.family for card in inside}
-        refined = {card.refines for card in inside}
-        absent = []
-        for name, card in self.cards.items():
-            taken = refined if card.repeatable else families | refined
-            allowed = name not in effects and card.family not in taken
-            if allowed and (not card.refines or card.refines in families):
-                absent.append(name)
-        return tuple(absent)
+        families, refined = {card.family for card in inside}, {card.refines for card in inside}
 
-    def refined_by(self, name: str, effects: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the effects among `effects` that an effect refines and replaces."""
-        refines = self.cards[name].refines
-        return tuple(e for e in effects if refines and self.cards[e].family == refines)
+        def allowed(card: EffectCard) -> bool:
+            taken = refined if card.repeatable else families | refined
+            return card.family not in taken and (not card.refines or card.refines in families)
+
+        return tuple(n for n, card in self.cards.items() if n not in effects and allowed(card))
 
     def has_shape(self, name: str) -> bool:
         """Return True if an effect has estimated parameters besides its gain."""
@@ -236,22 +258,22 @@ class LoopProblem:
         """Return True if the records show an effect without a model."""
         return self.effects[name].evident_in_data(self.measured)
 
-    def _positions(self, names) -> np.ndarray:
-        index = {name: position for position, name in enumerate(self.names)}
-        return np.array([index[name] for name in names], int)
 
-
-def starting_states(
-    free: Free, declared: AbstractModel, augmented: AbstractModel
-) -> tuple[str, ...]:
-    """Return the states whose initial value is fitted for a prediction.
-
-    These are the free declared initial states, or all if none is free, and the states of effects.
-    """
-    chosen = tuple(
-        state for state in declared.states if f"{INITIAL_STATE}.{state}" in free.per_record
-    )
-    return (chosen or declared.states) + augmented.states[len(declared.states) :]
+def _check_absent(library: Sequence[Effect], model: AbstractModel) -> None:
+    """Refuse candidates that the declared model already holds, or whose gain is not zero."""
+    known = {effect.name for effect in split_effects(model)[1]}
+    for effect in library:
+        require(
+            effect.name not in known,
+            f"The declared model holds {effect.name!r} already. Leave this candidate out.",
+        )
+        gain = float(effect.gain)
+        require(
+            gain == 0.0,
+            f"The candidate {effect.name!r} has a gain of {gain:g}; a candidate starts absent. "
+            "Leave its gain out. An effect known to be present belongs in the model: "
+            "Augmented(model, (effect,)).",
+        )
 
 
 def regular(R: Float[Array, "output output"]) -> Float[Array, "output output"]:
@@ -259,3 +281,43 @@ def regular(R: Float[Array, "output output"]) -> Float[Array, "output output"]:
     known = np.asarray(R)
     floor = np.finfo(float).eps * np.max(np.diagonal(known))
     return to_device(known + floor * np.eye(known.shape[0]))
+
+
+def use_reduced_model(model: Augmented, samples: int) -> bool:
+    """True if each set of effects is fitted faster by a program of its own than by the program of
+    the complete library.
+
+    The program of the complete library is compiled once, and skips absent effects by a branch for
+    each group of them. Separate programs are faster if
+
+        samples * (operations with all effects absent - operations of the declared model)
+            > COMPILE_COST + COMPILE_COST_PER_OPERATION * (operations of the declared model)
+
+    in operations of the right-hand side; the right side of the inequality is the cost of compiling
+    a separate program. This holds for a small model on long records, and not for an aircraft, whose
+    declared equations are most of the work.
+    """
+    declared = operations(model.model)
+    return (
+        samples * (operations(model) - declared)
+        > COMPILE_COST + COMPILE_COST_PER_OPERATION * declared
+    )
+
+
+def operations(model: AbstractModel) -> int:
+    """Return the number of elementary operations in a model's right-hand side, where a branch
+    counts as one.
+
+    Every later program reuses the trace made here.
+    """
+    t, x, u = jnp.zeros(()), jnp.zeros(len(model.states)), jnp.zeros(len(model.inputs))
+    return _count(jax.make_jaxpr(lambda *instant: rate(model, *instant))(t, x, u).jaxpr)
+
+
+def _count(program) -> int:
+    inner = [
+        [getattr(value, "jaxpr", value) for value in equation.params.values()]
+        for equation in program.eqns
+    ]
+    called = [[part for part in parts if hasattr(part, "eqns")] for parts in inner]
+    return sum(sum(map(_count, parts)) if parts else 1 for parts in called)

@@ -15,6 +15,7 @@ another minimum where gusts are strong.) No program holds the model but those of
 noise, so that a search tries random forces without compiling a filter for them.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -26,7 +27,9 @@ from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
 from .._foundation.types import Array, Bool, Float
 from ..diagnosis.free_form import Linear, answers
-from ..sensitivity.information import gather, record_triangles
+from ..estimation.limits import Limits
+from ..sensitivity.information import Information, gather, record_triangles
+from .estimation_problem import free_of
 from .hypothesis import ForceNoise, RandomForces
 from .linear_motion import LinearMotion
 
@@ -78,35 +81,25 @@ class ForceEstimate(NamedTuple):
 
 @fast_compile_jit
 def force_innovations(
-    motion: ForcedMotion, noise: ForceNoise, signals: Float[Array, "case time signal"]
-) -> tuple[
-    Float[Array, "case time output"],
-    Float[Array, "case time output column"],
-    Float[Array, "case time output probe"],
-]:
-    """Return the whitened innovations of residuals, sensitivities, and responses to forces that
-    follow signals, place by place, signal by signal, function by function.
+    motion: ForcedMotion, noise: ForceNoise
+) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
+    """Return the whitened innovations of the residuals and sensitivities along a motion."""
+    white, _ = _filtered(motion, motion.S, noise)
+    return white[..., 0], white[..., 1:]
 
-    Args:
-        motion: residuals and sensitivities along the motion without forces.
-        noise: forces and sensor noise.
-        signals: signals that a force might follow.
+
+@fast_compile_jit
+def probes(motion: ForcedMotion, signals: Float[Array, "case time signal"]) -> ForcedMotion:
+    """Return the motion with further columns: responses to forces that follow signals, place by
+    place, signal by signal, function by function.
     """
-    forced = jax.vmap(answers)(motion.linear, _functions(signals))
-    columns = forced.reshape(*motion.v.shape, -1)
-    white, _ = _filtered(motion, jnp.concatenate([motion.S, columns], axis=-1), noise)
-    at = motion.S.shape[-1]
-    return white[..., 0], white[..., 1 : at + 1], white[..., at + 1 :]
+    forced = jax.vmap(answers)(motion.linear, _functions(signals)).reshape(*motion.v.shape, -1)
+    return motion._replace(S=jnp.concatenate([motion.S, forced], axis=-1))
 
 
 def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceEstimate:
     """Return the most probable forces and sensor noise, by L-BFGS-B on logarithms, with the step of
-    the free parameters.
-
-    Args:
-        motion: residuals and sensitivities along the motion without forces.
-        own: number of per-record parameters.
-        start: starting values.
+    the free parameters; the first `own` columns are those of the per-record parameters.
     """
     sizes = np.cumsum([part.size for part in start])[:-1]
     begin = np.log(np.concatenate([np.asarray(part) for part in start]))
@@ -140,7 +133,9 @@ def _cost_and_slope(logarithms: ForceNoise, motion: ForcedMotion, own: int):
         white, scale = _filtered(motion, motion.S, jax.lax.stop_gradient(noise))
         before = 0.5 * jnp.sum(white[..., 0] ** 2) + jnp.sum(scale)
         # At the best step the derivative by the step is zero, so that it counts as constant.
-        every, d = jax.lax.stop_gradient(_step(white, own))
+        information = information_of(white[..., 0], white[..., 1:], own)
+        d = jax.lax.stop_gradient(jnp.linalg.lstsq(information.triangle, information.rhs)[0])
+        every = jax.lax.stop_gradient(information.own.solve(d))
         moved = jnp.einsum("ctjp,cp->ctj", motion.S[..., :own], every) + motion.S[..., own:] @ d
         after = motion._replace(v=motion.v - moved)
         white, scale = _filtered(after, motion.S[..., :0], noise)
@@ -149,17 +144,12 @@ def _cost_and_slope(logarithms: ForceNoise, motion: ForcedMotion, own: int):
     return jax.value_and_grad(cost, has_aux=True)(logarithms)
 
 
-def _step(white: Float[Array, "case time output column"], own: int):
-    """Return the step of the parameters of each record and of the others, from whitened residuals
-    and columns.
-    """
-    v, S = white[..., 0], white[..., 1:]
+def information_of(v, S, own: int) -> Information:
+    """Return the information of whitened columns, the per-record ones eliminated."""
     triangles = record_triangles(S[..., :own], S[..., own:], v)
     shared = S.shape[-1] - own
     held = jnp.zeros((v.shape[0], own), bool), jnp.zeros(shared, bool)
-    information = gather(triangles, jnp.zeros((1, shared + 1)), *held)
-    d = jnp.linalg.lstsq(information.triangle, information.rhs)[0]
-    return information.own.solve(d), d
+    return gather(triangles, jnp.zeros((1, shared + 1)), *held)
 
 
 def _functions(signals):
@@ -178,12 +168,9 @@ def _filtered(
     valid, and the logarithm of the determinant of each innovation's factor.
     """
 
-    def of_one(linear, t, mask, v, columns):
-        return _filtered_record(
-            linear, t, mask, jnp.concatenate([v[..., None], columns], axis=-1), noise
-        )
-
-    return jax.vmap(of_one)(motion.linear, motion.t, motion.mask, motion.v, columns)
+    columns = jnp.concatenate([motion.v[..., None], columns], axis=-1)
+    of_one = partial(_filtered_record, noise=noise)
+    return jax.vmap(of_one)(motion.linear, motion.t, motion.mask, columns)
 
 
 def _filtered_record(
@@ -240,30 +227,15 @@ class ForceFit(NamedTuple):
     cost: float
 
 
-def forced_motion(
-    motion: LinearMotion, noise: RandomForces, names: tuple[str, ...] | None = None
-) -> ForcedMotion:
-    """Return a motion for random forces at their places.
-
-    Args:
-        motion: the motion without forces.
-        noise: the forces.
-        names: names of the shared parameters; all by default.
-    """
+def forced_motion(motion: LinearMotion, noise: RandomForces, v, S) -> ForcedMotion:
+    """Return a motion with its residuals and sensitivities, for random forces at their places."""
     linear = motion.without_absent_states(motion.linear_at(noise.places))
-    v, S = motion.sensitivities if names is None else motion.columns_of(names)
-    records = motion.problem.train
-    return ForcedMotion(linear, records.t, records.mask, v, S)
+    return ForcedMotion(linear, motion.problem.train.t, motion.problem.train.mask, v, S)
 
 
 def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> ForceFit:
-    """Return the most probable random forces and parameters; an infinite cost if the start
-    diverges.
-
-    Args:
-        start: motion at the starting values.
-        noise: the forces.
-        first: starting values of their parameters and of the sensor noise.
+    """Return the most probable random forces and parameters, from a motion and the parameters of
+    forces and sensor noise; an infinite cost if the start diverges.
     """
     columns, own = start.problem.columns, len(start.problem.free.per_record)
     chosen = columns.chosen(start.effects)
@@ -271,8 +243,10 @@ def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> F
     best, step = ForceFit(start, first, np.inf), None
     motion, share = start, 1.0
     for _ in range(MOST_FORCE_STEPS):
-        forced = forced_motion(motion, noise, names)
-        here = estimate_forces(forced, own, best.noise) if _is_finite(forced) else None
+        v, S = motion.columns_of(names)
+        finite = all(np.all(np.isfinite(np.asarray(part))) for part in (v, S))
+        forced = forced_motion(motion, noise, v, S)
+        here = estimate_forces(forced, own, best.noise) if finite else None
         if here is not None and here.cost < best.cost:
             best, step, share = ForceFit(motion, here.noise, here.cost), here, 1.0
         else:
@@ -283,13 +257,10 @@ def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> F
     return best
 
 
-def _is_finite(motion: ForcedMotion) -> bool:
-    return all(bool(np.all(np.isfinite(np.asarray(part)))) for part in (motion.v, motion.S))
-
-
 def _moved(motion: LinearMotion, chosen, step: ForceEstimate, share: float) -> LinearMotion:
     """Return the motion after a share of a step, within the bounds."""
-    limits = motion.problem.columns.limits(chosen, 0, motion.problem.train.n_cases)
+    problem = motion.problem
+    limits = Limits.of(free_of(problem, motion.effects), problem.train.n_cases)
     values = motion.values.copy()
     shared = values[chosen] + share * step.shared
     values[chosen] = np.clip(
@@ -297,4 +268,4 @@ def _moved(motion: LinearMotion, chosen, step: ForceEstimate, share: float) -> L
     )
     rows = np.asarray(motion.rows) + share * step.own
     rows = np.clip(rows, np.asarray(limits.lower.rows), np.asarray(limits.upper.rows))
-    return LinearMotion(motion.problem, motion.effects, values, to_device(rows))
+    return LinearMotion(problem, motion.effects, values, to_device(rows))

@@ -1,7 +1,8 @@
 """`search`: beam search over hypotheses, from the declared model."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 
 import numpy as np
 
@@ -11,14 +12,21 @@ from ..effects.library import initialise_shapes
 from ..effects.shape_initialisation import RESIDUAL, SIMULATED
 from ..estimation.estimate import divergence
 from ..estimation.likelihoods import OutputError
-from .evidence import Comparison, compare, inflation, is_noise_like, log_samples, worth
+from .evidence import (
+    INSEPARABLE,
+    SETTLED,
+    Comparison,
+    compare,
+    inflation,
+    is_noise_like,
+    worth,
+)
 from .fit import LoopFit, check_finite, compile_programs, fit, make_room
 from .hypothesis import Hypothesis, White
 from .moves import Move, MoveKind, Proposals, localise_fit
-from .noise_moves import noise_moves
+from .noise import noise_moves
 from .options import LoopOptions
 from .problem import LoopProblem
-from .thresholds import INSEPARABLE, SETTLED
 
 # Chosen: share of the expected fall; a refit that brings less starts again from the estimated gain.
 STALLED = 0.25
@@ -29,14 +37,7 @@ Progress = Callable[[str], None]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Step:
-    """A refitted move.
-
-    Attributes:
-        parent: fit from which it was made.
-        move: the change.
-        fit: the fit after it.
-        comparison: the comparison of both.
-    """
+    """A move from one fit to another, and the comparison of both."""
 
     parent: LoopFit
     move: Move
@@ -49,27 +50,31 @@ class SearchTree:
     """All fits of a search.
 
     Attributes:
-        problem: the problem, with shapes set from the declared fit.
-        declared: fit of the declared model.
+        declared: fit of the declared model, whose problem has the shapes set from it.
         best: fit of the best hypothesis.
         steps: all refits, in order.
-        signals: states, inputs and time `t` of the declared fit, each of shape (case, time).
         path: accepted steps from the declared model to the best hypothesis.
-        where: location of the residual of the declared model, if it was needed.
         followed: candidates and signals that forces without effects would follow; such forces are
             not random.
         interrupted: True if the user stopped the search.
     """
 
-    problem: LoopProblem
     declared: LoopFit
     best: LoopFit
-    signals: Mapping[str, np.ndarray]
     steps: list[Step] = dataclasses.field(default_factory=list)
     path: list[Step] = dataclasses.field(default_factory=list)
-    where: LocalisationResult | None = None
     followed: tuple[str, ...] = ()
     interrupted: bool = False
+
+    @property
+    def problem(self) -> LoopProblem:
+        """The problem of the search."""
+        return self.declared.problem
+
+    @cached_property
+    def where(self) -> LocalisationResult:
+        """Location of the residual of the declared model."""
+        return localise_fit(self.declared)
 
     def fits(self) -> list[LoopFit]:
         """Return all different fits, the declared one first."""
@@ -91,7 +96,7 @@ class SearchTree:
             if not set(best.effects) <= set(other.effects)
             or type(other.hypothesis.noise) is not type(best.hypothesis.noise)
         ]
-        worse = [_price(other) - _price(best) for other in others]
+        worse = [other.price - best.price for other in others]
         pairs = [(o, w) for o, w in zip(others, worse, strict=True) if np.isfinite(w)]
         return sorted(pairs, key=lambda pair: pair[1])
 
@@ -104,11 +109,6 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
     with an accepted move ends the expansion, and the best `beam_width` results of all expansions
     are the next beam. The search stops when no move is accepted. Ctrl-C ends it with the best
     hypothesis so far.
-
-    Args:
-        problem: the problem.
-        options: levels and limits.
-        progress: function that receives a short text at every step.
     """
     progress("compilation of the model with its candidates")
     compile_programs(problem)
@@ -116,10 +116,9 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
     declared = fit(problem, Hypothesis())
     if not np.isfinite(declared.cost):
         raise divergence(problem.model, problem.free, problem.train, problem.likelihood)
-    problem, signals = with_shapes(declared)
-    declared = dataclasses.replace(declared, problem=problem)
+    declared = with_shapes(declared)
     check_finite(declared)
-    tree = SearchTree(problem, declared, declared, signals)
+    tree = SearchTree(declared, declared)
     try:
         _grow(tree, options, progress)
         _refit_alternatives(tree, options, progress)
@@ -128,15 +127,12 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
     return tree
 
 
-def with_shapes(declared: LoopFit) -> tuple[LoopProblem, dict[str, np.ndarray]]:
-    """Return the problem with the initial shapes of its effects set from the declared fit, and the
-    states, inputs and time of that fit.
-    """
+def with_shapes(declared: LoopFit) -> LoopFit:
+    """Return the declared fit with the initial shapes of the candidates set from it."""
     problem, train = declared.problem, declared.problem.train
-    model, signals = problem.model, declared.motion.signals
+    signals = dict(declared.motion.signals)
     mask, z = np.asarray(train.mask), np.asarray(train.z)
     left = np.where(mask, np.asarray(declared.solution.residuals), 0.0)
-    variables = {name: signals[name] for name in (*model.states, *model.inputs, "t")}
     for i, name in enumerate(train.outputs):
         signals[RESIDUAL + name] = left[..., i]
         signals[SIMULATED + name] = np.where(mask[..., i], z[..., i] - left[..., i], 0.0)
@@ -145,7 +141,7 @@ def with_shapes(declared: LoopFit) -> tuple[LoopProblem, dict[str, np.ndarray]]:
     samples = {name: signal[valid] for name, signal in signals.items()}
     step = float(typical_step(train.t))
     library = initialise_shapes(problem.library, samples, problem.measured, step)
-    return problem.with_library(library), variables
+    return dataclasses.replace(declared, problem=dataclasses.replace(problem, library=library))
 
 
 def _grow(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
@@ -163,17 +159,12 @@ def _grow(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
         if not children:
             return
         if len(beam) > 1:
-            children.sort(key=lambda child: (not _is_evident(child[1][-1]), _price(child[0])))
+            children.sort(key=lambda child: (not _is_evident(child[1][-1]), child[0].price))
         beam = children[: options.beam_width]
         best, path = beam[0]
         ancestors = [tree.declared, *(step.fit for step in path)]
-        if tree.best in ancestors or _price(best) < _price(tree.best):
+        if tree.best in ancestors or best.price < tree.best.price:
             tree.best, tree.path = best, path
-
-
-def _price(fitted: LoopFit) -> float:
-    """Return chi-square on the training records, with a price for each parameter."""
-    return 2.0 * fitted.cost + log_samples(fitted) * fitted.count
 
 
 def _is_evident(step: Step) -> bool:
@@ -189,35 +180,36 @@ def _expand(tree, parent: LoopFit, path, options: LoopOptions, progress) -> list
     """
     if not isinstance(parent.estimation.problem.likelihood, OutputError):
         return []
-    proposals = Proposals(parent, options)
-    count = len(proposals.candidates)
-    stages: list[Callable[[], tuple[list[Move], int]]] = [lambda: (proposals.drops()[:1], count)]
     rounds = sum(step.move.kind is not MoveKind.DROP for step in path)
-    if rounds < options.max_rounds:
-        stages.append(lambda: (_changes(proposals), count))
-        stages.append(lambda: (proposals.pairs(), count * (count - 1) // 2))
-        if len(parent.effects) > 1:
-            stages.append(lambda: (proposals.swaps(np.inf)[: options.swap_limit], count))
-        stages.append(lambda: (_noises(tree, parent, options, progress), 1))
-    for stage in stages:
-        moves, candidates = stage()
-        report = _of_round(rounds + 1, progress)
-        steps = _refits(tree, parent, moves, candidates, options, report)
+
+    def report(text: str) -> None:
+        progress(f"round {rounds + 1}: {text}")
+
+    for moves, count in _stages(tree, Proposals(parent, options), rounds, progress):
+        steps = _refits(tree, parent, moves, count, options, report)
         accepted = [step for step in steps if step.comparison.accepted]
         if accepted:
             return _ordered(accepted)
     return []
 
 
-def _of_round(number: int, progress: Progress) -> Progress:
-    """Return a progress function whose texts name the round."""
-    return lambda text: progress(f"round {number}: {text}")
+def _stages(
+    tree: SearchTree, proposals: Proposals, rounds: int, progress: Progress
+) -> Iterator[tuple[list[Move], int]]:
+    """Yield the moves of each stage, with the number of candidates among which they are selected.
 
-
-def _changes(proposals: Proposals) -> list[Move]:
-    """Return additions, groups, and the swaps that should be better."""
-    swaps = proposals.swaps(0.0)[: proposals.options.swap_limit]
-    return [*proposals.additions(), *proposals.groups(), *swaps]
+    After the last round only removals remain.
+    """
+    options, count = proposals.options, len(proposals.candidates)
+    yield proposals.drops()[:1], count
+    if rounds >= options.max_rounds:
+        return
+    swaps = proposals.swaps(0.0)[: options.swap_limit]
+    yield [*proposals.additions(), *proposals.groups(), *swaps], count
+    yield proposals.pairs(), count * (count - 1) // 2
+    if len(proposals.fit.effects) > 1:
+        yield proposals.swaps(np.inf)[: options.swap_limit], count
+    yield _noises(tree, proposals.fit, options, progress), 1
 
 
 def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
@@ -227,10 +219,8 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
     where = None
     if not is_noise_like(parent, options) and tree.problem.equations:
         progress("location of the residual")
-        if tree.where is None:
-            tree.where = localise_fit(tree.declared)
         where = tree.where if parent is tree.declared else localise_fit(parent, tree.where.splines)
-    moves, followed = noise_moves(parent, tree.declared, where, tree.signals, options)
+    moves, followed = noise_moves(parent, tree.declared, where, options)
     tree.followed = tuple(dict.fromkeys((*tree.followed, *followed)))
     return moves
 
@@ -245,8 +235,7 @@ def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> l
         simple = move.kind is MoveKind.ADD and not tree.problem.has_shape(move.into[0])
         if simple and move.expected < HOPELESS_SHARE * best:
             continue
-        noise = type(move.hypothesis.noise).__name__ if move.kind is MoveKind.NOISE else ""
-        progress(f"refit with {', '.join(move.hypothesis.effects) or 'no effect'} {noise}".strip())
+        progress(f"refit with {move.hypothesis}")
         new = refit(parent, move)
         steps.append(Step(parent, move, new, compare(parent, new, options, count)))
         tree.steps.append(steps[-1])
@@ -262,23 +251,17 @@ def refit(parent: LoopFit, move: Move) -> LoopFit:
     from the gain that the linear model predicts, and from the declared values.
     """
     first = fit(parent.problem, move.hypothesis, parent, move.start)
-    if move.kind is MoveKind.DROP:
-        return first
-    fits = [first]
+    others: list[tuple[LoopFit | None, Mapping[str, float]]] = []
     if move.kind is MoveKind.NOISE:
-        if move.start and first.converged:  # forces start at their most probable values
-            return first
-        second = fit(parent.problem, move.hypothesis, None, move.start)
-        return min(first, second, key=_cost_or_infinity)
-    if not first.converged or 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
-        fits.append(fit(parent.problem, move.hypothesis, parent, {**move.start, **move.estimated}))
-    if not first.converged:
-        fits.append(fit(parent.problem, move.hypothesis, None, move.start))
-    return min(fits, key=_cost_or_infinity)
-
-
-def _cost_or_infinity(fitted: LoopFit) -> float:
-    return fitted.cost if np.isfinite(fitted.cost) else float("inf")
+        if not (move.start and first.converged):  # forces start at their most probable values
+            others.append((None, move.start))
+    elif move.kind is not MoveKind.DROP:
+        if not first.converged or 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
+            others.append((parent, {**move.start, **move.estimated}))
+        if not first.converged:
+            others.append((None, move.start))
+    fits = [first, *(fit(parent.problem, move.hypothesis, *other) for other in others)]
+    return min(fits, key=lambda fitted: fitted.cost)
 
 
 def _ordered(steps: list[Step]) -> list[Step]:
@@ -286,8 +269,7 @@ def _ordered(steps: list[Step]) -> list[Step]:
 
     An effect that the records show without a model goes before all others.
     """
-    evident = [step for step in steps if _is_evident(step)]
-    rest = [s for s in steps if s not in evident]
+    evident, rest = ([s for s in steps if _is_evident(s) is one] for one in (True, False))
     return [*_by_evidence(evident), *_by_evidence(rest)]
 
 
@@ -297,18 +279,16 @@ def _by_evidence(steps: list[Step]) -> list[Step]:
     """
     if not steps:
         return []
-    top = max(steps, key=lambda step: step.comparison.worth)
-    margin = top.comparison.worth - INSEPARABLE * inflation(top.fit, top.move.into)
+    worths = {step: worth(step.fit) for step in steps}
+    top = max(steps, key=lambda step: worths[step])
+    margin = worths[top] - INSEPARABLE * inflation(top.fit, top.move.into)
 
     def order(step: Step):
-        near = step.comparison.worth >= margin
-        return not near, _complexity(step) if near else 0, -step.comparison.worth
+        near, cards = worths[step] >= margin, step.fit.problem.cards
+        complexity = sum(cards[name].complexity for name in step.fit.effects)
+        return not near, complexity if near else 0, -worths[step]
 
     return sorted(steps, key=order)
-
-
-def _complexity(step: Step) -> int:
-    return sum(step.fit.problem.effects[name].card.complexity for name in step.fit.effects)
 
 
 def _refit_alternatives(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:

@@ -15,7 +15,7 @@ from .options import LoopOptions
 from .outcome import Outcome
 from .problem import LoopProblem
 from .search import SearchTree, search
-from .wording import error_words, next_best_words, table, verdict_words
+from .wording import next_best_words, verdict_words
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -24,13 +24,11 @@ class EffectSearch:
 
     Attributes:
         tree: all fits of the search.
-        assessment: outcome, objections and location of the residual.
-        tests: test records by name of set.
+        assessment: outcome and objections.
     """
 
     tree: SearchTree
     assessment: Assessment
-    tests: Mapping[str, Record]
 
     @property
     def outcome(self) -> Outcome:
@@ -64,10 +62,12 @@ class EffectSearch:
         return self.tree.best.model_and_free[0]
 
     def __str__(self) -> str:
-        errors = error_words(self.tree.declared, self.tree.best, self.tests)
-        parts = [verdict_words(self.tree.best, self.assessment), next_best_words(self.tree), errors]
-        stopped = ["The search was stopped; this is its best so far."] * self.tree.interrupted
-        return "\n".join([*stopped, *filter(None, parts), "", table(self.tree)])
+        tree, width = self.tree, max(map(len, (*self.estimates, "parameter")))
+        lines = ["The search was stopped; this is its best so far."] * tree.interrupted
+        lines += [verdict_words(tree, tree.best, self.assessment), next_best_words(tree), ""]
+        lines.append(f"{'parameter':<{width}} {'value':>12} {'std. error':>12}")
+        lines += [f"{n:<{width}} {v:>12.5g} {e:>12.3g}" for n, (v, e) in self.estimates.items()]
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         return preformatted(str(self))
@@ -97,12 +97,16 @@ def search_effects(
         The search with its verdict. Ctrl-C stops the search; the result is then its best so far.
 
     Raises:
-        InputError: if JAX is in 32 bit, or the declared model diverges at its starting values.
+        InputError: if JAX is in 32 bit, the test records cannot be predicted, or the declared model
+            diverges at its starting values.
     """
     require_float64()
     release_compiled_programs_if_needed()
     options, progress = options or LoopOptions(), progress or (lambda _: None)
+    tests = {name: as_stack(records) for name, records in (test or {}).items()}
+    for records in tests.values():
+        problem.check_predicted(records)
+    tests = {name: records.anonymous() for name, records in tests.items()}
     tree = search(problem, options, progress)
-    tests = {name: as_stack(records).anonymous() for name, records in (test or {}).items()}
     progress("assessment")
-    return EffectSearch(tree, assess(tree, tests, options), tests)
+    return EffectSearch(tree, assess(tree, tests, options))

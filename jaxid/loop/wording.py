@@ -3,44 +3,22 @@
 from collections import Counter
 from collections.abc import Sequence
 
-import numpy as np
-
-from ..diagnosis.heldout_error import mean_log
 from ..effects.augmented import split_effects
 from .assess import Assessment, Check, Objection
-from .evidence import Decision
 from .fit import LoopFit
-from .hypothesis import Coloured, NoiseHypothesis, RandomForces, White
 from .outcome import Outcome
-from .search import SearchTree, Step
+from .search import SearchTree
 
-DECISIONS = {
-    Decision.BETTER: "better",
-    Decision.CHECK_WORSE: "predicts the check records worse",
-    Decision.UNDETERMINED: "its gain is not determined",
-    Decision.DEGENERATE: "on a bound where it has no effect",
-    Decision.NOT_SIGNIFICANT: "not significant",
-}
 NO_EFFECT = (
     "No effect is missing that these records could show: the residual is consistent with {}."
 )
-MOST_STEPS = 12  # chosen: rows of the table
 
 
-def noise_words(noise: NoiseHypothesis) -> str:
-    """Return a noise model in words."""
-    if isinstance(noise, Coloured):
-        return f"coloured sensor noise of order {noise.order}"
-    if isinstance(noise, RandomForces):
-        places = [f"the equation of {name}" for name in noise.equations] + [*noise.air]
-        return f"random forces in {' and '.join(places)}"
-    return "white noise" if isinstance(noise, White) else noise.words
-
-
-def verdict_words(best: LoopFit, assessment: Assessment) -> str:
-    """Return the outcome in a sentence or two."""
-    effects = effect_words(best)
-    noise = noise_words(best.hypothesis.noise)
+def verdict_words(tree: SearchTree, best: LoopFit, assessment: Assessment) -> str:
+    """Return the outcome of a search, with its last fit, in a sentence or two."""
+    effects, noise = effect_words(best), best.hypothesis.noise.words
+    near = tree.where.near_best() if assessment.outcome is Outcome.UNEXPLAINED else ()
+    places = " or ".join(place.location.label for place in near)
     sentence = {
         Outcome.NOTHING_MISSING: f"Nothing is missing: the residual is consistent with {noise}, "
         "and no candidate explains any of it.",
@@ -48,7 +26,7 @@ def verdict_words(best: LoopFit, assessment: Assessment) -> str:
         f"{noise}.",
         Outcome.PROXIES: f"Something is missing; the best proxies are: {effects}.",
         Outcome.UNEXPLAINED: "Something is missing, and nothing in the library explains it. The "
-        f"residual acts at: {place_words(assessment)}.",
+        f"residual acts at: {places}.",
         Outcome.COLOURED_NOISE: NO_EFFECT.format(noise),
         Outcome.PROCESS_NOISE: NO_EFFECT.format(noise),
     }[assessment.outcome]
@@ -76,13 +54,6 @@ def worse_words(test: str, channels: Sequence[str], beyond: Sequence[str]) -> st
         f"But the error on {test} grows with it ({', '.join(channels)}): it does not carry over to "
         f"these records{outside if beyond else ''}."
     )
-
-
-def place_words(assessment: Assessment) -> str:
-    """Return the places near the best one."""
-    if assessment.where is None:
-        return "no place"
-    return " or ".join(place.location.label for place in assessment.where.near_best())
 
 
 def objection_words(objection: Objection) -> str:
@@ -113,31 +84,5 @@ def next_best_words(tree: SearchTree) -> str:
         return "No other hypothesis was fitted."
     other, worse = others[0]
     effects = " and ".join(other.effects) or "no effect"
-    noise = noise_words(other.hypothesis.noise)
+    noise = other.hypothesis.noise.words
     return f"Next best: {effects} with {noise}, worse by {worse:.1f} in chi-square."
-
-
-def table(tree: SearchTree) -> str:
-    """Return the refits of a search, best first, and the estimates of the best hypothesis."""
-    header = f"{'chi-square falls by':>20} {'required':>9} {'check':>7}  hypothesis: decision"
-    rows = sorted(tree.steps, key=lambda step: step.fit.cost)[:MOST_STEPS]
-    lines = [header, *map(_row, rows), "", f"{'parameter':<40} {'value':>12} {'std. error':>12}"]
-    lines += [f"{n:<40} {v:>12.5g} {e:>12.3g}" for n, (v, e) in tree.best.estimates.items()]
-    return "\n".join(lines)
-
-
-def error_words(before: LoopFit, after: LoopFit, tests) -> str:
-    """Return the ratio of the errors on test records after and before, by set."""
-    parts = []
-    for name, records in tests.items():
-        ratio = np.exp(mean_log(after.predict(records)) - mean_log(before.predict(records)))
-        parts.append(f"Error on {name}: {ratio:.3g} times the error of the declared model.")
-    return "\n".join(parts)
-
-
-def _row(step: Step) -> str:
-    comparison = step.comparison
-    effects = ", ".join(step.fit.effects) or "no effect"
-    words = f"{effects} with {noise_words(step.fit.hypothesis.noise)}"
-    numbers = f"{comparison.fall:>20.1f} {comparison.required:>9.1f} {comparison.check_fall:>7.3f}"
-    return f"{numbers}  {words}: {DECISIONS[comparison.decision]}"

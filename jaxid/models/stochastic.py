@@ -17,16 +17,17 @@ class StochasticModel(AbstractModel):
         d_k = c_k dw_k/dt (white),    or    d(d_k) = -d_k/T_k dt + sqrt(2/T_k) s_k dw_k,
         z_i = output(t_i, x_i, [u_i, d_i]) + e_i,    e_i ~ N(0, diag(sensor^2))
 
-    Its states are the states of the model followed by the disturbances with memory. Simulated, it
-    moves without noise. An output that depends on the rate of a state contains no white noise of
-    its equation.
+    A disturbance acts through an input of the model, or is a force that is added to the rate of a
+    state. Its states are the states of the model followed by the disturbances with memory; the
+    force in the equation of `v` is `force_v`. Simulated, it moves without noise. An output that
+    depends on the rate of a state contains no white noise of its equation.
 
     Args:
         model: the model; its inputs after `inputs` are disturbances.
-        process: by state or white disturbance, the square root of the spectral density [unit of
-            the state per sqrt(s); unit of the disturbance times sqrt(s)]; by disturbance with
-            memory, the standard deviation [unit of the disturbance].
-        correlation_time: by disturbance with memory [s].
+        process: by state or disturbance. White, the square root of the spectral density [unit of
+            the state per sqrt(s); unit of the disturbance times sqrt(s)]; with memory, the standard
+            deviation [unit of the state per second; unit of the disturbance].
+        correlation_time: by state or disturbance with memory [s].
         sensor: standard deviation of the noise, by output [unit of the output].
         initial: standard deviation of the initial state, by state [unit of the state]; zero if
             missing.
@@ -43,7 +44,8 @@ class StochasticModel(AbstractModel):
 
     @property
     def states(self):
-        return (*self.model.states, *self.with_memory)
+        own = self.model.states
+        return (*own, *(f"force_{name}" if name in own else name for name in self.with_memory))
 
     @property
     def outputs(self):
@@ -51,7 +53,9 @@ class StochasticModel(AbstractModel):
 
     @property
     def with_memory(self) -> tuple[str, ...]:
-        """Names of the disturbances with memory, in the order of their states."""
+        """Names of the states and disturbances whose noise has a memory, in the order of their
+        states.
+        """
         return tuple(sorted(self.correlation_time))
 
     @property
@@ -68,6 +72,9 @@ class StochasticModel(AbstractModel):
         own, disturbances = self._split(x)
         times = self._vector(self.correlation_time, self.with_memory)
         rates = self.model.rhs(t, own, self._inputs(u, disturbances))
+        for name, force in zip(self.with_memory, disturbances, strict=True):
+            if name in self.model.states:
+                rates = rates.at[self.model.states.index(name)].add(force)
         return jnp.concatenate([rates, -disturbances / times])
 
     def output(self, t, x, u):
@@ -93,21 +100,22 @@ class StochasticModel(AbstractModel):
         noise |= {f"initial.{name}": units.get(name, "") for name in self.initial}
         noise |= {f"correlation_time.{name}": "s" for name in self.correlation_time}
         for name in self.process:
-            unit = units.get(name, "")
-            density = f"{unit}/sqrt(s)" if name in self.model.states else f"{unit}*sqrt(s)"
-            noise[f"process.{name}"] = unit if name in self.correlation_time else density
+            time = "s" if name in self.correlation_time else "sqrt(s)"
+            unit, is_state = units.get(name, ""), name in self.model.states
+            other = unit if time == "s" else f"{unit}*{time}"
+            noise[f"process.{name}"] = f"{unit}/{time}" if is_state else other
         return units | noise
 
     def diffusion(
         self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]
     ) -> Float[Array, "state noise"]:
         """Return the matrix `G` of `dx = rhs dt + G dw` with independent unit white noises."""
-        at, columns = self.states, []
-        for name in self.with_memory:
+        columns = []
+        for at, name in enumerate(self.with_memory, start=len(self.model.states)):
             size = self.process[name] * jnp.sqrt(2.0 / self.correlation_time[name])
-            columns.append(jnp.zeros(len(at)).at[at.index(name)].set(size))
+            columns.append(jnp.zeros(len(self.states)).at[at].set(size))
         columns += [self._white_column(name, t, x, u) for name in self.white]
-        return jnp.stack(columns, axis=-1) if columns else jnp.zeros((len(at), 0))
+        return jnp.stack(columns, axis=-1) if columns else jnp.zeros((len(self.states), 0))
 
     def feedthrough(
         self, t: Float[Array, ""], x: Float[Array, " state"], u: Float[Array, " input"]

@@ -16,13 +16,13 @@ from ..estimation.estimate import Fit
 from ..estimation.likelihoods import OutputError
 from ..estimation.result import Estimate
 from ..loop.assess import Assessment, Check, Objection
+from ..loop.evidence import INSEPARABLE
 from ..loop.fit import LoopFit, fit
 from ..loop.moves import Proposals, localise_fit
 from ..loop.options import LoopOptions
 from ..loop.outcome import Outcome
 from ..loop.search import SearchTree
 from ..loop.search_effects import EffectSearch
-from ..loop.thresholds import INSEPARABLE
 from ..loop.wording import next_best_words, verdict_words
 from ..sensitivity.spectrum import spectrum
 from .caveats import caveats
@@ -47,7 +47,7 @@ def assemble_study(
     """
     tree, assessment = result.tree, result.assessment
     rounds = rounds_of(tree, options)
-    where, reports = _where(tree, assessment), _residual_reports(tree)
+    where, reports = _where(tree), _residual_reports(tree)
     # A noise model that the checks did not pass explains nothing.
     accepted = assessment.outcome is not Outcome.UNEXPLAINED
     declared, best, dropped = tree.declared, tree.best if accepted else tree.declared, ()
@@ -66,7 +66,7 @@ def assemble_study(
         for predictor, fitted in zip(predicting, (declared, best), strict=True)
     )
     estimated = {effect.name: effect for effect in split_effects(after.model)[1]}
-    words = [verdict_words(best, assessment)]
+    words = [verdict_words(tree, best, assessment)]
     if best.effects:
         words += caveats(before, after, records.tests, records.used)
     return Study(
@@ -97,9 +97,9 @@ def assemble_study(
     )
 
 
-def _where(tree: SearchTree, assessment: Assessment):
+def _where(tree: SearchTree):
     """Return the location of the residual before and after."""
-    before = assessment.where or localise_fit(tree.declared)
+    before = tree.where
     white = isinstance(tree.best.estimation.problem.likelihood, OutputError)
     if not tree.best.effects or not white:
         return {"before": before, "after": before}
@@ -109,7 +109,7 @@ def _where(tree: SearchTree, assessment: Assessment):
 def _residual_reports(tree: SearchTree) -> dict[str, ResidualReport]:
     """Return the tests of the training residual before and after, noise models removed."""
     train = tree.problem.train
-    signals = {name: jnp.asarray(signal) for name, signal in tree.signals.items()}
+    signals = {name: jnp.asarray(signal) for name, signal in tree.declared.motion.variables.items()}
 
     def report(residuals):
         return analyse_residual(residuals, train.mask, signals, train.outputs)
@@ -134,7 +134,8 @@ def _fitted_on(records: Record, declared: LoopFit, best: LoopFit, options: LoopO
 def without(
     assessment: Assessment, effects: tuple[str, ...], dropped: tuple[str, ...]
 ) -> Assessment:
-    """Return the assessment after effects turned out insignificant on the complete records.
+    """Return the assessment after effects turned out insignificant on the complete records
+    (`test_effect_removed_by_complete_records_is_no_cause`).
 
     Args:
         assessment: the assessment of the search.
@@ -161,9 +162,9 @@ def _side(predicting: LoopFit, fitted: LoopFit, records: StudyRecords) -> Side:
     problem, (model, free) = fitted.problem, fitted.model_and_free
     noise, threshold = problem.likelihood.noise, problem.solver.policy.threshold
     solution = _unpadded(fitted.solution, len(free.shared))
-    estimation = fitted.estimation
-    stochastic = not isinstance(estimation.problem.likelihood, OutputError)
-    of = estimation.model if stochastic else model
+    estimated = fitted.estimation.problem
+    stochastic = not isinstance(estimated.likelihood, OutputError)
+    of = estimated.model if stochastic else model
     estimate = Estimate.of(solution, of, free, used, threshold, noise.is_known)
     return Side(model, estimate, predictions, rms)
 

@@ -1,15 +1,12 @@
-"""Default library of candidate effects of a study, and its checks."""
+"""Default library of candidate effects of a study."""
 # Pyright counts equinox's abstract fields as arguments of the constructor.
 # pyright: reportCallIssue=false
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from .._foundation.checks import require
 from .._foundation.grid import is_uniform
 from ..data.record import Record
-from ..effects.augmented import absent_effects, split_effects
+from ..effects.augmented import absent_effects
 from ..effects.base import Effect
 from ..effects.library import general_effects, uncertain_equations
 from ..effects.parameter import ParameterDrift, not_free
@@ -37,21 +34,3 @@ def candidates(model: AbstractModel, free: Free, *records: Record) -> tuple[Effe
     drifts = (ParameterDrift(name, unit=units.get(name, "")) for name in free.shared)
     others = absent_effects(model, (drift for drift in drifts if drift.name not in known))
     return not_free((*own, *others), free.shared + free.per_record)
-
-
-def require_absent(library: Sequence[Effect], model: AbstractModel) -> None:
-    """Refuse candidates that the declared model already holds, or whose gain is not zero."""
-    known = {effect.name for effect in split_effects(model)[1]}
-    for effect in library:
-        require(
-            effect.name not in known,
-            f"The declared model holds {effect.name!r} already. Leave this candidate out.",
-        )
-        gain = float(effect.gain)
-        require(
-            gain == 0.0,
-            f"The candidate {effect.name!r} has a gain of {gain:g}; a candidate starts absent. "
-            "Leave "
-            "its gain out. An effect known to be present belongs in the model: "
-            "Augmented(model, (effect,)).",
-        )

@@ -4,24 +4,20 @@ after.
 
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-
-from .._foundation.checks import require, require_float64
-from ..diagnosis.validation import check_window
+from .._foundation.checks import require_float64
 from ..effects.base import Effect
-from ..estimation.estimate import check_channels, check_samples, check_sampling
-from ..estimation.filter.filter_error import FilterError
+from ..estimation.estimate import check_channels, check_sampling
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
 from ..loop.options import LoopOptions
-from ..loop.problem import SEARCH_SOLVER, LoopProblem, starting_states
+from ..loop.problem import SEARCH_SOLVER, LoopProblem
 from ..loop.search_effects import search_effects
 from ..models.base import AbstractModel
 from ..models.free import Free
 from .assembly import assemble_study
-from .candidates import candidates, require_absent
+from .candidates import candidates
 from .study import Study
-from .study_records import Records, StudyRecords, study_records
+from .study_records import Records, study_records
 
 
 def close_loop(
@@ -75,7 +71,11 @@ def close_loop(
     require_float64()
     progress, options = progress or (lambda _: None), options or LoopOptions()
     records = study_records(train, check, test, window)
-    library = _checked_library(model, free, likelihood, records, effects, window)
+    everything = (records.fitted, records.check, *records.tests.values())
+    for stacked in everything:
+        check_channels(model, stacked)
+        check_sampling(model, stacked, likelihood)
+    library = candidates(model, free, *everything) if effects is None else tuple(effects)
     problem = LoopProblem.of(
         model,
         library,
@@ -89,39 +89,3 @@ def close_loop(
     tests = records.tests if records.own_tests else {}
     result = search_effects(problem, test=tests, options=options, progress=progress)
     return assemble_study(result, records, options, progress)
-
-
-def _checked_library(
-    model: AbstractModel,
-    free: Free,
-    likelihood: AbstractLikelihood,
-    records: StudyRecords,
-    effects: Sequence[Effect] | None,
-    window: int | None,
-) -> tuple[Effect, ...]:
-    """Return the candidate effects, after all checks of the input."""
-    predicted = (records.check, *records.tests.values())
-    everything = (records.fitted, *predicted)
-    for stacked in everything:
-        check_channels(model, stacked)
-        check_sampling(model, stacked, likelihood)
-    check_samples(records.fitted)
-    require(
-        not isinstance(likelihood, FilterError),
-        "A study fits by output error and tries random forces by itself. Use OutputError().",
-    )
-    likelihood.check(model, records.fitted)
-    library = candidates(model, free, *everything) if effects is None else tuple(effects)
-    require_absent(library, model)
-    for effect in library:
-        for stacked in everything:
-            effect.check(np.asarray(stacked.t))
-    if window is not None:
-        for stacked in predicted:
-            check_window(model, stacked, window, len(starting_states(free, model, model)))
-    require(
-        bool(np.any(np.asarray(records.check.mask)[:, window or 0 :])),
-        "No output of the check records has a valid sample after the window. Give other records, "
-        "or leave `check` out.",
-    )
-    return library

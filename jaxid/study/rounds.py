@@ -12,7 +12,6 @@ from ..loop.fit import LoopFit
 from ..loop.moves import MoveKind, Proposals
 from ..loop.options import LoopOptions
 from ..loop.search import SearchTree, Step
-from ..loop.wording import DECISIONS, noise_words
 from ..models.base import AbstractModel
 from ..models.free import Free
 from .second_opinion import Refusal, SecondOpinion, second_opinion
@@ -85,7 +84,7 @@ class Candidate:
         """The decision in words."""
         if self.added:
             return "added"
-        return "not refitted" if self.decision is None else DECISIONS[self.decision]
+        return "not refitted" if self.decision is None else self.decision.value
 
 
 @dataclasses.dataclass(frozen=True)
@@ -213,7 +212,7 @@ def _refitted(step: Step, added: bool) -> Candidate:
     """Return the candidate of a refitted change."""
     problem, comparison, parts = step.fit.problem, step.comparison, step.move.into
     cards = [problem.effects[name].card for name in parts]
-    noise = noise_words(step.fit.hypothesis.noise)
+    noise = step.fit.hypothesis.noise.words
     is_noise = step.move.kind is MoveKind.NOISE
     gains = list(step.move.estimated.values())
     return Candidate(

@@ -27,9 +27,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
-from .._foundation.types import Array, Float
+from .._foundation.types import Float
 from ..estimation.likelihoods import OutputError
 from ..loop.evidence import is_noise_like
 from ..loop.fit import LoopFit
@@ -163,7 +162,8 @@ def block_products(
     problem = fit.problem
     own, at = len(problem.free.per_record), fit.triangle.at([f"{n}.gain" for n in candidates])
     free = [own + k for k, is_free in enumerate(fit.triangle.free) if is_free]
-    rows = _white_columns(fit, [*range(own), *free, *(own + k for k in at)])
+    S = np.asarray(fit.motion.sensitivities[1])[..., [*range(own), *free, *(own + k for k in at)]]
+    rows = np.asarray(fit.whitened(to_device(S))[1])
     cases, samples, outputs, _ = rows.shape
     records = rows.reshape(cases, samples * outputs, -1)
     columns = np.concatenate([_orthogonal(r[:, own:], r[:, :own]) for r in records])
@@ -171,7 +171,7 @@ def block_products(
     length = np.linalg.norm(orthogonal, axis=0)
     unit = orthogonal / np.where(length > 0, length, 1.0)
 
-    estimated = len(result.estimation.names) + result.solution.parameters.rows.size
+    estimated = len(result.estimation.free.shared) + result.solution.parameters.rows.size
     inflation = problem.samples / max(problem.samples - estimated, 1)
     mask = np.asarray(problem.train.mask)
     e = np.where(mask, np.asarray(result.white_residuals), 0.0) * np.sqrt(inflation)
@@ -209,22 +209,3 @@ def _orthogonal(columns, others):
     """Return the part of some columns that is orthogonal to others."""
     span = basis(others)
     return columns - span @ (span.T @ columns)
-
-
-def _white_columns(fit: LoopFit, at: Sequence[int]) -> Float[np.ndarray, "case time output column"]:
-    """Return whitened columns of a fit.
-
-    Args:
-        fit: a fit by output error.
-        at: columns, counted from the per-record ones.
-    """
-    v, S = fit.motion.sensitivities
-    noise = fit.estimation.problem.likelihood.noise
-    chosen = to_device(np.asarray(S)[..., [*at]])
-    return np.asarray(_white(noise, v, chosen, fit.problem.train.mask))
-
-
-@fast_compile_jit
-def _white(noise, v: Float[Array, "case time output"], S, mask):
-    """Return whitened sensitivities (jitted)."""
-    return noise.whitening(v, mask)(S, mask)

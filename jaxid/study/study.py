@@ -20,7 +20,6 @@ from ..loop.assess import Objection
 from ..loop.hypothesis import NoiseHypothesis
 from ..loop.options import LoopOptions
 from ..loop.outcome import Outcome
-from ..loop.wording import noise_words
 from ..models.base import AbstractModel
 from .rounds import Alternative, Candidate, Round
 from .second_opinion import SecondOpinion, second_opinion_words
@@ -136,7 +135,7 @@ class Study:
             "after": pick(self.after.rms),
             "noise": self.noise,
             "noise_known": self.noise_known,
-            "noise_model": noise_words(self.noise_model),
+            "noise_model": self.noise_model.words,
             "objections": [
                 {"check": one.check.name, "names": one.names, "numbers": one.numbers}
                 for one in self.objections

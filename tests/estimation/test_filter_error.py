@@ -156,7 +156,6 @@ UNSEEN = LinearModel(
 )
 REFUSED = {
     "unknown state": (START, {"v": 0.1}, "no state or disturbance .*'v'"),
-    "memory of a state": (START, {"x": FirstOrder(0.1, 1.0)}, "'x' is a state"),
     "white on a sensor": (
         START,
         {"drift": 0.1},
@@ -198,6 +197,16 @@ def test_noises_that_differ_in_law_are_accepted(records):
 def test_one_of_two_forces_in_one_place_may_be_given(records):
     process = {"push": Fixed(0.1), "x": 0.2}
     FilterError(process).prepared(START, FREE, as_stack(records[:1]))
+
+
+def test_memory_of_equation_equals_memory_of_input_that_acts_in_it(records, fit):
+    """The input `force` is added to the rate of x."""
+    other = estimate(START, FREE, records, FilterError({"x": FirstOrder(0.3, 2.0)}))
+    assert other.names[3:] == ("process.x", "correlation_time.x")
+    np.testing.assert_allclose(other.cost, fit.cost, rtol=1e-12)
+    np.testing.assert_allclose(other.values, fit.values, rtol=1e-6)
+    np.testing.assert_allclose(other.standard_errors, fit.standard_errors, rtol=1e-6)
+    assert other.model.states == ("x", "force_x")
 
 
 def test_spread_of_free_initial_state_is_refused(records):

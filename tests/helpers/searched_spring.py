@@ -71,9 +71,10 @@ def correlated(rng, shape, memory):
     return white
 
 
-def problem(seed, *effects, library=LIBRARY, **setting):
+def problem(seed, *effects, library=LIBRARY, likelihood=None, **setting):
     """Return a problem whose declared model lacks some effects, of two records and a check."""
     flown = [fly(10 * seed + k, *effects, **setting) for k in range(3)]
     model = Spring(jnp.array(1.2), jnp.array(0.15))
     chosen = free(model, "k", "c", per_record=("initial_state",))
-    return LoopProblem.of(model, library, chosen, OutputError(), flown[:2], flown[2:], window=20)
+    likelihood = likelihood or OutputError()
+    return LoopProblem.of(model, library, chosen, likelihood, flown[:2], flown[2:], window=20)

@@ -2,12 +2,21 @@
 
 import jax.numpy as jnp
 import pytest
-from searched_spring import fly, problem
+from searched_spring import NOISE, fly, problem
 
-from jaxid import InputError
-from jaxid.effects import DeadBand, InputDelay, Placement, Term
+from jaxid import InputError, OutputError
+from jaxid.effects import (
+    DeadBand,
+    DryFriction,
+    InputDelay,
+    Placement,
+    QuadraticDrag,
+    SensorBias,
+    Term,
+)
 from jaxid.loop import Outcome, search_effects
 from jaxid.loop.assess import Check, one_function
+from jaxid.models import FixedNoise
 
 LATE_INPUT = InputDelay("force", jnp.array(0.1))
 CUBIC = Term("v", "x^3", jnp.array(-0.3))
@@ -27,6 +36,19 @@ def test_shapes_of_one_function():
     assert set(objection.names) == {cubic.name, kink.name}
     assert one_function((cubic, square)) is None
     assert one_function((Term("v", "x^3"), kink)) is None
+
+
+def test_shapes_that_imitate_a_drag_together_are_proxies():
+    """Of a quadratic drag outside the library a cubic and a dead band leave nothing but noise."""
+    library = (
+        *(Term("v", "v^3"), DryFriction("v", "v"), DeadBand(Placement.equation("v"), "v")),
+        *(Term("v", "x^3"), SensorBias("v")),
+    )
+    drag = QuadraticDrag("v", "v", jnp.array(-0.3))
+    found = search_effects(problem(18, drag, library=library, size=1.5))
+    assert set(found.effects) == {"v^3 in v", "dead band of v in v"}
+    assert checks(found) == [Check.ONE_FUNCTION]
+    assert found.outcome is Outcome.PROXIES
 
 
 def test_effects_elsewhere_are_proxies():
@@ -63,6 +85,14 @@ def test_effect_that_does_not_carry_over_is_proxy():
     assert checks(found) == [Check.CARRIES_OVER]
     assert found.assessment.objections[0].names == ("new spring",)
     assert found.outcome is Outcome.PROXIES
+
+
+def test_residual_above_given_noise_is_unexplained():
+    """The model is complete, and its noise a quarter larger than declared."""
+    found = search_effects(problem(17, likelihood=OutputError(FixedNoise((0.8 * NOISE) ** 2))))
+    assert found.effects == ()
+    assert checks(found) == [Check.NOISE_LIKE]
+    assert found.outcome is Outcome.UNEXPLAINED
 
 
 def test_library_without_an_unknown_name_is_refused():

@@ -18,6 +18,7 @@ from jaxid.loop.random_forces import (
     _cost_and_slope,
     estimate_forces,
     force_innovations,
+    probes,
 )
 from jaxid.models.free import Parameters
 from jaxid.simulation.simulate import simulate
@@ -65,7 +66,7 @@ def test_innovations_equal_dense_gaussian():
     rng = np.random.default_rng(2)
     motion, noise, v, S, z = motion_of(rng)
     signal = jnp.asarray(rng.normal(size=(1, SAMPLES, 1)))
-    white_v, white_S, probes = force_innovations(motion, noise, signal)
+    white_v, white_S = force_innovations(probes(motion, signal), noise)
 
     H, valid = response(), np.isfinite(z).reshape(-1)
     inverse = np.linalg.inv(covariance(H, noise)[np.ix_(valid, valid)])
@@ -73,8 +74,8 @@ def test_innovations_equal_dense_gaussian():
     s = s / np.max(np.abs(s))
     functions = np.stack([s**2, s**3, np.abs(s) * s, np.tanh(10.0 * s)], axis=1)
     dense = np.concatenate([v.reshape(-1, 1), S.reshape(-1, 3), H @ functions], axis=1)[valid]
-    white = np.concatenate([white_v[0][..., None], white_S[0], probes[0]], axis=-1).reshape(-1, 8)
-    assert probes.shape[-1] == len(FUNCTIONS)
+    white = np.concatenate([white_v[0][..., None], white_S[0]], axis=-1).reshape(-1, 8)
+    assert white_S.shape[-1] == 3 + len(FUNCTIONS)
     np.testing.assert_allclose(white.T @ white, dense.T @ inverse @ dense, rtol=1e-7, atol=1e-9)
 
 

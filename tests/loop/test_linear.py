@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from jaxid.loop.linear import Triangle, fall, falls, gains, largest_falls, reduce
+from jaxid.loop.linear import Triangle, falls, gains, largest_falls, reduce
 
 NAMES = ("a", "b", "c", "d", "e", "f")
 FREE = np.array([True, True, True, False, False, False])
@@ -23,6 +23,11 @@ def regression():
     v = z - S @ values
     factor = np.linalg.qr(np.column_stack([S, v]), mode="r")
     return S, z, v, Triangle(NAMES, factor, FREE, values)
+
+
+def fall(triangle, out, into):
+    reduced = reduce(triangle, out)
+    return falls(reduced, np.array([into]))[0] if into else reduced.base
 
 
 def chi_square(S, z, columns):

@@ -10,7 +10,7 @@ from jaxid.loop import Coloured, Hypothesis, LoopOptions, search_effects
 from jaxid.loop.evidence import Decision, compare
 from jaxid.loop.fit import fit
 from jaxid.loop.moves import Proposals
-from jaxid.loop.noise_moves import noise_moves
+from jaxid.loop.noise import noise_moves
 
 OPTIONS = LoopOptions()
 SQUARE, CUBIC = Term("v", "x^2", jnp.array(0.1)), Term("v", "x^3", jnp.array(-0.1))
@@ -57,8 +57,8 @@ def test_best_candidate_of_every_place_is_proposed():
 
 def test_noise_is_proposed_where_it_explains_the_residual():
     white, coloured = (fit(problem(25, memory=m), Hypothesis()) for m in (0.0, 0.8))
-    assert noise_moves(white, white, None, {}, OPTIONS).moves == []
-    ((move,), _) = noise_moves(coloured, coloured, None, {}, OPTIONS)
+    assert noise_moves(white, white, None, OPTIONS)[0] == []
+    ((move,), _) = noise_moves(coloured, coloured, None, OPTIONS)
     assert isinstance(move.hypothesis.noise, Coloured)
     new = fit(coloured.problem, move.hypothesis, coloured)
     assert 2.0 * (coloured.cost - new.cost) == pytest.approx(move.expected, rel=0.1)

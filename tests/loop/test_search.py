@@ -1,7 +1,5 @@
 """The search over hypotheses: ways past a wrong first effect, and effects that records show."""
 
-import dataclasses
-
 import equinox as eqx
 import jax.numpy as jnp
 import pytest
@@ -78,8 +76,8 @@ def test_evident_effect_is_added_while_residual_is_coloured():
     ]
     given = problem(stopped, (SensorSaturation("x"), Term("v", "x^3")))
     declared, options = fit(given, Hypothesis()), LoopOptions(min_check_gain=0.9)
-    given, _ = with_shapes(declared)
-    declared = dataclasses.replace(declared, problem=given)
+    declared = with_shapes(declared)
+    given = declared.problem
     decisions = {}
     for name, effect in given.effects.items():
         start = {f"{name}.gain": effect.card.initial_gain}

@@ -66,7 +66,7 @@ def test_random_forces_are_told_with_their_size():
     assert found.outcome is Outcome.PROCESS_NOISE
     assert isinstance(found.hypothesis.noise, RandomForces)
     assert found.hypothesis.noise.equations == ("v",)
-    for name, true in (("process.force_v", 0.3), ("k", 1.5), ("sensor.x", 0.02)):
+    for name, true in (("process.v", 0.3), ("k", 1.5), ("sensor.x", 0.02)):
         value, error = found.estimates[name]
         assert 0.0 < error < 0.3 * true
         assert abs(value - true) < 4.0 * error

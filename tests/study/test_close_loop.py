@@ -42,7 +42,7 @@ from jaxid.loop import Coloured, Hypothesis, LoopProblem, Outcome, RandomForces
 from jaxid.loop.assess import in_place, one_function
 from jaxid.loop.evidence import Decision, is_degenerate
 from jaxid.loop.fit import fit
-from jaxid.loop.noise_checks import stands_out
+from jaxid.loop.noise import stands_out
 from jaxid.models import FixedNoise
 from jaxid.study.candidates import candidates
 from jaxid.study.caveats import inputs_beyond
@@ -266,7 +266,7 @@ def test_random_force_is_reported_as_process_noise_without_effects():
     assert (result.outcome, result.effects) == (Outcome.PROCESS_NOISE, ())
     assert isinstance(result.noise_model, RandomForces)
     assert result.noise_model.equations == ("v",)
-    for name, true in (("process.force_v", 0.1), ("correlation_time.force_v", 0.5)):
+    for name, true in (("process.v", 0.1), ("correlation_time.v", 0.5)):
         value, error = (
             float(getattr(result.after.estimate, part)(name))
             for part in ("value", "standard_error")

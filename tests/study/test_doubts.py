@@ -138,7 +138,7 @@ def test_smooth_shapes_of_one_speed_are_neighbours():
 
 def test_effect_removed_by_complete_records_is_no_cause():
     """The remaining effects are proxies, or none remain."""
-    explained = Assessment(Outcome.EXPLAINED, (), None)
+    explained = Assessment(Outcome.EXPLAINED)
     some = without(explained, ("x^2 in v",), ("bias of x",))
     assert some.outcome is Outcome.PROXIES
     assert some.objections == (Objection(Check.BORNE_OUT, ("bias of x",)),)

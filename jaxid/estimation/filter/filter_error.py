@@ -42,9 +42,10 @@ class FilterError(AbstractLikelihood):
     estimate; `Fixed(number)` is a known value.
 
     Args:
-        process: process noise by state, white in its equation [unit of the state per sqrt(s)], or
-            by disturbance input of `model.with_disturbance_inputs()`, white [its unit times
-            sqrt(s)] or with memory, as `FirstOrder(deviation, correlation_time)`.
+        process: process noise by state, in its equation, or by disturbance input of
+            `model.with_disturbance_inputs()`: white [unit of the state per sqrt(s); unit of the
+            input times sqrt(s)], or with memory, as `FirstOrder(deviation, correlation_time)`
+            [unit of the state per second; unit of the input].
         noise: standard deviation of the white noise of each sensor, by output [its unit]. A
             sensor that is not named is estimated, from a start by the second differences of its
             record.

@@ -147,7 +147,7 @@ def _covariance(model: StochasticModel, linear: Linear, t, values):
     count, n = linear.A.shape[:2]
     A, G = linear.A.astype(complex), linear.G.astype(complex)
     for column, name in enumerate(model.with_memory):
-        at, T = model.states.index(name), values[f"correlation_time.{name}"]
+        at, T = len(model.model.states) + column, values[f"correlation_time.{name}"]
         A[:, at, at] = -1.0 / T
         G[:, :, column] = 0.0
         G[:, at, column] = values[f"process.{name}"] * np.sqrt(2.0 / T)

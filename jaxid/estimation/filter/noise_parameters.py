@@ -148,13 +148,6 @@ def check_names(
     )
     disturbances = model.with_disturbance_inputs().inputs[len(model.inputs) :]
     require_known("state or disturbance (in `process`)", process, (*model.states, *disturbances))
-    for name, option in process.items():
-        require(
-            name in disturbances or not isinstance(option, FirstOrder),
-            f"{name!r} is a state. FirstOrder describes a disturbance input "
-            f"({', '.join(disturbances) or 'this model has none'}); the noise of an equation is "
-            "white: give a number.",
-        )
     require_known("output (in `noise`)", sensors, model.outputs)
     require_known("state (in `initial`)", initial, model.states)
     for name in initial:

@@ -463,9 +463,8 @@ def test_dropped_mass_scores_best_and_its_time_is_estimated(problem):
     """The refit starts 0.6 s from the drop. The gain is estimated to four standard errors; the
     time, which the jump of the accelerometer determines sharply, to half a sample.
     """
-    declared = fit(problem, Hypothesis())
-    shaped, _ = with_shapes(declared)
-    declared = dataclasses.replace(declared, problem=shaped)
+    declared = with_shapes(fit(problem, Hypothesis()))
+    shaped = declared.problem
     proposals = Proposals(declared, LoopOptions())
     scores = {name: proposals.score(name) for name in proposals.candidates}
     best = max(scores, key=lambda name: scores[name])

@@ -1,0 +1,228 @@
+"""Noise of a fit: the models that should explain its residual, and the signals that it depends on.
+
+Noise has no drift, depends on no signal, and is not in one place more than chance allows.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.stats import chi2
+
+from .._foundation.grid import typical_step
+from .._foundation.location import LocationKind
+from ..diagnosis.localise import LocalisationResult
+from ..diagnosis.residual_report import analyse_residual
+from ..estimation.autoregressive_noise import AutoregressiveNoise, select_order
+from .evidence import INSEPARABLE, SETTLED
+from .fit import LoopFit, triangular_factor
+from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces, White
+from .linear import falls, reduce
+from .moves import Move, MoveKind
+from .options import LoopOptions
+from .random_forces import FUNCTIONS, ForceFit, fit_forces, force_innovations, forced_motion, probes
+
+# Chosen: starting value of the correlation time of a random force [samples].
+FORCE_TIME = 5.0
+# Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
+# five times in a record, and is as well a constant or a drift.
+LONGEST_MEMORY = 0.1
+
+
+def noise_moves(
+    fit: LoopFit,
+    declared: LoopFit,
+    where: LocalisationResult | None,
+    options: LoopOptions,
+) -> tuple[list[Move], tuple[str, ...]]:
+    """Return the noise models that should explain the residual of a fit with white noise.
+
+    Autoregressive noise of order p should lower twice the cost of channel j by `-N_j log(1 - r_j)`,
+    with r the share of the residual that its past explains; it and the noises of the user are
+    proposed with the effects of the fit and without any. Random forces are estimated by the filter
+    along the motion without them (`fit_forces`), and proposed without effects: if they are better
+    together with the effects of the fit, neither is the cause.
+
+    Args:
+        where: location of the residual; None without random forces.
+
+    Returns:
+        The changes of hypothesis, and the candidates and signals that forces without effects would
+        follow; such forces are not random, and are not proposed.
+    """
+    noises, sets = _sensor_noises(fit, options), dict.fromkeys((fit.effects, ()))
+    moves = [_move(Hypothesis(one, noise), fall) for noise, fall in noises for one in sets]
+    followed: dict[str, None] = {}
+    for noise in _places_of_forces(fit, where):
+        best = _most_probable(declared, noise)
+        move = _forces_alone(fit, noise, best)
+        if _worth(fit, move) <= INSEPARABLE or _better_with_effects(fit, noise, move):
+            continue
+        names = followed_by_forces(declared, declared, best, noise, options.level)
+        followed |= dict.fromkeys(names)
+        if not names and not is_drift(declared, float(np.max(np.asarray(best.noise.time)))):
+            moves.append(move)
+    return [move for move in moves if _worth(fit, move) > INSEPARABLE], tuple(followed)
+
+
+def _sensor_noises(fit: LoopFit, options: LoopOptions) -> list[tuple[NoiseHypothesis, float]]:
+    """Return autoregressive noise and the noises of the user, each with its fall of chi-square."""
+    mask, given = fit.problem.train.mask, [(noise, np.inf) for noise in options.noises]
+    order = select_order(fit.white_residuals, mask)
+    if not order:
+        return given
+    counts = np.sum(np.asarray(mask), axis=(0, 1))
+    shares = np.clip(list(fit.predictable.values()), 0.0, 1.0 - 1e-12)
+    return [(Coloured(order), float(np.sum(-counts * np.log1p(-shares)))), *given]
+
+
+def _move(hypothesis: Hypothesis, fall: float, start: Mapping[str, float] | None = None) -> Move:
+    return Move(MoveKind.NOISE, hypothesis, (), fall, start or {}, {})
+
+
+def _worth(fit: LoopFit, move: Move) -> float:
+    """Return the expected fall of chi-square by a move, less the price of its parameters."""
+    problem, hypothesis = fit.problem, move.hypothesis
+    return move.expected - problem.price * (hypothesis.count(problem) - fit.count)
+
+
+def _places_of_forces(fit: LoopFit, where: LocalisationResult | None) -> list[RandomForces]:
+    """Return random forces in the equations, and gusts, near the best place."""
+    if where is None:
+        return []
+    time = FORCE_TIME * float(typical_step(fit.problem.train.t))
+    sizes: dict[LocationKind, dict[str, float]] = {LocationKind.EQUATION: {}, LocationKind.AIR: {}}
+    for place in where.near_best():
+        if place.location.kind in sizes:
+            sizes[place.location.kind][place.location.name] = max(place.size, 1e-9)
+    forces, gusts = sizes.values()
+    both = RandomForces(forces, {}, time), RandomForces({}, gusts, time)
+    return [noise for noise in both if noise.places]
+
+
+def _most_probable(declared: LoopFit, noise: RandomForces) -> ForceFit:
+    """Return the most probable forces without effects.
+
+    The declared fit may have taken the forces for other parameters, so that they are estimated from
+    the declared values as well.
+    """
+    motion, first = declared.motion, noise.initial(declared.noise_covariance)
+    begin = dataclasses.replace(motion, values=declared.problem.initial_values)
+    fits = [fit_forces(start, noise, first) for start in (motion, begin)]
+    return min(fits, key=lambda one: one.cost)
+
+
+def _forces_alone(fit: LoopFit, noise: RandomForces, best: ForceFit) -> Move:
+    """Return the move from a fit to random forces without effects."""
+    start = dict(zip(fit.problem.free.shared, best.motion.values.tolist(), strict=False))
+    start |= noise.named(best.noise, fit.problem.model.outputs)
+    return _move(Hypothesis((), noise), 2.0 * (fit.cost - best.cost), start)
+
+
+def _better_with_effects(fit: LoopFit, noise: RandomForces, alone: Move) -> bool:
+    """Return True if forces together with the effects of a fit are better than alone: then neither
+    the effects nor the forces are the cause.
+    """
+    if not fit.effects:
+        return False
+    best = fit_forces(fit.motion, noise, noise.initial(fit.noise_covariance))
+    joint = _move(Hypothesis(fit.effects, noise), 2.0 * (fit.cost - best.cost))
+    return _worth(fit, joint) > _worth(fit, alone)
+
+
+def stands_out(where: LocalisationResult, level: float) -> bool:
+    """Return True if a free-form disturbance at a place explains more than chance would, with a
+    probability of a false alarm of `level` over all places.
+    """
+    places = [place for place in where.places if place.dof]
+    chances = [float(chi2.sf(place.score, place.dof)) for place in places]
+    return min(chances, default=1.0) < level / max(len(chances), 1)
+
+
+def above_known_noise(fitted: LoopFit, level: float) -> bool:
+    """Return True if the noise is given and the whitened sum of squares is larger than chi-square
+    allows, with a probability of a false alarm of `level`.
+    """
+    noise = fitted.estimation.problem.likelihood.noise
+    if not noise.is_known or not isinstance(fitted.hypothesis.noise, White):
+        return False
+    mask = np.asarray(fitted.problem.train.mask)
+    squares = float(np.sum(np.where(mask, np.asarray(fitted.white_residuals), 0.0) ** 2))
+    unknown = len(fitted.estimation.free.shared) + fitted.solution.parameters.rows.size
+    return bool(chi2.sf(squares, max(int(np.sum(mask)) - unknown, 1)) < level)
+
+
+def memory(fitted: LoopFit) -> float:
+    """Return the longest correlation time of the noise of a fit [s]; zero for white noise.
+
+    Autoregressive noise with coefficients of characteristic roots `z` decays as `max |z|^i`.
+    """
+    noise = fitted.estimation.problem.likelihood.noise
+    times = [v for n, (v, _) in fitted.estimates.items() if n.startswith("correlation_time.")]
+    if isinstance(noise, AutoregressiveNoise):
+        mask = fitted.problem.train.mask
+        step = float(typical_step(fitted.problem.train.t))
+        for coefficients in np.asarray(noise.coefficients(fitted.solution.residuals, mask)):
+            largest = float(np.max(np.abs(np.roots(np.r_[1.0, -coefficients])), initial=0.0))
+            times.append(step / max(-np.log(max(largest, 1e-300)), 1e-300))
+    return max(times, default=0.0)
+
+
+def is_drift(fitted: LoopFit, memory: float) -> bool:
+    """Return True if a noise of some memory [s] is so slow in the records of a fit that it is as
+    well a constant or a drift.
+    """
+    t = np.asarray(fitted.problem.train.t)
+    return bool(memory > LONGEST_MEMORY * float(np.max(t[:, -1] - t[:, 0])))
+
+
+def followed_signals(best: LoopFit, declared: LoopFit, level: float) -> tuple[str, ...]:
+    """Return the candidates and signals on which the noise of a fit depends; noise depends on none.
+
+    The signals are states, inputs and time of the declared fit; `level` is the probability of a
+    false alarm over all of them.
+    """
+    noise, mask, outputs = (
+        best.hypothesis.noise,
+        best.problem.train.mask,
+        best.problem.model.outputs,
+    )
+    if isinstance(noise, RandomForces):
+        forces = ForceFit(best.motion, noise.at(best.estimates, outputs), best.cost)
+        return followed_by_forces(best, declared, forces, noise, level)
+    arrays = {name: jnp.asarray(s) for name, s in declared.motion.variables.items()}
+    report = analyse_residual(jnp.asarray(best.white_residuals), mask, arrays, outputs)
+    maps, cross = np.asarray(report.maps.p_value), np.asarray(report.tests.cross_p)
+    limit = level / (maps.size + cross.size)
+    variables, lagged = report.maps.variables, report.tests.signals
+    dependent = [variables[k] for k in np.flatnonzero(np.any(maps < limit, axis=0))]
+    dependent += [lagged[k] for k in np.flatnonzero(np.any(cross < limit, axis=0))]
+    return tuple(dict.fromkeys(dependent))
+
+
+def followed_by_forces(
+    fitted: LoopFit, declared: LoopFit, forces: ForceFit, noise: RandomForces, level: float
+) -> tuple[str, ...]:
+    """Return the candidates and the signals that random forces follow, with a probability of a
+    false alarm of `level` over all of them.
+
+    A force that is a function of a signal is no random one. Each candidate, and simple functions
+    of the states and inputs of the declared fit as a force at each place, are scored in the
+    innovations of the filter, orthogonal to the free parameters of `fitted`.
+    """
+    problem, motion, signals = fitted.problem, forces.motion, declared.motion.variables
+    names = [name for name in signals if name != "t"]
+    stacked = jnp.stack([jnp.asarray(signals[name]) for name in names], axis=-1)
+    forced = probes(forced_motion(motion, noise, *motion.sensitivities), stacked)
+    white = force_innovations(forced, forces.noise)
+    factor = triangular_factor(*white, len(problem.free.per_record))
+    labels = {f"{name}.gain": name for name in problem.effects}
+    functions = [name for name in names for _ in FUNCTIONS] * len(noise.sizes)
+    columns = {f"force {k}": name for k, name in enumerate(functions)}
+    triangle = fitted.triangle_of(np.asarray(factor), (*problem.columns.names, *columns))
+    labels |= columns
+    scores = falls(reduce(triangle), np.array([[k] for k in triangle.at(list(labels))]))
+    # The linear model along the motion without forces is an approximation: a small score is none.
+    significant = scores > max(float(chi2.isf(level / len(labels), 1)), SETTLED)
+    return tuple(dict.fromkeys(np.array(list(labels.values()))[significant].tolist()))

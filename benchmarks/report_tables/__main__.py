@@ -39,6 +39,7 @@ from benchmarks.report_tables.verdicts import (
     verdicts,
 )
 from jaxid._foundation.checks import InputError
+from jaxid._foundation.memory import release_compiled_programs_if_needed
 from jaxid.aircraft.flight.report_cases import CASES
 
 # Cases that each further fit needs.
@@ -211,7 +212,7 @@ def report(seeds: range, cases: list[str], as_json: bool, log: Path | None = Non
             if not as_json:
                 _print_tables(done)
         show(verdict_lines(verdicts(claims)))
-        jax.clear_caches()  # programs of one seed serve no other: the terms differ
+        release_compiled_programs_if_needed()
     judged = verdicts(claims)
     if as_json:
         output = {"status": "converged" if fine else "not converged", "seeds": list(seeds)}

@@ -16,7 +16,7 @@ from jax.custom_derivatives import SymbolicZero
 
 from .._foundation.checks import InputError, require, require_known
 from .._foundation.host import on_host
-from .._foundation.types import Array, Float
+from .._foundation.types import Array, Float, Numbers
 from .signal_dependence import with_differences
 
 # A factor: `alpha`, `|alpha|`, `(alpha-0.26)+` or `(x-y)`, and an integer power.
@@ -117,7 +117,7 @@ def monomials(
 @on_host
 def monomials_of_samples(
     xp, signals, centre, *, terms: tuple[str, ...]
-) -> Float[Array, "time term"]:
+) -> Float[Numbers, "time term"]:
     """Return the values of terms at many samples, shape (time, term); compiles nothing.
 
     Args:
@@ -232,8 +232,8 @@ def _slopes(values: Float[Array, " factor"], indices: np.ndarray) -> list[Float[
 
 
 def _centred(
-    signals: Mapping[str, Float[Array, ""]], centre: Mapping[str, Float[Array, ""]]
-) -> dict[str, Float[Array, ""]]:
+    signals: Mapping[str, Float[Numbers, "*time"]], centre: Mapping[str, Float[Numbers, ""]]
+) -> dict[str, Float[Numbers, "*time"]]:
     """Signals minus their centres; signals without a centre are not changed."""
     differences = {name: signals[name] - value for name, value in centre.items() if name in signals}
     return {**signals, **differences}

@@ -10,6 +10,7 @@ from .._foundation.types import Array, Float
 from ..models.free import Parameters
 from .estimate import Case, fit_problem
 from .host_iteration import evaluate_by_programs, fit_by_steps
+from .likelihoods import OutputError
 from .problem import Linearised, Problem
 from .result import Estimate
 from .solver import GaussNewton
@@ -33,7 +34,9 @@ def estimate_case(case: Case, solver: GaussNewton | None = None) -> Estimate:
         solver: options of the iteration.
     """
     solver, problem = solver or GaussNewton(), case.problem
-    if not _kept(problem):
+    # on the host a chord needs residuals as rows
+    by_steps = not solver.chord or isinstance(problem.likelihood, OutputError)
+    if not (by_steps and _kept(problem)):
         return case.estimate(fit_problem(problem, case.begin, solver), solver)
     fit = fit_by_steps(problem, case.begin, solver, padding=_padding(problem))
     return case.estimate(fit, solver)

@@ -55,7 +55,9 @@ def identify(
        there, the regression is repeated with lower powers, then with fewer terms, until one starts
        (`REDUCTIONS`); `reduced` of the result has the limits. Terms given by name are kept.
 
-    All records are regressed together, about their common mean, and estimated together.
+    All records are regressed together, about their common mean, and estimated together. The model
+    is simulated with all candidates, the absent ones with the value zero, so that calls for records
+    of the same shapes share its compiled programs whatever terms they select.
 
     Args:
         model: a model with `pseudo_measurements` whose responses are its polynomials, such as

@@ -17,7 +17,7 @@ from jax.custom_derivatives import SymbolicZero
 from .._foundation.checks import InputError, require, require_known
 from .._foundation.host import on_host
 from .._foundation.types import Array, Float, Numbers
-from .signal_dependence import with_differences
+from .signal_dependence import Signal, with_differences
 
 # A factor: `alpha`, `|alpha|`, `(alpha-0.26)+` or `(x-y)`, and an integer power.
 NAME_PATTERN, NUMBER_PATTERN = r"[^\s^|()+-]+", r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
@@ -232,8 +232,8 @@ def _slopes(values: Float[Array, " factor"], indices: np.ndarray) -> list[Float[
 
 
 def _centred(
-    signals: Mapping[str, Float[Numbers, "*time"]], centre: Mapping[str, Float[Numbers, ""]]
-) -> dict[str, Float[Numbers, "*time"]]:
+    signals: Mapping[str, Signal], centre: Mapping[str, Float[Numbers, ""]]
+) -> dict[str, Signal]:
     """Signals minus their centres; signals without a centre are not changed."""
     differences = {name: signals[name] - value for name, value in centre.items() if name in signals}
     return {**signals, **differences}

@@ -48,7 +48,7 @@ def test_terms_of_every_kind_have_known_value():
 def test_terms_at_samples_equal_terms_at_each_instant():
     rng = np.random.default_rng(1)
     histories = {name: rng.normal(size=5) for name in ("alpha", "beta")}
-    centre = {"alpha": np.array(0.1)}
+    centre = {"alpha": jnp.array(0.1)}
     ours = monomials_of_samples(histories, centre, terms=tuple(TERMS))
     theirs = jax.vmap(lambda now: monomials(tuple(TERMS), now, centre))(histories)
     np.testing.assert_allclose(ours, theirs, rtol=1e-14, atol=1e-16)

@@ -6,6 +6,7 @@ Progress, and the verdicts after each seed, go to standard error.
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -39,6 +40,7 @@ from benchmarks.report_tables.verdicts import (
     verdicts,
 )
 from jaxid._foundation.checks import InputError
+from jaxid._foundation.memory import release_compiled_programs_if_needed
 from jaxid.aircraft.flight.report_cases import CASES
 
 # Cases that each further fit needs.
@@ -97,7 +99,8 @@ def main(arguments: list[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
-    # short records, and a new program for each selection of terms: compiling takes longer
+    # short records: compiling takes longer than running; the variable is for jaxid's own options
+    os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
     jax.config.update("jax_disable_most_optimizations", True)
     if options.part == "f16":
         from benchmarks.report_tables.f16 import main as f16
@@ -181,6 +184,7 @@ def report(seeds: range, cases: list[str], as_json: bool, log: Path | None = Non
         print(line, file=sys.stderr, flush=True)
 
     for seed in seeds:
+        used = time.process_time()
         done = one_seed(seed, cases, show, totals=len(seeds) == 1)
         claims.append(done.claims)
         converged = {
@@ -191,6 +195,7 @@ def report(seeds: range, cases: list[str], as_json: bool, log: Path | None = Non
         )
         row = {
             "seed": seed,
+            "processor_seconds": time.process_time() - used,
             "converged": converged,
             "failures": done.failures,
             "overall_F": {
@@ -211,7 +216,7 @@ def report(seeds: range, cases: list[str], as_json: bool, log: Path | None = Non
             if not as_json:
                 _print_tables(done)
         show(verdict_lines(verdicts(claims)))
-        jax.clear_caches()  # programs of one seed serve no other: the terms differ
+        release_compiled_programs_if_needed()
     judged = verdicts(claims)
     if as_json:
         output = {"status": "converged" if fine else "not converged", "seeds": list(seeds)}

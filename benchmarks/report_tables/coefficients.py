@@ -13,7 +13,8 @@ import numpy as np
 
 from jaxid.aircraft.flight.simulate_flight import Flight
 from jaxid.aircraft.vehicle.aerodynamics import COEFFICIENTS, AbstractAerodynamics
-from jaxid.models.polynomial import Polynomial, monomials
+from jaxid.models.polynomial import Polynomial, factors
+from jaxid.structure import columns
 from jaxid.study import Identification
 
 Signals = Mapping[str, np.ndarray]
@@ -206,17 +207,19 @@ def _true(aerodynamics: AbstractAerodynamics, signals: Signals, by: str | None):
 
 def _columns(polynomial: Polynomial, signals: Signals, by: str | None) -> np.ndarray:
     """The value of each term, or its derivative by a signal, shape (time, term)."""
+    if by is None:
+        return columns(polynomial.terms, signals, polynomial.centre)
+    powers = [dict(factors(term)) for term in polynomial.terms]
+    lowered = [_product({**each, by: each.get(by, 1) - 1}) for each in powers]
+    distinct = list(dict.fromkeys(lowered))
+    values = columns(distinct, signals, polynomial.centre)
+    weights = np.array([each.get(by, 0) for each in powers])
+    return weights * values[:, [distinct.index(term) for term in lowered]]
 
-    def one(signals):
-        if by is None:
-            return monomials(polynomial.terms, signals, polynomial.centre)
 
-        def at_signal(x):
-            return monomials(polynomial.terms, signals | {by: x}, polynomial.centre)
-
-        return jax.jvp(at_signal, (signals[by],), (jnp.ones(()),))[1]
-
-    return np.asarray(jax.vmap(one)(signals))
+def _product(powers: Mapping[str, int]) -> str:
+    """Return the term of some powers of signals."""
+    return " ".join(f"{base}^{power}" for base, power in powers.items() if power) or "1"
 
 
 def _all_signals(at: Signals) -> dict[str, jax.Array]:

@@ -1,6 +1,7 @@
 """`estimate`: maximum-likelihood estimates of the parameters of a model from records."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -86,23 +87,57 @@ def estimate(
             `throw`, also when the simulation diverges at the start or the iteration does not
             converge.
     """
+    case = checked_case(model, free, records, likelihood)
+    solver = solver or GaussNewton()
+    fit = fit_problem(case.problem, case.begin, solver)
+    result = case.estimate(fit, solver)
+    if throw and not bool(jnp.all(result.successful)):
+        raise failure(case.problem, fit, result)
+    return result
+
+
+class Case(NamedTuple):
+    """An estimation problem after all checks, with its names.
+
+    Attributes:
+        problem: the problem.
+        model, free: model and free parameters, with those of the likelihood.
+        records: a stack, with names.
+    """
+
+    problem: Problem
+    model: AbstractModel
+    free: Free
+    records: Record
+
+    @property
+    def begin(self) -> Parameters:
+        """The initial parameters."""
+        return initial_parameters(self.model, self.problem.positions, self.problem.records)
+
+    def estimate(self, fit: Fit, solver: GaussNewton) -> Estimate:
+        """Return the estimate of a fit of the problem by a solver."""
+        threshold, known = solver.policy.threshold, self.problem.likelihood.noise.is_known
+        return Estimate.of(fit, self.model, self.free, self.records, threshold, known)
+
+
+def checked_case(
+    model: AbstractModel,
+    free: Free,
+    records: Record | Sequence[Record],
+    likelihood: AbstractLikelihood,
+) -> Case:
+    """Return the problem of `estimate` after all checks.
+
+    The arguments and errors are those of `estimate`.
+    """
     require_float64()
     records = as_stack(records)
     check_channels(model, records)
     model, free = canonical(model), canonical(free)
     check_known(model, records, likelihood)
     model, free = canonical(likelihood.prepared(model, free, records))
-    problem = Problem.of(model, free, records, likelihood)
-    solver = solver or GaussNewton()
-    fit = fit_problem(
-        problem, initial_parameters(model, problem.positions, problem.records), solver
-    )
-    result = Estimate.of(
-        fit, model, free, records, solver.policy.threshold, likelihood.noise.is_known
-    )
-    if throw and not bool(jnp.all(result.successful)):
-        raise failure(problem, fit, result)
-    return result
+    return Case(Problem.of(model, free, records, likelihood), model, free, records)
 
 
 def check_known(model: AbstractModel, records: Record, likelihood: AbstractLikelihood) -> None:

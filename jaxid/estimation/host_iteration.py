@@ -25,7 +25,7 @@ from .likelihoods import AbstractLikelihood
 from .limits import Limits
 from .minimiser import State
 from .model_programs import PROGRAMS, FlatProblem
-from .problem import Problem
+from .problem import Linearised, Problem
 from .solver import GaussNewton, first_state, one_step
 
 Outputs = Float[Array, "case time output"]
@@ -114,6 +114,12 @@ class _Arrays(NamedTuple):
     likelihood: AbstractLikelihood
     limits: Limits
 
+    @classmethod
+    def of(cls, problem: Problem) -> "_Arrays":
+        """Return the parts of a problem."""
+        records = problem.records
+        return cls(records.t, records.z, records.mask, problem.likelihood, problem.limits)
+
     def problem(self, evaluation: Evaluation) -> Problem:
         """Return the problem whose rows and sensitivities are those of an evaluation."""
         v, S = evaluation
@@ -148,12 +154,13 @@ def fit_by_steps(
     begin: Parameters,
     solver: GaussNewton,
     S: Columns | None = None,
+    padding: int = 0,
 ) -> Fit:
     """Return the fit of a problem, as `fit_problem` does, with the iteration on the host.
 
     The arguments are those of `minimise_by_steps`.
     """
-    end = minimise_by_steps(problem, begin, solver, S)
+    end = minimise_by_steps(problem, begin, solver, S, padding)
     return _fit(end.arrays, end.parameters, end.state, solver, end.evaluation)
 
 
@@ -162,6 +169,7 @@ def minimise_by_steps(
     begin: Parameters,
     solver: GaussNewton,
     S: Columns | None = None,
+    padding: int = 0,
 ) -> Iteration:
     """Return the end of an iteration on the host.
 
@@ -171,13 +179,14 @@ def minimise_by_steps(
         solver: options of the iteration.
         S: sensitivities at the initial parameters, for a solver with `chord`; None if unknown.
             That solver needs a likelihood whose rows are the residuals.
+        padding: columns by which the program of the sensitivities is wider than this problem, so
+            that problems with other numbers of free parameters use the same one.
     """
-    case, records = FlatProblem.of(problem), problem.records
-    arrays = _Arrays(records.t, records.z, records.mask, problem.likelihood, problem.limits)
+    case, records, arrays = FlatProblem.of(problem), problem.records, _Arrays.of(problem)
 
     def evaluated(at: Parameters, S: Columns | None) -> Evaluation:
         if S is None or not np.all(np.isfinite(np.asarray(S))):
-            return Evaluation(*PROGRAMS.sensitivities(*case.sensitivities_arguments(at)))
+            return _evaluation(case, at, padding)
         return Evaluation(_residuals(records, PROGRAMS.outputs(*case.outputs_arguments(at))), S)
 
     evaluation = evaluated(_within(problem.limits, begin), S)
@@ -190,6 +199,27 @@ def minimise_by_steps(
         evaluation = evaluated(state.trial, state.linearised.S if keep else None)
     y, state, _ = _step(arrays, y, solver, state, evaluation)
     return Iteration(arrays, y, state, evaluation)
+
+
+def evaluate_by_programs(
+    problem: Problem, parameters: Parameters, padding: int = 0
+) -> tuple[Float[Array, ""], Linearised]:
+    """Return the cost and the linearised problem, as `Problem.evaluate` does, by the program of the
+    sensitivities.
+
+    Args:
+        problem: the estimation problem.
+        parameters: values of the free parameters.
+        padding: as for `minimise_by_steps`.
+    """
+    evaluation = _evaluation(FlatProblem.of(problem), parameters, padding)
+    return _evaluate(_Arrays.of(problem), parameters, evaluation)
+
+
+def _evaluation(case: FlatProblem, parameters: Parameters, padding: int) -> Evaluation:
+    """Return residuals and sensitivities by the program of the model, without padding columns."""
+    v, S = PROGRAMS.sensitivities(*case.sensitivities_arguments(parameters, padding))
+    return Evaluation(v, to_device(np.asarray(S)[..., :-padding]) if padding else S)
 
 
 def _within(limits: Limits, parameters: Parameters) -> Parameters:
@@ -205,6 +235,12 @@ def _residuals(records: Record, y: Outputs) -> Outputs:
     """Return the residuals of known outputs, computed on the host."""
     z, mask = np.asarray(records.z), np.asarray(records.mask)
     return to_device(np.where(mask, z - np.asarray(y), 0.0))
+
+
+@fast_compile_jit
+def _evaluate(arrays: _Arrays, parameters: Parameters, evaluation: Evaluation):
+    """Return the cost and the linearised problem of an evaluation."""
+    return arrays.problem(evaluation).evaluate(parameters)
 
 
 @fast_compile_jit

@@ -58,9 +58,14 @@ class FlatProblem(NamedTuple):
         flat = to_device(self.filled(parameters))
         return problem.model, flat, problem.records, simulating(problem.likelihood)
 
-    def sensitivities_arguments(self, parameters: Parameters) -> tuple:
-        """Return the arguments of `ModelPrograms.sensitivities`."""
-        at = to_device(self.at)
+    def sensitivities_arguments(self, parameters: Parameters, padding: int = 0) -> tuple:
+        """Return the arguments of `ModelPrograms.sensitivities`.
+
+        Args:
+            parameters: values of the free parameters.
+            padding: number of columns of zeros after those of the free parameters.
+        """
+        at = to_device(np.append(self.at, np.full(padding, self.flat.shape[1])))
         return (*self.outputs_arguments(parameters), at, self.problem.positions.leaves)
 
 

@@ -5,7 +5,7 @@ splines.
 import functools
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
@@ -15,8 +15,9 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
 from .._foundation.checks import InputError, require, require_known
-from .._foundation.types import Array, Float
-from .signal_dependence import with_differences
+from .._foundation.host import on_host
+from .._foundation.types import Array, Float, Numbers
+from .signal_dependence import Signal, with_differences
 
 # A factor: `alpha`, `|alpha|`, `(alpha-0.26)+` or `(x-y)`, and an integer power.
 NAME_PATTERN, NUMBER_PATTERN = r"[^\s^|()+-]+", r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
@@ -67,6 +68,16 @@ class Polynomial(eqx.Module):
     def element_names(self) -> dict[str, tuple[str, ...]]:
         return {"coefficients": self.terms}
 
+    def with_terms(self, terms: Sequence[str]) -> "Polynomial":
+        """The polynomial in other terms, with the coefficient zero for those that it lacks.
+
+        Args:
+            terms: all terms of the result, in order; a term of this polynomial that is not among
+                them is left out with its coefficient.
+        """
+        values = dict(zip(self.terms, np.asarray(self.coefficients).tolist(), strict=True))
+        return Polynomial({term: values.get(term, 0.0) for term in terms}, self.centre)
+
     def __call__(self, signals: Mapping[str, Float[Array, ""]]) -> Float[Array, ""]:
         """The value at an instant.
 
@@ -101,6 +112,29 @@ def monomials(
         one = values[0]
         return jnp.stack([math.prod((values[k] for k in row if k), start=one) for row in indices.T])
     return _products(jnp.stack(values), indices)
+
+
+@on_host
+def monomials_of_samples(
+    xp, signals, centre, *, terms: tuple[str, ...]
+) -> Float[Numbers, "time term"]:
+    """Return the values of terms at many samples, shape (time, term); compiles nothing.
+
+    Args:
+        xp: NumPy or `jax.numpy`.
+        signals: time histories by name, at least one.
+        centre: value by signal that is subtracted first.
+        terms: as in `monomials`.
+
+    Raises:
+        InputError: as `monomials`.
+    """
+    values, indices = _factor_values(terms, signals, centre, xp)
+    histories = xp.stack(xp.broadcast_arrays(*values, next(iter(signals.values())))[:-1], axis=-1)
+    result = xp.ones((histories.shape[0], len(terms)))
+    for factor in indices:
+        result = result * histories[:, factor]
+    return result
 
 
 def sums_of_monomials(
@@ -146,7 +180,7 @@ def sums_of_monomials(
     return sums(weights, jnp.stack(values))
 
 
-def _factor_values(terms, signals, centre):
+def _factor_values(terms, signals, centre, xp=jnp):
     """Return one and the values of all factors of some terms, and the index of each factor of each
     term among them.
     """
@@ -155,7 +189,7 @@ def _factor_values(terms, signals, centre):
     used = signals_in(terms)
     signals = with_differences(_centred(signals, centre or {}), used)
     require_known("signal", used, signals)
-    values = [jnp.ones(()), *(_value(_parse(base), signals) for base in bases)]
+    values = [xp.ones(()), *(_value(_parse(base), signals, xp) for base in bases)]
     return values, _factor_indices(products, bases)
 
 
@@ -198,8 +232,8 @@ def _slopes(values: Float[Array, " factor"], indices: np.ndarray) -> list[Float[
 
 
 def _centred(
-    signals: Mapping[str, Float[Array, ""]], centre: Mapping[str, Float[Array, ""]]
-) -> dict[str, Float[Array, ""]]:
+    signals: Mapping[str, Signal], centre: Mapping[str, Float[Numbers, ""]]
+) -> dict[str, Signal]:
     """Signals minus their centres; signals without a centre are not changed."""
     differences = {name: signals[name] - value for name, value in centre.items() if name in signals}
     return {**signals, **differences}
@@ -306,12 +340,12 @@ def _parse(factor: str) -> _Factor:
     return _Factor(match["base"], signal, match["size"] is not None, knot, int(match["power"] or 1))
 
 
-def _value(factor: _Factor, signals: Mapping) -> Float[Array, ""]:
-    """Value of a factor without its power."""
+def _value(factor: _Factor, signals: Mapping, xp):
+    """Value of a factor without its power, in the namespace `xp`."""
     value = signals[factor.signal]
     if factor.size:
-        return jnp.abs(value)
+        return xp.abs(value)
     if factor.knot is None:
         return value
     # At the knot this has the derivative from below.
-    return jnp.where(value > factor.knot, value - factor.knot, 0.0)
+    return xp.where(value > factor.knot, value - factor.knot, 0.0)

@@ -1,7 +1,7 @@
 """Replacement of a model's polynomials, by dotted name."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -35,6 +35,21 @@ def with_polynomials(model: Model, polynomials: Mapping[str, Polynomial]) -> Mod
     return eqx.tree_at(
         lambda tree: [_at(tree, path) for path in chosen], model, list(polynomials.values())
     )
+
+
+def with_terms(model: Model, terms: Mapping[str, Sequence[str]]) -> Model:
+    """Return the model with some of its polynomials in other terms (`Polynomial.with_terms`).
+
+    Args:
+        model: any module, wrappers included.
+        terms: all terms of the result, by dotted name of the polynomial.
+
+    Raises:
+        InputError: when the model has no polynomial of a name.
+    """
+    known = polynomials_of(model)
+    require_known("polynomial", terms, known)
+    return with_polynomials(model, {name: known[name].with_terms(terms[name]) for name in terms})
 
 
 def polynomials_of(model: eqx.Module) -> dict[str, Polynomial]:

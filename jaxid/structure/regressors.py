@@ -2,13 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_float64, require_unique
 from .._foundation.types import Float, Numbers
-from ..models.polynomial import monomials, signals_in
+from ..models.polynomial import monomials, monomials_of_samples, signals_in
 
 
 def columns(
@@ -36,15 +34,15 @@ def columns(
     terms = tuple(terms)
     require_unique("term", terms)
     needed = signals_in(terms)
-    used = {name: jnp.asarray(signals[name], float) for name in needed if name in signals}
-    about = {name: jnp.asarray(value, float) for name, value in (centre or {}).items()}
+    used = {name: np.asarray(signals[name], float) for name in needed if name in signals}
+    about = {name: np.asarray(value, float) for name, value in (centre or {}).items()}
     if not used:  # all terms are constants, or a name is unknown, which `monomials` reports
         require(bool(signals), "There are no signals, so there are no samples. Give at least one.")
         count = len(next(iter(signals.values())))
-        return np.tile(np.asarray(monomials(terms, {}, about)), (count, 1))
+        return np.tile(np.asarray(monomials(terms, {})), (count, 1))
     lengths = {name: len(value) for name, value in used.items()}
     require(
         len(set(lengths.values())) == 1,
         f"The signals have different numbers of samples: {lengths}. Give signals of one length.",
     )
-    return np.asarray(jax.vmap(lambda sample: monomials(terms, sample, about))(used))
+    return np.asarray(monomials_of_samples(used, about, terms=terms))

@@ -1,6 +1,6 @@
 """`Identification`: the result of `identify`, with both of its stages."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,11 +16,13 @@ from ..data.stack import stack
 from ..diagnosis.bands import Bands, prediction_bands
 from ..diagnosis.validation import Prediction, predict
 from ..estimation import Estimate
+from ..estimation.estimate import Case
 from ..estimation.likelihoods import AbstractLikelihood
-from ..estimation.problem import Problem
+from ..estimation.shared_programs import evaluate_start
 from ..models.base import AbstractModel
-from ..models.free import Free, initial_parameters
 from ..models.noise import FixedNoise
+from ..models.replace import with_terms
+from ..sensitivity.information import Information
 from ..sensitivity.spectrum import spectrum
 from ..structure import Regression, Selection
 from .thresholds import SMALLEST_EIGENVALUE
@@ -96,6 +98,8 @@ class Identification:
         estimate: the second stage.
         records: the prepared records that were fitted, a stack.
         likelihood: measure of the misfit.
+        candidates: terms by response that the compiled programs of the model have, the absent ones
+            with the value zero; none where the model has its own terms only.
         reduced: reason and limits of a structure that was reduced, because the selected one
             diverges at the values of the regression; empty if it starts.
     """
@@ -107,6 +111,7 @@ class Identification:
     estimate: Estimate
     records: Record
     likelihood: AbstractLikelihood
+    candidates: Mapping[str, tuple[str, ...]]
     reduced: str = ""
 
     @property
@@ -179,7 +184,8 @@ class Identification:
         known = eqx.tree_at(
             lambda node: node.noise, self.likelihood, FixedNoise(self.estimate.noise)
         )
-        return predict(self.model, stack(prepared), known, window=window, states=states)
+        model = with_terms(self.model, self.candidates)
+        return predict(model, stack(prepared), known, window=window, states=states)
 
     def _repr_html_(self) -> str:
         return preformatted(str(self))
@@ -219,43 +225,23 @@ class Identification:
         return "\n".join(lines)
 
 
-def a_priori(
-    model: AbstractModel, free: Free, records: Record, likelihood: AbstractLikelihood
-) -> Start:
+def a_priori(case: Case) -> Start:
     """Return cost and F-values at the start of maximum likelihood.
 
     Args:
-        model: the model with the values of the regression.
-        free: the parameters to estimate.
-        records: a stack.
-        likelihood: measure of the misfit.
+        case: the second stage, with the values of the regression.
     """
-    start = _at_start(Problem.of(model, free, records, likelihood))
-    return Start(free.shared, np.asarray(start.values), np.asarray(start.F), float(start.cost))
-
-
-class _AtStart(NamedTuple):
-    """Cost and F-values at the start of maximum likelihood.
-
-    Attributes:
-        values: values of the shared parameters.
-        cost: negative log-likelihood.
-        F: squared values over their variances.
-    """
-
-    values: Float[Array, " parameter"]
-    cost: Float[Array, ""]
-    F: Float[Array, " parameter"]
+    cost, linearised = evaluate_start(case)
+    values, limits = case.begin.shared, case.problem.limits
+    F = _F(values, linearised.information, limits.scale)
+    return Start(case.free.shared, np.asarray(values), np.asarray(F), float(cost))
 
 
 @fast_compile_jit
-def _at_start(problem: Problem) -> _AtStart:
-    initial = initial_parameters(problem.model, problem.positions, problem.records)
-    cost, linearised = problem.evaluate(initial)
-    information = linearised.information
-    eigen = spectrum(information.triangle, information.rhs, problem.limits.scale)
-    F = initial.shared**2 / jnp.diagonal(eigen.covariance(SMALLEST_EIGENVALUE))
-    return _AtStart(initial.shared, cost, F)
+def _F(values: Float[Array, " parameter"], information: Information, scale):
+    """Return the squared values over their variances."""
+    eigen = spectrum(information.triangle, information.rhs, scale)
+    return values**2 / jnp.diagonal(eigen.covariance(SMALLEST_EIGENVALUE))
 
 
 def _terms(regression: Regression):

@@ -6,26 +6,27 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
+import equinox as eqx
 import numpy as np
 
 from .._foundation.checks import InputError, require, require_float64, require_known
 from .._foundation.types import Float
 from ..data.record import Record
 from ..data.stack import unstack
-from ..estimation.estimate import as_stack, check_sampling, divergence, estimate
+from ..estimation.estimate import Case, as_stack, checked_case, divergence
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
-from ..estimation.problem import Problem
+from ..estimation.shared_programs import estimate_case
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel
 from ..models.equation_shapes import check_equations
 from ..models.free import Free, free
 from ..models.polynomial import Polynomial
 from ..models.pseudo_measurements import PseudoMeasurements
-from ..models.replace import with_polynomials
+from ..models.replace import polynomials_of, with_polynomials, with_terms
 from ..structure import Regression, choose, columns, least_squares, stepwise_each, strong_terms
-from .identification import Equation, Identification, a_priori
+from .identification import Equation, Identification, Start, a_priori
 from .identify_options import IdentifyOptions
-from .reduction import AS_SELECTED, REDUCTIONS, Reduction, starts
+from .reduction import AS_SELECTED, REDUCTIONS, Reduction
 
 Records = Record | Sequence[Record]
 
@@ -54,7 +55,9 @@ def identify(
        there, the regression is repeated with lower powers, then with fewer terms, until one starts
        (`REDUCTIONS`); `reduced` of the result has the limits. Terms given by name are kept.
 
-    All records are regressed together, about their common mean, and estimated together.
+    All records are regressed together, about their common mean, and estimated together. The model
+    is simulated with all candidates, the absent ones with the value zero, so that calls for records
+    of the same shapes share its compiled programs whatever terms they select.
 
     Args:
         model: a model with `pseudo_measurements` whose responses are its polynomials, such as
@@ -80,23 +83,24 @@ def identify(
     single = unstack(as_stack(records)) if isinstance(records, Record) else list(records)
     require(len(single) > 0, "There is no record to identify from. Give at least one.")
     measured = [model.pseudo_measurements(record) for record in single]
-    build = partial(_structure, model, single, likelihood, options, per_record)
-    chosen = build(*_regressions(measured, options))
-    first = a_priori(chosen.model, chosen.free, chosen.records, likelihood)
-    reduced = ""
+    candidates = dict(measured[0].candidates)
+    build = partial(_structure, model, single, likelihood, options, per_record, candidates)
+    chosen, reduced = build(*_regressions(measured, options)), ""
+    first = a_priori(chosen.case)
     if not np.isfinite(first.cost):
-        chosen, reduction = _reduced(build, measured, options, likelihood, chosen)
+        chosen, first, reduction = _reduced(build, measured, options, chosen)
         reduced = f"{reduction}, because the terms as selected diverge at the start"
-        first = a_priori(chosen.model, chosen.free, chosen.records, likelihood)
-    fit = estimate(chosen.model, chosen.free, chosen.records, likelihood, solver=solver)
+    fit = estimate_case(chosen.case, solver)
+    own_terms = {name: one.terms for name, one in polynomials_of(chosen.model).items()}
     return Identification(
         chosen.equations,
         chosen.centre,
         chosen.model,
         first,
-        fit,
-        chosen.records,
+        eqx.tree_at(lambda one: one.model, fit, with_terms(fit.model, own_terms)),
+        chosen.case.records,
         likelihood,
+        chosen.candidates,
         reduced,
     )
 
@@ -107,15 +111,15 @@ class _Structure(NamedTuple):
     Attributes:
         equations, centre: the regressions, and the means about which the terms are written.
         model: model with the values of the regression.
-        free: parameters to estimate.
-        records: prepared records, a stack.
+        candidates: terms of the model that is simulated, by response; none for `model` itself.
+        case: the problem of this model.
     """
 
     equations: dict[str, Equation]
     centre: dict[str, float]
     model: AbstractModel
-    free: Free
-    records: Record
+    candidates: dict[str, tuple[str, ...]]
+    case: Case
 
     @property
     def terms(self) -> dict[str, tuple[str, ...]]:
@@ -123,8 +127,10 @@ class _Structure(NamedTuple):
         return {name: one.regression.names for name, one in self.equations.items() if one.kept}
 
 
-def _structure(model, single, likelihood, options, per_record, equations, centre) -> _Structure:
-    """Return model, free parameters and records of a regression, after all checks."""
+def _structure(
+    model, single, likelihood, options, per_record, candidates, equations, centre
+) -> _Structure:
+    """Return the second stage at the values of a regression, after all checks."""
     left_out = tuple(name for name, equation in equations.items() if not equation.kept)
     require(
         len(left_out) < len(equations),
@@ -134,21 +140,43 @@ def _structure(model, single, likelihood, options, per_record, equations, centre
         "`least_R2`.",
     )
     start_model = with_polynomials(model.without(left_out), _polynomials(equations, centre))
-    check_equations(start_model)
+    candidates = _simulated_terms(start_model, equations, candidates)
+    simulated = with_terms(start_model, candidates)
     chosen = _free(start_model, equations, options, per_record)
     prepared = as_stack([start_model.prepared(record) for record in single])
-    check_sampling(start_model, prepared, likelihood)
-    return _Structure(equations, centre, start_model, chosen, prepared)
+    case = checked_case(simulated, chosen, prepared, likelihood)
+    return _Structure(equations, centre, start_model, candidates, case)
+
+
+def _simulated_terms(
+    model: AbstractModel,
+    equations: Mapping[str, Equation],
+    candidates: Mapping[str, tuple[str, ...]],
+) -> dict[str, tuple[str, ...]]:
+    """Return all candidates of each response, with its own terms.
+
+    A model with all candidates has the same structure whichever of them are selected, so that its
+    compiled programs serve every selection. There are none if a candidate depends on a signal that
+    is known in the regression only.
+    """
+    terms = {
+        name: tuple(dict.fromkeys(("1", *candidates.get(name, ()), *equation.regression.names)))
+        for name, equation in equations.items()
+    }
+    try:
+        check_equations(with_terms(model, terms))
+    except InputError:
+        return {}
+    return terms
 
 
 def _reduced(
     build: Callable[..., _Structure],
     measured: Sequence[PseudoMeasurements],
     options: IdentifyOptions,
-    likelihood: AbstractLikelihood,
     diverging: _Structure,
-) -> tuple[_Structure, Reduction]:
-    """Return the first reduced structure whose simulation is finite, and its reduction.
+) -> tuple[_Structure, Start, Reduction]:
+    """Return the first reduced structure whose simulation is finite, its start, and its reduction.
 
     Raises:
         InputError: if none is; with record, time and state at which the last one diverges.
@@ -163,10 +191,11 @@ def _reduced(
             continue
         diverging = chosen
         structures.append(reduction)
-        problem = Problem.of(chosen.model, chosen.free, chosen.records, likelihood)
-        if starts(problem):
-            return chosen, reduction
-    words = divergence(diverging.model, diverging.free, diverging.records, likelihood)
+        first = a_priori(chosen.case)
+        if np.isfinite(first.cost):
+            return chosen, first, reduction
+    case = diverging.case
+    words = divergence(case.model, case.free, case.records, case.problem.likelihood)
     raise InputError(
         "The model cannot be simulated at the values of the regression with any structure that "
         f"was tried ({'; '.join(map(str, structures))}). {words} Of the last structure: "

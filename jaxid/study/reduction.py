@@ -3,12 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.compiler import fast_compile_jit
-from ..estimation.problem import Problem
-from ..models.free import initial_parameters
 from ..models.polynomial import factors
 from ..structure import Regression
 
@@ -60,18 +56,3 @@ REDUCTIONS = (*(Reduction(power) for power in (5, 3, 2, 1)), Reduction(1, 2), Re
 def power(term: str) -> int:
     """Return the total power of a term, 3 for `alpha^2 beta`."""
     return sum(exponent for _, exponent in factors(term))
-
-
-def starts(problem: Problem) -> bool:
-    """Return True if the simulation of all records is finite at the starting values.
-
-    Args:
-        problem: model, free parameters, records and likelihood.
-    """
-    return bool(_starts(problem))
-
-
-@fast_compile_jit
-def _starts(problem: Problem):
-    begin = initial_parameters(problem.model, problem.positions, problem.records)
-    return jnp.all(problem.solve(begin).finite)

@@ -11,6 +11,7 @@ from jaxid.models.polynomial import (
     Polynomial,
     factors,
     monomials,
+    monomials_of_samples,
     next_powers,
     signals_in,
     sums_of_monomials,
@@ -42,6 +43,24 @@ def test_terms_of_every_kind_have_known_value():
     np.testing.assert_allclose(
         monomials(tuple(TERMS), signals()), list(TERMS.values()), rtol=1e-14, atol=1e-16
     )
+
+
+def test_terms_at_samples_equal_terms_at_each_instant():
+    rng = np.random.default_rng(1)
+    histories = {name: rng.normal(size=5) for name in ("alpha", "beta")}
+    centre = {"alpha": jnp.array(0.1)}
+    ours = monomials_of_samples(histories, centre, terms=tuple(TERMS))
+    theirs = jax.vmap(lambda now: monomials(tuple(TERMS), now, centre))(histories)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-14, atol=1e-16)
+
+
+def test_polynomial_in_other_terms_has_same_value():
+    poly = Polynomial({"alpha": 2.0, "1": -0.5, "beta": 7.0}, centre={"alpha": 0.1})
+    wide = poly.with_terms(("1", "alpha^9", "|beta|", "beta", "alpha"))
+    assert wide.terms == ("1", "alpha^9", "|beta|", "beta", "alpha")
+    np.testing.assert_allclose(wide(signals()), poly(signals()), rtol=1e-14)
+    assert wide.with_terms(poly.terms).coefficients.tolist() == [2.0, -0.5, 7.0]
+    assert wide.with_terms(("beta",)).coefficients.tolist() == [7.0]
 
 
 def test_centre_is_subtracted_before_absolute_value_and_knot():

@@ -2,14 +2,17 @@
 refusals.
 """
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxid
-from jaxid import identify
+from jaxid import OutputError, identify
 from jaxid._foundation.checks import InputError
+from jaxid.estimation.model_programs import PROGRAMS
 from jaxid.models import AbstractModel, Polynomial
 from jaxid.models.pseudo_measurements import PseudoMeasurements
 from jaxid.structure import least_squares
@@ -171,6 +174,52 @@ def test_two_records_are_identified_jointly(record):
         "stiffness.x"
     )
     assert 0.5 < ratio < 0.95
+
+
+def test_result_equals_estimate_of_selected_terms_alone(result):
+    """The model that `identify` simulates has all candidates; the one here only those selected."""
+    ours = result.estimate
+    free = jaxid.free(result.start_model, *ours.names, per_record=("initial_state",))
+    theirs = jaxid.estimate(result.start_model, free, result.records, OutputError())
+    np.testing.assert_allclose(ours.cost, theirs.cost, rtol=1e-10)
+    moved = np.asarray(ours.values) - np.asarray(theirs.values)
+    np.testing.assert_array_less(np.abs(moved / theirs.standard_errors), 1e-5)
+    np.testing.assert_allclose(ours.standard_errors, theirs.standard_errors, rtol=1e-6)
+    assert result.model.stiffness.terms == theirs.model.stiffness.terms
+    np.testing.assert_allclose(
+        result.model.stiffness.coefficients, theirs.model.stiffness.coefficients, rtol=1e-5
+    )
+
+
+def test_other_terms_use_same_programs_of_model(record):
+    """Other terms, another number of them, and a prediction by each: one program of each kind."""
+    for program in PROGRAMS:
+        program.make_room(1, 0)
+    for terms in (tuple(TRUE), ("x", "v", "force", "x^3", "x v"), ("x", "force", "x^2")):
+        options = IdentifyOptions(terms={"stiffness": terms}, leave_out=("drift",))
+        result = identify(EMPTY, record, options=options)
+        assert result.model.stiffness.terms == ("1", *terms)
+        result.predict(record)
+    assert [len(program.known) for program in PROGRAMS] == [1, 1]
+
+
+def test_candidate_of_regression_alone_leaves_other_results_unchanged(record, result):
+    """The model does not know the signal `noise`, which only the regression has."""
+
+    class Regressed(Oscillator):
+        def pseudo_measurements(self, record):
+            known = super().pseudo_measurements(record)
+            signals = {**known.signals, "noise": np.sin(7.0 * np.asarray(record.t))}
+            candidates = (("stiffness", (*CANDIDATES, "noise")), known.candidates[1])
+            return dataclasses.replace(known, signals=signals, candidates=candidates)
+
+        def without(self, responses):
+            return Regressed(self.stiffness, self.drift, "drift" in responses)
+
+    other = identify(Regressed(Polynomial({}), Polynomial({}), False), record)
+    assert other.candidates == {}
+    assert other.estimate.names == result.estimate.names
+    np.testing.assert_allclose(other.estimate.cost, result.estimate.cost, rtol=1e-10)
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,12 @@ from jaxid.data import split_at, stack
 from jaxid.diagnosis.free_form import linear_models
 from jaxid.diagnosis.validation import Predictor, predict
 from jaxid.effects.equation import Term
-from jaxid.estimation.estimate import as_stack, fit_problem
+from jaxid.estimation import problem as estimation_problem
+from jaxid.estimation.estimate import as_stack, checked_case, fit_problem
 from jaxid.estimation.host_iteration import fit_by_steps
 from jaxid.estimation.model_programs import PROGRAMS
 from jaxid.estimation.problem import Problem
+from jaxid.estimation.shared_programs import estimate_case, evaluate_start
 from jaxid.estimation.solver import GaussNewton
 from jaxid.models import FixedNoise, Parameters
 from jaxid.models.base import canonical
@@ -47,6 +49,27 @@ def test_fit_by_steps_equals_fit_in_one_program(records, chord):
     error = np.sqrt(np.diagonal(theirs.covariance))
     moved = np.asarray(ours.parameters.shared) - np.asarray(theirs.parameters.shared)
     np.testing.assert_array_less(np.abs(moved) / error, 1e-5)
+
+
+@pytest.mark.parametrize("kept_bytes", [16_000_000, 1])
+def test_case_by_shared_programs_equals_estimate(records, monkeypatch, kept_bytes):
+    """With one byte the records are taken one at a time, in one program."""
+    monkeypatch.setattr(estimation_problem, "KEPT_BYTES", kept_bytes)
+    model = Spring(jnp.array(1.5), jnp.array(0.2))
+    chosen = free(model, "k", "c", per_record=["initial_state"], prior={"k": (1.2, 0.5)})
+    case = checked_case(model, chosen, records[:2], OutputError())
+    cost, linearised = evaluate_start(case)
+    whole, expected = case.problem.evaluate(case.begin)
+    np.testing.assert_allclose(cost, whole, rtol=1e-12)
+    np.testing.assert_allclose(
+        np.abs(linearised.information.factor), np.abs(expected.information.factor), rtol=1e-9
+    )
+    ours = estimate_case(case)
+    theirs = estimate(model, chosen, records[:2], OutputError())
+    moved = np.asarray(ours.values) - np.asarray(theirs.values)
+    np.testing.assert_array_less(np.abs(moved / theirs.standard_errors), 1e-5)
+    scale = np.max(np.abs(theirs.covariance))
+    np.testing.assert_allclose(ours.covariance, theirs.covariance, rtol=1e-5, atol=1e-5 * scale)
 
 
 @pytest.mark.parametrize("window", [None, 30])

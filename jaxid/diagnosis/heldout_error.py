@@ -37,7 +37,7 @@ def difference_error(before: Prediction, after: Prediction) -> float:
     d(log rms) = 1/(2 N) sum_i (v_i^2 / mean v^2 - 1), the sum's variance from its autocovariance
     """
 
-    error = float(_difference_error(before, after))
+    error = float(_difference_error(before.anonymous(), after.anonymous()))
     return error if np.isfinite(error) else 0.0
 
 
@@ -65,7 +65,7 @@ def uncertainty(prediction: Prediction) -> float:
     for a Gaussian residual with autocorrelation r_k and n_k pairs of valid samples that are k
     samples apart.
     """
-    return float(_uncertainty(prediction))
+    return float(_uncertainty(prediction.anonymous()))
 
 
 @eqx.filter_jit

@@ -48,6 +48,10 @@ class Prediction(eqx.Module):
     units: tuple[str, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
 
+    def anonymous(self) -> "Prediction":
+        """The same prediction without the names of its records, as `Record.anonymous`."""
+        return dataclasses.replace(self, names=("",) * len(self.names))
+
     @property
     def residuals(self) -> Float[Array, "case time output"]:
         """`v = z - y` at scored samples, else zero."""

@@ -10,6 +10,7 @@ from .._foundation.checks import require_known
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Float
 from ..data.record import Record
+from ..estimation.coloured_errors import colour_ratio
 from ..estimation.estimate import as_stack, check_channels
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
@@ -53,6 +54,8 @@ def prediction_bands(
     records: Record | Sequence[Record],
     likelihood: AbstractLikelihood,
     signals: Sequence[str] = (),
+    *,
+    coloured: bool = False,
 ) -> Bands:
     r"""Return the histories of a fit on its records with their standard deviations.
 
@@ -61,14 +64,17 @@ def prediction_bands(
 
     with `dc/dtheta` along the whole trajectory, so that the effect of an uncertain parameter on the
     state is included, and with the records' own unknowns (initial state, biases) among the
-    parameters. The deviations assume white residuals and a correct model. A direction that the data
-    do not determine is treated as known; `Estimate.weak_directions` names it.
+    parameters. The deviations assume a correct model and, unless they are `coloured`, white
+    residuals. A direction that the data do not determine is treated as known;
+    `Estimate.weak_directions` names it.
 
     Args:
         fit: from `estimate`, on one record or several.
         records: the records of the fit, in the same order.
         likelihood: the likelihood of the fit.
         signals: names of the model's signals, such as a coefficient.
+        coloured: take the errors of the shared parameters corrected for the colour of the
+            residuals.
 
     Raises:
         InputError: if channels differ or a signal does not exist.
@@ -80,7 +86,11 @@ def prediction_bands(
         model.signals, records.t[0, 0], jnp.zeros(len(model.states)), records.u[0, 0]
     )
     require_known("signal", signals, known)
-    histories = _histories(problem, fit.parameters, fit.information, fit.covariance, tuple(signals))
+    covariance = fit.covariance
+    if coloured:
+        ratio = colour_ratio(fit.standard_errors, fit.corrected_errors)
+        covariance = covariance * ratio[:, None] * ratio[None]
+    histories = _histories(problem, fit.parameters, fit.information, covariance, tuple(signals))
     first, last = len(model.states), len(model.states) + len(model.outputs)
     states = _by_name(model.states, histories[..., :first])
     outputs = _by_name(model.outputs, histories[..., first:last])

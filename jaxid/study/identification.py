@@ -155,12 +155,15 @@ class Identification:
 
     def prediction_bands(self, *signals: str) -> Bands:
         """Return states, outputs and signals along the fitted records, with their standard
-        deviations (6.4 to 6.6).
+        deviations (6.4 to 6.6), corrected for the colour of the residuals: a polynomial that is
+        not the true function leaves coloured ones.
 
         Args:
             signals: names of the model's signals, such as `"Cm"`.
         """
-        return prediction_bands(self.estimate, self.records, self.likelihood, signals)
+        return prediction_bands(
+            self.estimate, self.records, self.likelihood, signals, coloured=True
+        )
 
     def predict(
         self,

@@ -14,6 +14,7 @@ import numpy as np
 from .._foundation.checks import require, require_known
 from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float
+from ..estimation.coloured_errors import colour_ratio
 from ..estimation.result import Estimate
 from ..sensitivity.spectrum import SHARE
 
@@ -175,8 +176,8 @@ def _rows(estimate: Estimate, names: tuple[str, ...], origin, coloured: bool) ->
     T = np.asarray(estimate.information.triangle)[:count, order]
     r = np.asarray(estimate.information.rhs)[:count]
     if coloured:
-        ratio = np.asarray(estimate.corrected_errors / estimate.standard_errors)[order]
-        T = T / np.where(np.isfinite(ratio), ratio, 1.0)[None]
+        ratio = colour_ratio(estimate.standard_errors, estimate.corrected_errors)
+        T = T / np.asarray(ratio)[order][None]
     return Rows(T, r + T @ (np.asarray(estimate.values)[order] - origin))
 
 

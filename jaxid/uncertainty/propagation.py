@@ -12,6 +12,7 @@ from jax.flatten_util import ravel_pytree
 from .._foundation.checks import require
 from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float
+from ..estimation.coloured_errors import colour_ratio
 from ..estimation.result import Estimate
 from ..models.names import flatten, parameter_names
 from ..sensitivity.jacobian import value_and_jacobian
@@ -201,8 +202,7 @@ def _spread(
     inverse, coupling = own.inverse[case], own.coupling[case]
     half = estimate.spectrum.square_root(estimate.threshold)
     if coloured:
-        ratio = estimate.corrected_errors / estimate.standard_errors
-        half = half * jnp.where(jnp.isfinite(ratio), ratio, 1.0)[:, None]
+        half = half * colour_ratio(estimate.standard_errors, estimate.corrected_errors)[:, None]
     n_own, n_shared = inverse.shape[0], half.shape[0]
     react = -inverse @ coupling
     reaction = jnp.concatenate([react, jnp.eye(n_shared)])

@@ -2,6 +2,7 @@
 
 import sys
 
+import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.coverage.flights import DERIVATIVES, Flights, ShortPeriod, fly_with
@@ -11,12 +12,18 @@ from jaxid.effects import Term
 
 WINDOW = 20  # samples that fit the initial state of a check or test record
 # Of the magnitude of a quarter of Mw w at the largest w of the manoeuvre (our choice).
-MISSING_EFFECT = Term("q", "w^3", gain=-0.002)
+MISSING_GAIN = -0.002
+
+
+def missing_effect() -> Term:
+    """Return the effect of the flights that the declared model lacks."""
+    return Term("q", "w^3", gain=jnp.array(MISSING_GAIN))
 
 
 def fly_missing(draws: int, samples: int, seed: int) -> Flights:
-    """Return flights of the short period with `MISSING_EFFECT`, which the declared model lacks."""
-    return fly_with(MISSING_EFFECT, draws, samples, seed, ShortPeriod(**DERIVATIVES))
+    """Return flights of the short period with the missing effect."""
+    declared = ShortPeriod(*map(jnp.asarray, DERIVATIVES.values()))
+    return fly_with(missing_effect(), draws, samples, seed, declared)
 
 
 def after_selection(flights: Flights) -> Answer:
@@ -45,5 +52,5 @@ def _answer(studies: list[Study]) -> Answer:
         np.array([np.asarray(fit.values)[at] for fit, at in chosen]),
         np.array([np.asarray(fit.standard_errors)[at] for fit, at in chosen]),
         np.array([np.asarray(fit.interval())[at] for fit, at in chosen]),
-        np.array([study.effects == (MISSING_EFFECT.name,) for study in studies]),
+        np.array([study.effects == (missing_effect().name,) for study in studies]),
     )

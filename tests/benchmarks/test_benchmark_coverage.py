@@ -3,6 +3,8 @@
 import importlib
 from pathlib import Path
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -80,3 +82,16 @@ def test_filter_error_alone_finds_unstable_aircraft_from_bad_starts():
     assert all(benchmark.is_found(fit) for fit in fits)
     distance = (fits[0].values - fits[1].values) / fits[0].standard_errors
     np.testing.assert_allclose(distance, 0.0, atol=1e-3)
+
+
+def test_flights_with_an_effect_of_gain_zero_are_those_of_the_exact_transition():
+    """Means of 400 flights by the simulation and by matrix exponentials: noise of 0.004 / 20."""
+    flights, selection = (load(f"benchmarks.coverage.{name}") for name in ("flights", "selection"))
+    declared = flights.ShortPeriod(*map(jnp.asarray, flights.DERIVATIVES.values()))
+    nothing = eqx.tree_at(lambda effect: effect.gain, selection.missing_effect(), jnp.zeros(()))
+    simulated = flights.fly_with(nothing, 400, 100, 1, declared).z.mean(axis=0)
+    exact = flights.fly(400, 100, 2).z.mean(axis=0)
+    # 5 standard errors of a difference of two means, of 200 values
+    np.testing.assert_allclose(simulated, exact, atol=5.0 * np.sqrt(2.0) * 0.004 / 20)
+    missing = selection.fly_missing(400, 100, 1).z.mean(axis=0)
+    assert np.max(np.abs(missing - simulated)) > 0.01

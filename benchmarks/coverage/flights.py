@@ -120,10 +120,10 @@ def fly_with(
         declared: the short period with its true derivatives.
     """
     rng, (t, u) = np.random.default_rng(seed), _manoeuvre(samples)
-    y = simulate(Augmented(declared, (effect,)), t, u[:, None], INITIAL).y
+    y = np.asarray(simulate(Augmented(declared, (effect,)), t, u[:, None], INITIAL).y)
     z = y + rng.normal(size=(draws, samples, 2)) * np.array(list(NOISE.values()))
     valid, derivatives = np.ones(z.shape, bool), _derivatives(draws, {}, rng)
-    return Flights(t, u[:, None], np.asarray(z), valid, derivatives)
+    return Flights(t, u[:, None], z, valid, derivatives)
 
 
 def _manoeuvre(samples: int) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,13 @@ PAGES = {
     "CONTRIBUTING.md": "contributing.md",
     "jaxid/README.md": "map.md",
 }
-SOURCES = {page: source for source, page in PAGES.items()}
+# Pages that another hook writes, `notebook_pages.py`.
+NOTEBOOKS = {
+    f"notebooks/{path.name}": f"notebooks/{path.stem}.md"
+    for path in (ROOT / "notebooks").glob("*.ipynb")
+}
+TARGETS = PAGES | NOTEBOOKS
+SOURCES = {page: source for source, page in TARGETS.items()}
 # A fenced block or inline code, which stays; or a link.
 CODE_OR_LINK = re.compile(
     r"^ *(?P<fence>```|~~~).*?^ *(?P=fence) *$|`[^`\n]*`"
@@ -69,8 +75,10 @@ def _link(match: re.Match[str], source: str, here: str) -> str:
     if not path or "://" in path:
         return match[0]
     target = normpath(str(PurePosixPath(source).parent / path))
-    if target in PAGES:
-        page = PAGES[target]
+    if target in TARGETS:
+        page = TARGETS[target]
+    elif match["image"] and target.startswith("notebooks/"):  # a figure of a notebook
+        page = target
     elif target.startswith("docs/"):
         page = target.removeprefix("docs/")
     else:

@@ -2,6 +2,7 @@
 API reference contains every public name. `mkdocs` builds it, where that is installed.
 """
 
+import base64
 import importlib.util
 import itertools
 import re
@@ -11,12 +12,14 @@ import types
 from pathlib import Path
 
 import architecture_words
+import nbformat
 import pytest
 from printed_code import blocks, run_pages
 from public_names import definition, module_of, public_names
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
+NOTEBOOKS = sorted(path.stem for path in (ROOT / "notebooks").glob("*.ipynb"))
 START = "index.md"  # stands by itself; the other pages continue its code
 PAGES = (
     START,
@@ -244,8 +247,16 @@ def _exists(name: str) -> bool:
 def test_every_page_is_in_the_navigation():
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     pages = {file.relative_to(DOCS).as_posix() for file in DOCS.rglob("*.md")}
+    pages |= {f"notebooks/{name}.md" for name in NOTEBOOKS}
     missing = {page for page in pages if f"- {page}\n" not in navigation}
     assert not missing
+
+
+def test_the_gallery_lists_every_notebook():
+    listed = re.findall(
+        r"^\| \[[^]]+\]\(\.\./notebooks/(\w+)\.ipynb\)", text_of("notebooks.md"), re.M
+    )
+    assert listed == NOTEBOOKS
 
 
 # The API reference. -------------------------------------------------------------------------------
@@ -293,12 +304,17 @@ def test_every_public_module_of_the_package_has_a_page():
 # Pages from files outside of the folder. ----------------------------------------------------------
 
 
+def hook(name: str) -> types.ModuleType:
+    """Return a module of the folder `docs`."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture(scope="module")
 def page_text():
-    spec = importlib.util.spec_from_file_location("hooks", DOCS / "hooks.py")
-    hooks = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(hooks)
-    return hooks.page_text
+    return hook("hooks").page_text
 
 
 @pytest.mark.parametrize(
@@ -310,6 +326,13 @@ def page_text():
         ("overview.md", "[Notebooks](notebooks)", "Notebooks"),
         ("map.md", "[flights](../docs/flights.md#a)", "[flights](flights.md#a)"),
         ("effects.md", "[guide](../CONTRIBUTING.md)", "[guide](contributing.md)"),
+        (
+            "recipes.md",
+            "[01](../notebooks/01_quick_start.ipynb)",
+            "[01](notebooks/01_quick_start.md)",
+        ),
+        ("notebooks/02b_departure.md", "[03](03_structure.ipynb)", "[03](03_structure.md)"),
+        ("notebooks/02b_departure.md", "![a](02b_departure_files/b.png)", None),
         ("api/effects.md", "[table](../effects.md)", "[table](../effects.md)"),
         ("index.md", "[here](#fit), [there](https://a.org/b)", None),
         ("contributing.md", "```python\ntests[0](seed)\n```\n`tests[0](seed)`", None),
@@ -327,6 +350,55 @@ def test_sections_of_the_readme_are_inserted(page_text):
     assert "<!-- README" not in shown
 
 
+# The notebooks. -----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def notebook_pages(tmp_path, monkeypatch):
+    pages = hook("notebook_pages")
+    monkeypatch.setattr(pages, "CACHE", tmp_path / "cache")
+    return pages
+
+
+def test_an_executed_notebook_is_kept_until_it_changes(notebook_pages, tmp_path):
+    path, runs = tmp_path / "count.ipynb", tmp_path / "runs"
+    cell = "with open({!r}, 'a') as runs: print(runs.write({!r}))"
+
+    def output(mark):
+        code = nbformat.v4.new_code_cell(cell.format(str(runs), mark), id="a")
+        nbformat.write(nbformat.v4.new_notebook(cells=[code]), path)
+        return notebook_pages.executed(path).cells[0].outputs[0].text
+
+    assert [output("a"), output("a"), output("bb")] == ["1\n", "1\n", "2\n"]
+    assert runs.read_text(encoding="utf-8") == "abb"
+
+
+def test_the_page_of_a_notebook_has_its_outputs(notebook_pages):
+    if not all(importlib.util.find_spec(name) for name in ("nbconvert", "latex2mathml")):
+        pytest.skip('nbconvert is not installed: pip install -e ".[docs]"')
+    code = nbformat.v4.new_code_cell("fit")
+    png = base64.b64encode(b"a figure").decode()
+    data = {"text/html": "<pre>", "text/plain": "k  2.0"}
+    code.outputs = [
+        nbformat.v4.new_output("stream", text="weak: [k](c)\n"),
+        nbformat.v4.new_output("execute_result", data=data),
+        nbformat.v4.new_output("display_data", data={"image/png": png, "text/plain": "<Figure>"}),
+    ]
+    text = nbformat.v4.new_markdown_cell("# Title\nText $x_1$ and `$HOME`, `$PATH`.")
+    page, figure = notebook_pages.page_with_figures(
+        nbformat.v4.new_notebook(cells=[text, code]), "01"
+    ).items()
+    assert figure == ("01_files/01_1_2.png", b"a figure")
+    assert page[0] == "01.md"
+    for shown in ("weak: [k](c)", "k  2.0"):
+        assert f'```text title="Output"\n{shown}\n```' in page[1]
+    assert "![Figure of the code above](01_files/01_1_2.png)" in page[1]
+    assert "<pre>" not in page[1]
+    assert "<Figure>" not in page[1]
+    assert "<msub><mi>x</mi><mn>1</mn></msub>" in page[1]
+    assert "`$HOME`, `$PATH`" in page[1]
+
+
 # The build. ---------------------------------------------------------------------------------------
 
 
@@ -334,7 +406,8 @@ def test_mkdocs_builds_the_site_without_a_warning(tmp_path):
     """Pages need no network: no script, style, font or image comes from another server. No list or
     table is left as text.
     """
-    if not all(importlib.util.find_spec(name) for name in ("mkdocs", "material", "mkdocstrings")):
+    needed = ("mkdocs", "material", "mkdocstrings", "nbconvert", "latex2mathml")
+    if not all(importlib.util.find_spec(name) for name in needed):
         pytest.skip('mkdocs is not installed: pip install -e ".[docs]"')
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

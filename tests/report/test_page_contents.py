@@ -14,7 +14,7 @@ from jaxid.report import words
 from jaxid.report.equations import equation
 from jaxid.report.error_tables import error_rows, record_error_rows
 from jaxid.report.provenance import provenance
-from jaxid.report.tables import correlation_rows, effect_rows, eigenvalues
+from jaxid.report.tables import correlation_rows, effect_rows, eigenvalues, remains_rows
 
 
 @pytest.fixture(scope="session")
@@ -108,6 +108,10 @@ def test_effect_without_an_equation_has_none():
 def test_row_of_an_effect_has_its_equation(study):
     (row,) = effect_rows(study)
     assert row.equation == "d(v)/dt += gain * x³"
+
+
+def test_residual_of_a_verdict_of_noise_follows_nothing(study):
+    assert [row.follows_after for row in remains_rows(study)] == ["nothing", "nothing"]
 
 
 def test_every_outcome_has_next_steps():

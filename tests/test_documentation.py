@@ -291,6 +291,12 @@ def test_the_api_reference_has_no_other_entries(module):
     assert set(listed) <= known
 
 
+@pytest.mark.parametrize("module", [module for module in MODULES if module != "jaxid"])
+def test_the_page_of_a_module_states_how_it_is_imported(module):
+    states = f"`import {module}` fails" in text_of(page_of(module))
+    assert states == (importlib.util.find_spec(module) is None)
+
+
 def test_every_public_module_of_the_package_has_a_page():
     package = module_of("jaxid")
     modules = {

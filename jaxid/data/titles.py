@@ -1,10 +1,11 @@
 """Units in the titles of columns, such as `alpha [deg]`, `Time (ms)` and `q_deg_s`."""
 
+import json
 import re
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
-from .._foundation.checks import require
+from .._foundation.checks import InputError
 from .units import is_si, is_unit
 
 # Units in round brackets that are read, in addition to units in SI and with signs such as `/`.
@@ -14,13 +15,45 @@ _PLAIN += ("ms", "us", "mm", "cm", "km", "mph", "rpm", "mV", "mA", "hPa", "kPa",
 COMMON = frozenset((*_PLAIN, "degC", "kN", "kW", "kHz", "MPa", "dB"))
 _SIGNS = re.compile(r"[/^*²³°µ%]")
 # Endings of titles that are units, in lower or in upper case. Left out are endings that are words
-# of a log as well, such as `in`, `min` and `g`.
+# of a log as well, such as `in`; `us`, `min` and `g` count after names of times and accelerations.
 ENDINGS = {unit: unit for unit in ("deg", "ft", "kt", "ms", "mm", "km", "rpm", "psf", "psi", "lbf")}
 ENDINGS |= {"degs": "deg/s", "deg_s": "deg/s", "deg/s": "deg/s", "dps": "deg/s", "kts": "kt"}
 ENDINGS |= {"deg_s2": "deg/s^2", "deg/s2": "deg/s^2", "deg/s^2": "deg/s^2", "knots": "kt"}
 ENDINGS |= {"fps": "ft/s", "ft_s": "ft/s", "ft/s": "ft/s", "kmh": "km/h", "km/h": "km/h"}
 _ANY_ENDING = "|".join(re.escape(end) for word in ENDINGS for end in (word, word.upper()))
 _ENDING = re.compile(rf".+[_ .\-]({_ANY_ENDING})")
+_CASED_ENDING = re.compile(r".+[_ .\-](m[AV]|[hkM]Pa|kN|kW|kHz)")
+_AFTER_A_NAME = (
+    re.compile(r"(?:.*[_ .\-])?(?:t|dt|time|timestamp|clock)[_ .\-](us|min)", re.IGNORECASE),
+    re.compile(r"(?:.*[_ .\-])?(?:[an][xyz]|acc|accel)[_ .\-](g)", re.IGNORECASE),
+)
+
+
+class UnclearUnitError(InputError):
+    """Title of a column that may hold a unit.
+
+    Args:
+        where: the file or table.
+        title: the title.
+        unit: the unit that it may hold.
+        option: the option that states the unit, as the user would write it.
+    """
+
+    def __init__(self, where: str, title: str, unit: str, option: str):
+        super().__init__(where, title, unit, option)
+
+    def __str__(self) -> str:
+        where, title, unit, option = self.args
+        return (
+            f"{where}: the title {title!r} seems to hold the unit {unit!r}, and no unit is given. "
+            f"Give `{option}`, or `''` in its place for numbers in SI."
+        )
+
+    def in_toml(self) -> "UnclearUnitError":
+        """Return the error with the option as it stands in a study file."""
+        where, title, unit, _ = self.args
+        quoted = (json.dumps(text, ensure_ascii=False) for text in (title, unit))
+        return UnclearUnitError(where, title, unit, f"units = {{ {' = '.join(quoted)} }}")
 
 
 class Title(NamedTuple):
@@ -42,7 +75,7 @@ def parse_title(title: str) -> Title:
 
     Text in square brackets is a unit, but for a number (`xyz[1]`). Text in round brackets is one if
     it is common, in SI, or has a sign of units such as `/`; another known unit there is unclear,
-    and so is an ending such as `_deg`.
+    and so is an ending such as `_deg`, or `_us` after the name of a time.
     """
     square = re.fullmatch(r"(.*?)\s*\[([^\]]*)\]", title)
     if square is not None:
@@ -54,8 +87,20 @@ def parse_title(title: str) -> Title:
         if unit in COMMON or _SIGNS.search(unit) or is_si(unit):
             return Title(rounded[1], unit, "")
         return Title(title, "", unit if is_unit(unit) else "")
+    return Title(title, "", _unit_of_ending(title))
+
+
+def _unit_of_ending(title: str) -> str:
+    """Return the unit that the ending of a title may be, "" if there is none."""
     ending = _ENDING.fullmatch(title)
-    return Title(title, "", "" if ending is None else ENDINGS[ending[1].lower()])
+    if ending is not None:
+        return ENDINGS[ending[1].lower()]
+    cased = _CASED_ENDING.fullmatch(title)
+    if cased is not None:
+        return cased[1]
+    named = next(filter(None, (pattern.fullmatch(title) for pattern in _AFTER_A_NAME)), None)
+    unit = "" if named is None else named[1].lower()
+    return "g0" if unit == "g" else unit
 
 
 def units_of_titles(
@@ -80,9 +125,6 @@ def units_of_titles(
 def _unit_of_title(title: str, where: str) -> str:
     """Return the unit in the title of a column, "" if there is none."""
     _, unit, unclear = parse_title(title)
-    require(
-        not unclear,
-        f"{where}: the title {title!r} seems to hold the unit {unclear!r}, and no unit is given. "
-        f"Give `units={{{title!r}: {unclear!r}}}`, or `''` in its place for numbers in SI.",
-    )
+    if unclear:
+        raise UnclearUnitError(where, title, unclear, f"units={{{title!r}: {unclear!r}}}")
     return unit

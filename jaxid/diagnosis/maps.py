@@ -13,8 +13,9 @@ from .._foundation.checks import require
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Bool, Float
-from ..estimation.coloured import score_covariance
+from ..estimation.coloured import score_covariance, score_covariance_under
 from .thresholds import WEAK_BIN
+from .validation import root_mean_square
 
 
 class ResidualMaps(eqx.Module):
@@ -65,7 +66,9 @@ def residual_maps(
 
     with `C` the covariance of the sums, computed for the autocorrelation of the residual less its
     means (`score_covariance`; Morelli & Klein, Journal of Aircraft 34(6), 1997), so that a slow
-    residual does not make every map significant.
+    residual does not make every map significant. The p-value is the larger of this one and the one
+    for first-order autoregressive noise. Noise with a memory as long as the stay in a bin still
+    gives more alarms than the level over time.
 
     Args:
         residuals: `v = z - y` [output units].
@@ -130,14 +133,14 @@ def _numbers(residuals, mask, s, edges) -> _BinMeans:
         # The map itself is removed first; otherwise every strong map would look like coloured
         # noise.
         remainder = v - inside @ mean
-        C = score_covariance(inside[:, :, None, :] * 1.0, remainder[..., None], mask[..., None])
-        values, vectors = jnp.linalg.eigh(C)
-        strong = values > WEAK_BIN * jnp.maximum(values[-1], jnp.finfo(float).tiny)
-        Q = jnp.sum(
-            jnp.where(strong, (vectors.T @ sums) ** 2 / jnp.where(strong, values, 1.0), 0.0)
-        )
-        p_value = gammaincc(jnp.maximum(jnp.sum(strong), 1) / 2, Q / 2)
-        deviation = jnp.sqrt(jnp.maximum(jnp.diagonal(C), 0.0)) / jnp.maximum(count, 1)
+        S, remainder, mask = inside[:, :, None, :] * 1.0, remainder[..., None], mask[..., None]
+        measured = score_covariance(S, remainder, mask)
+        # The bins of a slow variable take the slow part of a residual with them, and the remainder
+        # then seems to have less of it than noise. The larger variance is used.
+        fitted = score_covariance_under(S, _first_order(remainder, mask))
+        p_value = jnp.maximum(_p_value(sums, measured), _p_value(sums, fitted))
+        variance = jnp.maximum(jnp.diagonal(measured), jnp.diagonal(fitted))
+        deviation = jnp.sqrt(variance) / jnp.maximum(count, 1)
         return _BinMeans(mean, deviation, p_value)
 
     def of_output(j):
@@ -147,3 +150,24 @@ def _numbers(residuals, mask, s, edges) -> _BinMeans:
         )
 
     return jax.lax.map(of_output, jnp.arange(residuals.shape[-1]))
+
+
+def _first_order(v, mask):
+    """Return the autocovariance of first-order autoregressive noise, by `tapered_covariance`'s
+    lags; white noise where neighbours are not positively correlated.
+    """
+    count = v.shape[1]
+    lag = jnp.minimum(jnp.arange(2 * count), 2 * count - jnp.arange(2 * count))[:, None]
+    variance = root_mean_square(v, mask) ** 2
+    pairs = mask[:, 1:] & mask[:, :-1]
+    product = jnp.sum(v[:, 1:] * v[:, :-1], axis=(0, 1)) / jnp.maximum(jnp.sum(pairs, (0, 1)), 1)
+    rho = jnp.clip(product / jnp.maximum(variance, jnp.finfo(float).tiny), 0.0, 1.0)
+    return variance[None] * rho[None] ** lag
+
+
+def _p_value(sums, C):
+    """Return the probability of sums at least this large, for their covariance."""
+    values, vectors = jnp.linalg.eigh(C)
+    strong = values > WEAK_BIN * jnp.maximum(values[-1], jnp.finfo(float).tiny)
+    Q = jnp.sum(jnp.where(strong, (vectors.T @ sums) ** 2 / jnp.where(strong, values, 1.0), 0.0))
+    return gammaincc(jnp.maximum(jnp.sum(strong), 1) / 2, Q / 2)

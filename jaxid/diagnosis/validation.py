@@ -12,7 +12,7 @@ import numpy as np
 
 from .._foundation.checks import require, require_known
 from .._foundation.host import to_device
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels, check_sampling
@@ -67,21 +67,27 @@ class Prediction(eqx.Module):
         """Measures of fit of each channel over the scored samples of all records."""
         return statistics(self.z, self.y, self.scored, outputs=self.outputs, units=self.units)
 
-    def __str__(self) -> str:
+    def _title(self) -> str:
+        """Return the number of records and scored samples in words."""
         names = ", ".join(name for name in self.names if name)
         cases, count = self.z.shape[0], int(np.sum(np.asarray(self.scored)))
-        lines = [
+        return (
             f"Prediction of {cases} record{'s' * (cases > 1)}{f' ({names})' if names else ''}, "
             f"{count} scored samples"
-        ]
-        width = max(len(name) for name in (*self.outputs, "output"))
-        lines.append(f"{'output':<{width}} {'RMS error':>12} {'fit [%]':>9}  unit")
-        rows = zip(self.outputs, self.rms, self.statistics.fit, self.units, strict=True)
-        lines += [
-            f"{name:<{width}} {float(rms):>12.5g} {float(fit):>9.2f}  {unit}".rstrip()
-            for name, rms, fit, unit in rows
-        ]
-        return "\n".join(lines)
+        )
+
+    def _table(self) -> Table:
+        """Return error and fit of each channel in words."""
+        rms, fit = np.asarray(self.rms), np.asarray(self.statistics.fit)
+        rows = zip(self.outputs, rms, fit, self.units, strict=True)
+        return Table(
+            ("output", "RMS error", "fit [%]", "unit"),
+            (6, 12, 9),
+            tuple((name, f"{rms:.5g}", f"{fit:.2f}", unit) for name, rms, fit, unit in rows),
+        )
+
+    def __str__(self) -> str:
+        return "\n".join([self._title(), *self._table().lines()])
 
     def to_dict(self) -> dict[str, Any]:
         """Return errors, fits and histories as plain numbers and words."""
@@ -116,7 +122,7 @@ class Prediction(eqx.Module):
         )
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self._table().html(above=[self._title()])
 
     def plot(self, case: int = 0) -> Any:
         """Return a figure of measured and predicted outputs, by matplotlib (`jaxid[report]`).

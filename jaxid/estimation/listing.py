@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._foundation.checks import require
+from .._foundation.notebook import Table
 from ..models.names import flatten, parameter_names
 
 # Attributes with one value for each shared parameter.
@@ -51,6 +52,30 @@ def listing(estimate: Any) -> str:
         _eigenvalues(estimate),
     )
     return "\n".join(line for block in blocks for line in block)
+
+
+def parameter_table(estimate: Any) -> Table:
+    """Return the shared parameters of an estimate of one case, in words.
+
+    Args:
+        estimate: an `Estimate` of one case.
+    """
+    formats = {
+        "start": ".4g",
+        "values": ".6g",
+        "standard_errors": ".3g",
+        "corrected_errors": ".3g",
+        "F": ".4g",
+    }
+    columns = (
+        [f"{value:{shape}}" for value in np.asarray(getattr(estimate, name))]
+        for name, shape in formats.items()
+    )
+    return Table(
+        ("parameter", "start", "value", "std. error", "coloured", "F", "unit"),
+        (9, 11, 13, 11, 11, 10),
+        tuple(zip(estimate.names, *columns, estimate.units, strict=True)),
+    )
 
 
 def estimate_to_dict(estimate: Any) -> dict[str, Any]:

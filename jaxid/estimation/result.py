@@ -17,7 +17,7 @@ from ..models.free import Free, Parameters, flat_vectors
 from ..models.free_model import insert
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum, weak_directions
-from .listing import estimate_to_dict, estimate_to_xarray
+from .listing import estimate_to_dict, estimate_to_xarray, parameter_table
 
 NEAR_BOUND = 2.0  # standard errors; derived: a normal estimate lies beyond with 2.3 %
 
@@ -254,33 +254,26 @@ class Estimate(eqx.Module):
         return fit_residuals(self, case)
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        if self.values.ndim > 1:
+            return preformatted(str(self))
+        return parameter_table(self).html(below=self._notes())
 
     def __str__(self) -> str:
         if self.values.ndim > 1:
             good = int(np.sum(np.asarray(self.successful)))
             names = ", ".join(self.names)
             return f"Estimate of {self.values.shape[0]} cases, {good} successful: {names}"
-        width = max([len(name) for name in self.names] + [9])
-        lines = [
-            f"{'parameter':<{width}} {'start':>11} {'value':>13} {'std. error':>11} "
-            f"{'coloured':>11} {'F':>10}  unit"
-        ]
-        columns = (self.start, self.values, self.standard_errors, self.corrected_errors, self.F)
-        rows = zip(self.names, *map(np.asarray, columns), self.units, strict=True)
-        for name, start, value, error, coloured, F, unit in rows:
-            lines.append(
-                f"{name:<{width}} {start:>11.4g} {value:>13.6g} {error:>11.3g} {coloured:>11.3g} "
-                f"{F:>10.4g}  {unit}"
-            )
-        lines += [f"weak: {sentence}" for sentence in self.weak_directions]
-        lines += self._bounds_in_words()
-        lines.append(f"errors: {self._errors_in_words()}")
-        lines.append(
+        return "\n".join([*parameter_table(self).lines(), *self._notes()])
+
+    def _notes(self) -> list[str]:
+        """Return weak directions, bounds, the kind of the errors and the status, in words."""
+        return [
+            *(f"weak: {sentence}" for sentence in self.weak_directions),
+            *self._bounds_in_words(),
+            f"errors: {self._errors_in_words()}",
             f"status: {self.status} ({int(self.iterations)} iterations, cost "
-            f"{float(self.cost):.6g})"
-        )
-        return "\n".join(lines)
+            f"{float(self.cost):.6g})",
+        ]
 
     def _errors_in_words(self) -> str:
         """Return the quantiles that belong to the standard errors, in words."""

@@ -1,7 +1,5 @@
 """Figures of single objects: the channels of a record, the residual of a fit, a prediction."""
 
-from collections.abc import Sequence
-
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
@@ -33,39 +31,19 @@ def signals(record: Record, case: int = 0) -> Figure:
     """
     _require_case(case, record.n_cases)
     single = record[case] if record.is_stack else record
-    entries = [("inputs", NOISE), ("measured outputs", MEASURED)]
+    entries = [("inputs", NOISE)] * bool(single.inputs) + [("measured outputs", MEASURED)]
     names = (*single.inputs, *single.outputs)
-    return _channels(single, names, entries if single.inputs else entries[1:])
-
-
-def inputs(record: Record) -> Figure:
-    """Return a figure of the inputs of a single record over time, in degrees where the unit is rad.
-
-    Args:
-        record: the record, with inputs.
-    """
-    return _channels(record, record.inputs, [("inputs", NOISE)])
-
-
-def _channels(record: Record, names: Sequence[str], entries: list[tuple[str, str]]) -> Figure:
-    """Return a figure with one panel for each channel of a single record."""
-    units = dict(
-        zip(
-            (*record.inputs, *record.outputs),
-            (*record.input_units, *record.output_units),
-            strict=True,
-        )
-    )
+    units = (*single.input_units, *single.output_units)
     figure, panels = canvas(0.8 + 1.1 * len(names), len(names), sharex=True)
-    t = np.asarray(record.t)
-    for number, (name, (ax,)) in enumerate(zip(names, panels, strict=True)):
-        scale, shown = display_unit(units[name])
-        colour = NOISE if name in record.inputs else MEASURED
-        ax.plot(t, scale * np.asarray(record.channel(name)), color=colour, linewidth=1.0)
+    t = np.asarray(single.t)
+    for number, (name, unit, (ax,)) in enumerate(zip(names, units, panels, strict=True)):
+        scale, shown = display_unit(unit)
+        colour = NOISE if name in single.inputs else MEASURED
+        ax.plot(t, scale * np.asarray(single.channel(name)), color=colour, linewidth=1.0)
         label = channel_label(name, unit_words(shown))
         plain(ax, "time [s]" if number == len(names) - 1 else "", label)
     _limit(panels, t)
-    key(figure, entries, title=record.names[0])
+    key(figure, entries, title=single.names[0])
     return figure
 
 

@@ -7,13 +7,16 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
+from ..data.record import Record
+from ..diagnosis.validation import Prediction
 from ..loop.outcome import Outcome
 from ..study.study import Round, Study
 from .figures import errors, prediction, ranking, residuals
-from .figures_signals import inputs
+from .figures_records import RECORDS_IN_FIGURE, small_panels
 from .figures_where import where
 
-MOST_RECORDS = 3  # largest number of records of a test set to draw (chosen)
+# Chosen: largest number of records of a set to draw, in large figures and in small panels.
+MOST_LARGE, MOST_RECORDS = 3, 12
 PNG_DPI = 150  # chosen
 
 
@@ -41,13 +44,15 @@ class Gallery(NamedTuple):
     Attributes:
         errors: errors before and after.
         where: location of the declared model's residual, None if nothing is missing.
-        tests: predictions and residuals by test set.
+        tests: predictions, records and residuals by test set.
+        records: the training and the check records in small panels, by role.
         rounds: the ranking of each round, None if it had no candidate.
     """
 
     errors: Picture
     where: Picture | None
     tests: dict[str, tuple[Picture, ...]]
+    records: dict[str, tuple[Picture, ...]]
     rounds: tuple[Picture | None, ...]
 
     @property
@@ -56,8 +61,8 @@ class Gallery(NamedTuple):
         pictures = [self.errors]
         if self.where is not None:
             pictures.append(self.where)
-        for test in self.tests.values():
-            pictures.extend(test)
+        for drawn in (*self.tests.values(), *self.records.values()):
+            pictures.extend(drawn)
         pictures.extend(ranked for ranked in self.rounds if ranked is not None)
         return tuple(pictures)
 
@@ -77,10 +82,12 @@ def gallery(study: Study) -> Gallery:
     )
     first = Picture("errors", errors(study), caption)
     tests = {test: _test(study, test, index) for index, test in enumerate(study.tests, 1)}
+    records = {"training": study.train, "check": study.check}
     return Gallery(
         first,
         _where(study),
         tests,
+        {role: _records(each, role) for role, each in records.items()},
         tuple(_round(each, index) for index, each in enumerate(study.rounds, 1)),
     )
 
@@ -101,26 +108,19 @@ def _where(study: Study) -> Picture | None:
 
 
 def _test(study: Study, test: str, index: int) -> tuple[Picture, ...]:
-    """Return the predictions of the first records of a test set, and the residuals of the first."""
+    """Return the predictions of the first records of a test set, all its records in small panels,
+    and the residuals of the first.
+    """
     records, slug = study.tests[test], f"{index}-{_slug(test)}"
-    count = min(records.n_cases, MOST_RECORDS)
-    number_drawn = (
-        f" The set has {records.n_cases} records; {count} are drawn."
-        if records.n_cases > count
-        else ""
-    )
+    count = min(records.n_cases, MOST_LARGE)
     caption = (
         "Measured outputs (grey) and the predictions of the models, from the recorded input alone."
     )
     drawn = [
-        Picture(
-            f"prediction-{slug}-{case + 1}",
-            prediction(study, test, case),
-            caption + (number_drawn if case == count - 1 else ""),
-        )
+        Picture(f"prediction-{slug}-{case + 1}", prediction(study, test, case), caption)
         for case in range(count)
     ]
-    drawn += _inputs(study, test, slug)
+    drawn += _records(records, slug, study.after.tests[test])
     caption = (
         "Measured less predicted, in time (each panel in its own scale; the grey band is the same "
         "noise in both), and its autocorrelation over all records of the set. The autocorrelation "
@@ -129,13 +129,25 @@ def _test(study: Study, test: str, index: int) -> tuple[Picture, ...]:
     return (*drawn, Picture(f"residuals-{slug}", residuals(study, test), caption))
 
 
-def _inputs(study: Study, test: str, slug: str) -> list[Picture]:
-    """Return the recorded inputs of the first record of a test set, if it has any."""
-    records = study.tests[test]
-    caption = "Recorded inputs of the first of these records."
-    if not records.inputs:
-        return []
-    return [Picture(f"inputs-{slug}", inputs(records[0] if records.is_stack else records), caption)]
+def _records(
+    records: Record, slug: str, predicted: Prediction | None = None
+) -> tuple[Picture, ...]:
+    """Return the records of a set in small panels, `RECORDS_IN_FIGURE` to a figure."""
+    count = min(records.n_cases, MOST_RECORDS)
+    pictures = []
+    for start in range(0, count, RECORDS_IN_FIGURE):
+        cases = range(start, min(start + RECORDS_IN_FIGURE, count))
+        caption = "Inputs and outputs of the set, one record in each column, in a common scale."
+        if records.n_cases > count and cases.stop == count:
+            caption += (
+                f" The set has {records.n_cases} records; the first {count} are drawn, and the "
+                f"other {records.n_cases - count} are not."
+            )
+        figure = small_panels(records, cases, predicted)
+        pictures.append(
+            Picture(f"records-{slug}-{start // RECORDS_IN_FIGURE + 1}", figure, caption)
+        )
+    return tuple(pictures)
 
 
 def _round(search_round: Round, index: int) -> Picture | None:

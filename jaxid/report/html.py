@@ -22,7 +22,7 @@ from .tables import (
     remains_rows,
     round_rows,
 )
-from .words import COLOURED_WORDS, NEXT, NOISE_KNOWN, OUTCOMES, raised
+from .words import COLOURED_WORDS, NEXT, NOISE_KNOWN, OUTCOMES, percent, raised
 
 TEMPLATE = "study.html.j2"
 
@@ -72,6 +72,7 @@ def html(
         eigenvalues=eigenvalues(study.after.estimate),
         rounds=list(zip(round_rows(study), drawn.rounds, strict=True)),
         remains=remains_rows(study),
+        level=percent(study.residual_reports["after"].tests.level),
         places=place_rows(study),
         next_steps=NEXT[study.outcome],
         origin=provenance(study, files),

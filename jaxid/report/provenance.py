@@ -3,6 +3,7 @@
 import hashlib
 import importlib.metadata
 import platform
+import subprocess
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +17,7 @@ from ..study.study import Study
 from .words import number
 
 SHOWN_DIGITS = 16  # of the SHA-256 of a record (chosen)
+GIT_SECONDS = 5.0  # longest wait for git (chosen)
 
 
 class RecordRow(NamedTuple):
@@ -81,6 +83,7 @@ def _settings(study: Study) -> dict[str, str]:
             [f"{name} {_version(name)}" for name in ("jaxid", "jax", "numpy")]
             + [f"Python {platform.python_version()}", platform.platform(terse=True)]
         ),
+        **({"git revision": words} if (words := git_revision()) else {}),
         "likelihood": ", ".join(
             [type(likelihood).__name__, *(f"{n} {type(p).__name__}" for n, p in parts.items())]
             + [f"{steps} step{'s' * (steps > 1)} between samples"] * (steps > 0)
@@ -89,6 +92,31 @@ def _settings(study: Study) -> dict[str, str]:
         "level": f"{number(options.level)} for one false effect",
         "second opinion": f"{options.draws} draws, seed {options.seed}",
     }
+
+
+def git_revision() -> str:
+    """Return the revision of the repository of the working directory, with a note of changes in
+    files that git follows; "" where there is no repository or no git.
+    """
+    revision = _git("rev-parse", "HEAD")
+    changes = _git("status", "--porcelain", "--untracked-files=no") if revision else ""
+    return f"{revision} with changes" if changes else revision
+
+
+def _git(*arguments: str) -> str:
+    """Return the output of git in the working directory, "" where it fails."""
+    try:
+        answer = subprocess.run(
+            ("git", "--no-optional-locks", *arguments),
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=GIT_SECONDS,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return answer.stdout.strip()
 
 
 def _version(name: str) -> str:

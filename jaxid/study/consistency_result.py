@@ -2,7 +2,7 @@
 
 import dataclasses
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -180,6 +180,20 @@ class Consistency:
                 [values, np.asarray(self.estimate.own)[case, list(own.values())]]
             )
         return with_values(self.model, names, jnp.asarray(values)).corrected(record)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return verdict, errors, residuals and estimate as plain numbers and words."""
+        return {
+            "verdict": self.verdict,
+            "errors": [error._asdict() for error in self.errors],
+            "channels": [channel._asdict() for channel in self.channels],
+            "level": self.level,
+            "records": list(self.records),
+            "weak": list(self.weak),
+            "inflation": self.inflation,
+            "noise_known": self.noise_known,
+            "estimate": self.estimate.to_dict(),
+        }
 
     def _repr_html_(self) -> str:
         return preformatted(str(self))

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -190,6 +190,27 @@ class Identification:
         model = with_terms(self.model, self.candidates)
         return predict(model, stack(prepared), known, window=window, states=states)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the results of both stages as plain numbers and words; a number that a stage does
+        not have is NaN.
+        """
+        return {
+            "equations": {
+                name: {
+                    "kept": equation.kept,
+                    "reason": equation.reason,
+                    "terms": list(equation.regression.names),
+                    "R2": float(equation.regression.R2),
+                }
+                for name, equation in self.equations.items()
+            },
+            "centre": {name: float(value) for name, value in self.centre.items()},
+            "parameters": {row.name: _without_name(row) for row in self.parameters},
+            "reduced": self.reduced,
+            "start_cost": float(self.start.cost),
+            "estimate": self.estimate.to_dict(),
+        }
+
     def _repr_html_(self) -> str:
         return preformatted(str(self))
 
@@ -252,6 +273,10 @@ def _terms(regression: Regression):
     yield from zip(regression.names, regression.values, regression.F, strict=True)
     if regression.has_constant:
         yield "1", regression.constant, (regression.constant / regression.constant_error) ** 2
+
+
+def _without_name(row: Parameter) -> dict[str, float]:
+    return {key: value for key, value in row._asdict().items() if key != "name"}
 
 
 def _cell(value: float) -> str:

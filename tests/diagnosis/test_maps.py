@@ -39,6 +39,16 @@ def test_alarms_come_at_their_level(colour):
     assert low <= alarms <= (high if colour == 0.0 else 2 * high)
 
 
+@pytest.mark.parametrize("variable", [np.arange(ROWS), np.sin(np.arange(ROWS) / 40)])
+def test_white_noise_has_no_mean_over_time(variable):
+    """The bins of time, and of a slow signal, are pieces of a record in a row: 1,000 draws at 5 %,
+    within the upper bound that a right test meets with 99.9 % probability."""
+    v = jnp.asarray(np.random.default_rng(5).normal(size=(1000, 1, ROWS, 1)))
+    whole, s = jnp.ones((1, ROWS, 1), bool), jnp.asarray(variable * 1.0)[None]
+    p = np.array([residual_maps(draw, whole, {"t": s}, ("y",)).p_value[0, 0] for draw in v])
+    assert np.sum(p < 0.05) <= binom.ppf(0.999, p.size, 0.05)
+
+
 def test_a_mean_that_follows_a_variable_is_seen_where_it_is():
     v, s = drawn(1)
     bent = v + 0.5 * jnp.maximum(s - jnp.quantile(s, 0.75), 0.0)[..., None]

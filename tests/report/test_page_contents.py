@@ -1,6 +1,7 @@
 """Parts of the page that state where a study comes from, and its numbers in more detail."""
 
 import hashlib
+import subprocess
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -13,8 +14,8 @@ from jaxid.effects import InputDelay, SensorLag, Term
 from jaxid.report import words
 from jaxid.report.equations import equation
 from jaxid.report.error_tables import error_rows, record_error_rows
-from jaxid.report.provenance import provenance
-from jaxid.report.tables import correlation_rows, effect_rows, eigenvalues
+from jaxid.report.provenance import git_revision, provenance
+from jaxid.report.tables import correlation_rows, effect_rows, eigenvalues, remains_rows
 
 
 @pytest.fixture(scope="session")
@@ -44,6 +45,30 @@ def test_provenance_names_records_settings_and_files(study, tmp_path):
     assert settings["second opinion"] == "999 draws, seed 0"
     assert "hold Linear" in settings["likelihood"]
     assert "1 step between samples" in settings["likelihood"]
+
+
+def test_provenance_names_the_git_revision(study, tmp_path, monkeypatch):
+    def git(*arguments):
+        author = ("-c", "user.name=A", "-c", "user.email=a@example.org")
+        command = ("git", *author, "-C", str(tmp_path), *arguments)
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
+    assert git_revision() == ""
+    assert "git revision" not in dict(provenance(study).settings)
+    git("init")
+    assert git_revision() == ""  # no commit yet
+    (tmp_path / "model.py").write_text("k = 1\n")
+    git("add", "model.py")
+    git("commit", "--message", "Add a model")
+    (tmp_path / "report.txt").write_text("not followed by git\n")
+    revision = git("rev-parse", "HEAD")
+    assert git_revision() == revision
+    (tmp_path / "model.py").write_text("k = 2\n")
+    assert dict(provenance(study).settings)["git revision"] == f"{revision} with changes"
+    monkeypatch.setenv("PATH", "")
+    assert git_revision() == ""
 
 
 def test_digest_changes_with_one_number_of_a_record(study):
@@ -108,6 +133,10 @@ def test_effect_without_an_equation_has_none():
 def test_row_of_an_effect_has_its_equation(study):
     (row,) = effect_rows(study)
     assert row.equation == "d(v)/dt += gain * x³"
+
+
+def test_residual_of_a_verdict_of_noise_follows_nothing(study):
+    assert [row.follows_after for row in remains_rows(study)] == ["nothing", "nothing"]
 
 
 def test_every_outcome_has_next_steps():

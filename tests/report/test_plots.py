@@ -3,6 +3,7 @@
 import importlib
 import json
 
+import html5lib
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from small_spring import SIGMA, Spring, fly
 
 import jaxid
 from jaxid._foundation.checks import InputError
-from jaxid._foundation.notebook import preformatted
+from jaxid._foundation.notebook import Table, preformatted
 from jaxid.design import PlannedInformation
 from jaxid.diagnosis import Prediction
 
@@ -107,10 +108,30 @@ def test_text_is_escaped_and_keeps_its_lines():
     assert preformatted("a < b\n  & c").endswith(">a &lt; b\n  &amp; c</pre>")
 
 
-def test_objects_are_shown_as_they_print(record, fit, prediction):
+def test_objects_are_shown_as_they_print(record, fit):
     assert "Record &#x27;&lt;first&gt;&#x27;: 10 samples" in record._repr_html_()
     assert str(fit).splitlines()[-1] in fit._repr_html_()
-    assert str(prediction) in prediction._repr_html_()
+
+
+@pytest.mark.parametrize("name", ["fit", "prediction"])
+def test_a_notebook_has_a_table_of_the_printed_cells(name, request):
+    shown = request.getfixturevalue(name)
+    root = html5lib.parse(shown._repr_html_(), namespaceHTMLElements=False)
+    rows = [[cell.text or "" for cell in row] for row in root.iter("tr")]
+    notes = [paragraph.text for paragraph in root.iter("p")]
+    lines = [line for line in str(shown).splitlines() if line not in notes]
+    assert len(lines) + len(notes) == len(str(shown).splitlines())
+    assert [" ".join(row).split() for row in rows] == [line.split() for line in lines]
+    for row in root.iter("tr"):
+        sides = [cell.get("style").rpartition(" ")[2] for cell in row]
+        assert sides == ["left", *["right"] * (len(sides) - 2), "left"]
+    assert "color" not in shown._repr_html_()
+
+
+def test_cells_of_a_table_are_escaped():
+    table = Table(("a", "b", "c"), (1, 1), (("<i>", "1", "&"),))
+    assert "&lt;i&gt;" in table.html()
+    assert table.lines() == ["a   b  c", "<i> 1  &"]
 
 
 def test_a_plan_is_shown_as_it_prints():

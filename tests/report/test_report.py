@@ -308,8 +308,8 @@ def test_folder_contains_page_json_and_figures(study, tmp_path):
     names = sorted(path.name for path in folder.iterdir())
     assert [name for name in names if not name.endswith(".png")] == ["study.html", "study.json"]
     assert (
-        len(names) == 2 + 11
-    )  # errors, place, three records, inputs and residuals of two sets, two rounds
+        len(names) == 2 + 13
+    )  # errors, place, three predictions, records of four sets, residuals of two, two rounds
     assert all(
         (folder / name).read_bytes().startswith(b"\x89PNG")
         for name in names
@@ -320,6 +320,33 @@ def test_folder_contains_page_json_and_figures(study, tmp_path):
     assert "<title>Spring</title>" in page
     assert '<tr class="added"><td>equation v</td>' in page  # where it sits, among the first
     assert [path.name for path in folder.parent.iterdir()] == ["out"]
+
+
+def test_every_record_is_drawn_in_small_panels(study, drawn):
+    for role, count in (("training", 2), ("check", 1)):
+        (picture,) = drawn.records[role]
+        assert len(picture.figure.axes) == 3 * count  # one input and two outputs
+    overview = next(one for one in drawn.tests["quick"] if one.name.startswith("records"))
+    axes = overview.figure.axes
+    assert [ax.get_title(loc="left") for ax in axes[:2]] == ["d", "e"]
+    assert [ax.get_ylabel() for ax in axes[::2]] == ["force [N]", "x [m]", "tilt [deg]"]
+    measured, after = axes[5].lines  # tilt of the second record
+    z, y = study.tests["quick"].z[1, :, 1], study.after.tests["quick"].y[1, :, 1]
+    known = np.isfinite(measured.get_ydata())
+    assert not known[:3].any()  # missing samples are gaps
+    assert known[3:].all()
+    np.testing.assert_allclose(measured.get_ydata()[3:], np.degrees(z)[3:], rtol=1e-12)
+    np.testing.assert_allclose(after.get_ydata(), np.degrees(y), rtol=1e-12)
+
+
+def test_page_states_which_records_are_not_drawn(study, monkeypatch):
+    monkeypatch.setattr(gallery, "RECORDS_IN_FIGURE", 1)
+    every = gallery._records(study.tests["quick"], "quick")
+    assert [one.name for one in every] == ["records-quick-1", "records-quick-2"]
+    assert not any("are not" in one.caption for one in every)
+    monkeypatch.setattr(gallery, "MOST_RECORDS", 1)
+    (first,) = gallery._records(study.tests["quick"], "quick")
+    assert "has 2 records; the first 1 are drawn, and the other 1 are not" in first.caption
 
 
 def test_existing_folder_is_not_overwritten(study, tmp_path, quick):

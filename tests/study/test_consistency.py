@@ -3,6 +3,7 @@ simulated flights.
 """
 
 import importlib
+import json
 from pathlib import Path
 
 import equinox as eqx
@@ -105,6 +106,17 @@ def test_verdict_states_instruments_and_sizes_of_errors(result):
     assert "bias.force" in words
     assert "* significant at 0.05 over all 2 tried (Holm)" in words
     assert "give `input_noise`" in words
+
+
+def test_result_is_a_dictionary_of_plain_numbers(result):
+    content = json.loads(json.dumps(result.to_dict()))
+    assert (content["verdict"], content["records"]) == (result.verdict, ["run"])
+    bias = next(error for error in content["errors"] if error["name"] == "bias.force")
+    assert (bias["value"], bias["significant"]) == (result.estimate.value("bias.force"), True)
+    assert [channel["after"] for channel in content["channels"]] == [
+        channel.after for channel in result.channels
+    ]
+    assert content["estimate"]["successful"] is True
 
 
 def test_residuals_fall_to_noise_level(result):

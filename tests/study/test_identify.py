@@ -3,6 +3,7 @@ refusals.
 """
 
 import dataclasses
+import json
 
 import jax
 import jax.numpy as jnp
@@ -119,6 +120,19 @@ def test_parameters_list_results_of_both_stages(result):
         assert np.isfinite(row.start_F)
     assert "stiffness.x^3" in str(result)
     assert "drift: left out" in str(result)
+
+
+def test_result_is_a_dictionary_of_plain_numbers(result):
+    content = json.loads(json.dumps(result.to_dict()))
+    assert {name: one["kept"] for name, one in content["equations"].items()} == {
+        **{"stiffness": True, "drift": False}
+    }
+    regression = result.equations["stiffness"].regression
+    assert content["equations"]["stiffness"]["terms"] == list(regression.names)
+    row, name = content["parameters"]["stiffness.x^3"], "stiffness.x^3"
+    assert row["value"] == result.estimate.value(name)
+    assert row["regression"] == regression.values[regression.names.index("x^3")]
+    assert content["estimate"] == json.loads(json.dumps(result.estimate.to_dict()))
 
 
 def test_cost_of_start_equals_first_cost_of_estimate(result):

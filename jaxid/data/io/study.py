@@ -12,6 +12,7 @@ from ..record import Record
 from ..smoothing.fourier import Fourier
 from ..smoothing.smooth import differentiate
 from ..stack import segment
+from ..titles import UnclearUnitError
 from .assemble import existing
 from .csv import read_csv
 
@@ -296,7 +297,10 @@ def _read(
     """The records of one part, with the requested derivatives and cut into segments."""
     options = {key: section[key] for key in READING if key in section}
     with within(path, "records", name.split()[0]):
-        records = [read_csv(path.parent / file, **options) for file in files]
+        try:
+            records = [read_csv(path.parent / file, **options) for file in files]
+        except UnclearUnitError as error:
+            raise error.in_toml() from error
     derivatives = section.get("derivatives")
     if derivatives:
         with within(path, "records", "derivatives"):

@@ -1,5 +1,7 @@
 """Study files: valid files are read, invalid ones are refused with file, section and key."""
 
+import tomllib
+
 import numpy as np
 import pytest
 
@@ -173,6 +175,22 @@ def test_study_file_renames_and_reverses_columns(folder):
     record, original = (read(folder, content).train[0] for content in (text, GOOD))
     np.testing.assert_array_equal(record.channel("y"), -original.channel("x"))
     assert record.outputs == ("y", "speed")
+
+
+def test_unit_in_a_title_is_advised_in_toml(folder):
+    title = 'x "a" mm'
+    for name in ("a", "more/b", "c", "d"):
+        lines = (folder / f"{name}.csv").read_text().splitlines()
+        header = 's,force,"x ""a"" mm"'
+        (folder / f"{name}.csv").write_text("\n".join([header, *lines[1:]]))
+    text = GOOD.replace('units = { x = "mm" }', "columns = { x = 'x \"a\" mm' }")
+    with pytest.raises(InputError) as error:
+        read(folder, text)
+    advice = str(error.value).split("`")[1]
+    assert advice == 'units = { "x \\"a\\" mm" = "mm" }'
+    assert tomllib.loads(advice) == {"units": {title: "mm"}}
+    file = read(folder, text.replace("columns", f"{advice}\ncolumns"))
+    assert file.train[0].output_units[0] == "m"
 
 
 def test_missing_study_file_is_refused(tmp_path):

@@ -85,7 +85,7 @@ def rows() -> dict[str, str]:
 
 
 def concrete(kind: type) -> set[str]:
-    """Names of the final classes of effects in the package, whatever other tests derive from them."""
+    """Names of the final classes of effects in the package; those of other tests do not count."""
     below = [one for one in kind.__subclasses__() if _is_of_package(one)]
     own = {kind.__name__} if _is_of_package(kind) and not below else set()
     own = set() if inspect.isabstract(kind) else own

@@ -40,7 +40,9 @@ class Outcome:
         kept: terms of each equation that is kept, by response.
         left_out: reason for each equation that is left out, by response.
         reduced: reason and limits of a reduced structure; empty for the terms as selected.
-        finite: True if all estimated values and their standard errors are finite.
+        finite: True if all estimated values and their standard errors are finite, but for errors of
+            parameters that the result calls undetermined.
+        undetermined: parameters of infinite standard error that the result calls undetermined.
         message: message of a refusal; empty for an estimate.
     """
 
@@ -53,6 +55,7 @@ class Outcome:
     left_out: dict[str, str]
     reduced: str
     finite: bool
+    undetermined: tuple[str, ...]
     message: str
 
     @property
@@ -93,18 +96,26 @@ def outcome(case: str, start: float, model, record) -> Outcome:
             solver=SOLVER,
         )
     except InputError as error:
-        return Outcome(case, start, alpha, beta, "refused", {}, {}, "", False, str(error))
-    numbers = np.concatenate([result.estimate.values, result.estimate.standard_errors])
+        return Outcome(case, start, alpha, beta, "refused", {}, {}, "", False, (), str(error))
+    fit = result.estimate
+    undetermined = tuple(
+        name
+        for name, error in zip(fit.names, np.asarray(fit.standard_errors), strict=True)
+        if np.isinf(error) and any(name in words for words in fit.weak_directions)
+    )
+    known = np.array([name not in undetermined for name in fit.names])
+    numbers = np.concatenate([fit.values, np.asarray(fit.standard_errors)[known]])
     return Outcome(
         case,
         start,
         alpha,
         beta,
-        result.estimate.status,
+        fit.status,
         {name: one.regression.names for name, one in result.equations.items() if one.kept},
         {name: one.reason for name, one in result.equations.items() if not one.kept},
         result.reduced,
         bool(np.isfinite(numbers).all()),
+        undetermined,
         "",
     )
 
@@ -118,7 +129,7 @@ def _range_deg(angle) -> tuple[float, float]:
 def row(result: Outcome) -> str:
     """Return one line of the table."""
     kept = ", ".join(f"{name} ({len(terms)})" for name, terms in result.kept.items())
-    words = result.message or result.reduced
+    words = ", ".join((*result.undetermined, result.message or result.reduced))
     ranges = "  ".join(f"{low:6.1f} to {high:5.1f}" for low, high in (result.alpha, result.beta))
     status = result.status.split(".")[0]
     return f"{result.case:<15} {result.start:>4g}  {ranges}  {status}; {kept}; {words}"

@@ -26,7 +26,7 @@ class WeakForm:
         centres: centres of the test functions, shape (row,) [s].
         radius: half of the length of a test function's support [s].
         power: power p of the test functions `(1 - s^2)^p`.
-        triangle: Cholesky factor L of the covariance of the integrals, shape (row, row).
+        triangle: lower triangle L, `L L'` the covariance of the integrals, shape (row, row).
     """
 
     t: np.ndarray

@@ -15,6 +15,8 @@ from .curves import Curve
 # least singular value of the scaled rows, relative to the largest, of a determined polynomial
 # (chosen: half of the digits)
 LEAST_SINGULAR_VALUE = float(np.sqrt(np.finfo(float).eps))
+# asymmetry of a correlation that is taken as rounding (chosen)
+SYMMETRY_RTOL = 1e-6
 
 
 class TrimPolynomial(eqx.Module):
@@ -143,8 +145,10 @@ def _check(
         "determined.",
     )
     for number, one in enumerate(P):
+        variances = np.diagonal(one)
+        rounding = SYMMETRY_RTOL * np.sqrt(np.abs(np.outer(variances, variances)))
         require(
-            np.allclose(one, one.T, rtol=1e-6, atol=0.0) and bool(np.linalg.eigvalsh(one)[0] > 0),
+            bool(np.all(np.abs(one - one.T) <= rounding) and np.linalg.eigvalsh(one)[0] > 0),
             f"The covariance of trim {number} is not symmetric and positive definite.",
         )
 

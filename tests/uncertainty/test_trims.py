@@ -117,6 +117,7 @@ def test_slopes_alone_give_the_curve_up_to_its_constant():
     [
         ({"estimates": np.zeros((6, 1)), "covariances": np.ones((6, 1, 1))}, "must have shape"),
         ({"covariances": np.zeros((6, 2, 2))}, "covariance of trim 0"),
+        ({"covariances": np.tile([[1.0, 0.5], [0.4, 1.0]], (6, 1, 1))}, "not symmetric"),
         ({"estimates": np.full((6, 2), np.nan)}, "not finite"),
         ({"degree": 12}, "12 local estimates do not determine the 13"),
         ({"trims": np.full(6, 0.1)}, "do not determine"),

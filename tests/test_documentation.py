@@ -150,6 +150,23 @@ def test_regressions_find_the_true_terms(printed):
             assert abs(table[name][0] - value) < 5 * table[name][1]
 
 
+def test_weak_form_has_the_printed_errors_which_are_smaller_by_a_half(output):
+    rows = text_of("from_pysindy.md").split("| root mean square error")[1].splitlines()[2:4]
+    ours, by_derivatives = (
+        numbers(output("from_pysindy.md", f"rms errors, {label}"))
+        for label in ("weak form", "derivatives")
+    )
+    for line, errors in zip(rows, (ours, by_derivatives), strict=True):
+        assert numbers(line) == pytest.approx(errors, rel=0.05)
+    assert all(2 * a < b for a, b in zip(ours, by_derivatives, strict=True))
+
+
+def test_weak_form_selects_the_four_terms_in_most_draws(output):
+    _, *counts = numbers(output("from_pysindy.md", "number of terms"))
+    assert counts.count(4) == 15  # "15 give the four true terms, and five one term more"
+    assert counts.count(5) == 5
+
+
 def test_the_cost_falls_and_nothing_is_weak(output):
     costs = numbers(output("method.md", "cost:"))
     assert all(after <= before for before, after in itertools.pairwise(costs))

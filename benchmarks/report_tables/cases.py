@@ -96,14 +96,19 @@ def run(case: str, seed: int = 0, **overruled: Any) -> CaseResult:
     return fit(case, [fly_case(case, seed)], SETTINGS[case], **overruled)
 
 
-def fly_case(case: str, seed: int = 0) -> Flight:
+def fly_case(case: str, seed: int = 0, seconds: float | None = None) -> Flight:
     """Return a flight of `jaxid.aircraft.flight.report_cases`.
 
     The warning that it leaves the trusted range of the tables is suppressed.
+
+    Args:
+        case: name of the case.
+        seed: see `run`.
+        seconds: duration [s]; by default as long as in the report.
     """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Flight .* to be trusted")
-        return report_flight(case, key_of(case, seed))
+        return report_flight(case, key_of(case, seed), seconds)
 
 
 def fit(

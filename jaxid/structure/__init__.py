@@ -12,6 +12,7 @@ from .resampling import Stability, stability
 from .rules import AbstractRule, CrossValidation, FirstMaximumF, LastStep, MaximumF, Minimum, choose
 from .selection import Action, Selection, Step
 from .stepwise import stepwise, stepwise_each
+from .weak_form import WeakForm, weak_form
 
 __all__ = [
     "REPORT",
@@ -30,6 +31,7 @@ __all__ = [
     "Stability",
     "Step",
     "SubsetOptions",
+    "WeakForm",
     "best_subsets",
     "choose",
     "columns",
@@ -43,5 +45,6 @@ __all__ = [
     "stepwise_each",
     "strong_terms",
     "total_least_squares",
+    "weak_form",
     "with_coloured_errors",
 ]

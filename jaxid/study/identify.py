@@ -65,7 +65,8 @@ def identify(
         records: records with the channels of the regression and those of the model.
         options: levels and rules, and exceptions from them by name.
         likelihood: measure of the misfit; output error with unknown noise by default.
-        per_record: names of parameters with one value for each record.
+        per_record: names of parameters with one value for each record. The initial value of a state
+            whose equation is left out is not estimated, as its history is measured.
         solver: the Gauss-Newton solver.
 
     Returns:
@@ -142,7 +143,9 @@ def _structure(
     start_model = with_polynomials(model.without(left_out), _polynomials(equations, centre))
     candidates = _simulated_terms(start_model, equations, candidates)
     simulated = with_terms(start_model, candidates)
-    chosen = _free(start_model, equations, options, per_record)
+    absent = {f"initial_state.{name}" for name in {*model.states} - {*start_model.states}}
+    kept = [name for name in per_record if name not in absent]
+    chosen = _free(start_model, equations, options, kept)
     prepared = as_stack([start_model.prepared(record) for record in single])
     case = checked_case(simulated, chosen, prepared, likelihood)
     return _Structure(equations, centre, start_model, candidates, case)

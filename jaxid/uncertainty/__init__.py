@@ -7,6 +7,7 @@ from .curves import Curve, combine_curves, curve
 from .fixed_constants import FixedConstants, consider
 from .profile import Profile, Shape, profile_likelihood
 from .propagation import Propagated, propagate
+from .trims import TrimPolynomial, combine_trims
 
 __all__ = [
     "Bootstrap",
@@ -18,9 +19,11 @@ __all__ = [
     "Profile",
     "Propagated",
     "Shape",
+    "TrimPolynomial",
     "bootstrap",
     "combine",
     "combine_curves",
+    "combine_trims",
     "compare_errors",
     "consider",
     "constrain",

@@ -98,6 +98,16 @@ def test_structure_is_identified_without_equation_of_absent_motion(result):
     assert result.model.inputs == ("force", "w")
 
 
+def test_initial_value_of_a_state_with_measured_history_is_not_estimated(record, result):
+    names = ("initial_state.x", "initial_state.v", "initial_state.w")
+    named = identify(EMPTY, record, per_record=names)
+    assert named.left_out == ("drift",)
+    assert named.estimate.names == result.estimate.names
+    np.testing.assert_allclose(named.estimate.values, result.estimate.values, rtol=1e-9)
+    with pytest.raises(InputError, match=r"no parameter 'initial_state\.u'"):
+        identify(EMPTY, record, per_record=("initial_state.u",))
+
+
 def test_maximum_likelihood_removes_bias_of_regression(result):
     """Noise in x and v biases the regression; the estimates are within four of their standard
     errors.

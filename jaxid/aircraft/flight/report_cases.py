@@ -265,12 +265,13 @@ EXAMPLES: dict[str, Case] = {
 }
 
 
-def report_flight(case: str, key: Array) -> Flight:
+def report_flight(case: str, key: Array, seconds: float | None = None) -> Flight:
     """Simulate one of the report's test cases with our F-4-like aircraft.
 
     Args:
         case: a name in `CASES` (the eight of Figure 6.2) or `EXAMPLES` (sections 3.3.1 and 5.4.1).
         key: random key of the instruments' errors, their noise and the disturbances.
+        seconds: duration [s]; by default as long as in the report. Periodic inputs go on.
 
     Returns:
         Record, truth and aircraft; ten samples a second.
@@ -283,7 +284,7 @@ def report_flight(case: str, key: Array) -> Flight:
     """
     known = CASES | EXAMPLES
     require_known("case", [case], known)
-    chosen = known[case]
+    chosen = known[case] if seconds is None else known[case]._replace(seconds=seconds)
     for_errors, for_noise, for_gusts = jax.random.split(key, 3)
     t, inputs = pilot_inputs(chosen)
     if chosen.gust > 0:

@@ -50,7 +50,7 @@ CANDIDATE_PRODUCTS = {
 
 
 class CoefficientTerm(Effect):
-    """A monomial in one aerodynamic coefficient: `C += gain * product`.
+    """A monomial in an aerodynamic coefficient: `coefficient += gain * product`.
 
         d(state)/dt += state_per_C gain product    for each state whose rate the coefficient changes
 

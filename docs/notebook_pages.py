@@ -63,7 +63,7 @@ def without_outputs(notebook):
 
 
 def page_with_figures(notebook, name: str) -> dict[str, str | bytes]:
-    """Return the Markdown of a notebook, and its figures, by their addresses beside the page."""
+    """Return the Markdown of a notebook, and its figures by address relative to the page."""
     from nbconvert import MarkdownExporter
     from traitlets.config import Config
 

@@ -93,7 +93,7 @@ def concrete(kind: type) -> set[str]:
 
 
 def _is_of_package(kind: type) -> bool:
-    # not what a test runs as if it were
+    # a module that a test runs under a name of the package does not count
     return kind.__module__.startswith("jaxid.") and kind.__module__ in sys.modules
 
 

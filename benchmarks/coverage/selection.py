@@ -1,4 +1,4 @@
-"""Intervals of the declared parameters after `close_loop` has searched for what the model lacks."""
+"""Intervals of the declared parameters after a search for missing effects by `close_loop`."""
 
 import sys
 

@@ -48,8 +48,8 @@ WAVE_LEVELS = (-1.0, 0.0, 1.0)  # usual in flight test
 WIDTH, CELLS = 600, 12
 EXTENSIONS = 128  # sequences that one compiled program extends at once (chosen)
 FINALISTS = 32  # complete sequences whose costs are computed without the weak prior (chosen)
-# Standard error that a parameter alone would have from a random wave, over that of the weak prior,
-# by which sequences rank that do not determine all parameters (chosen).
+# Ratio of the standard error that a parameter alone would have from a random wave to the deviation
+# of the weak prior, by which sequences rank that do not determine all parameters (chosen).
 WEAK = 1e-4
 SEED = 0  # of the random waves
 

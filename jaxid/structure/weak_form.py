@@ -47,7 +47,7 @@ class WeakForm:
             derivative: order d of the derivative; 0 for the signals themselves.
 
         Raises:
-            InputError: if the number of samples differs from that of the times, a value is not
+            InputError: if there are not as many samples as times, a value is not
                 finite, or the test functions are not smooth enough for the derivative.
         """
         signals = np.asarray(signals, float)

@@ -109,7 +109,13 @@ def combine(estimates: Sequence[Estimate], *, coloured: bool = False) -> Paramet
     origin = np.asarray(first.values)
     blocks = [_rows(estimate, first.names, origin, coloured) for estimate in estimates]
     rows = Rows(np.concatenate([b.T for b in blocks]), np.concatenate([b.r for b in blocks]))
-    return _solved(first, origin, rows, np.eye(origin.size), sum(map(_rank, estimates)))
+    return solved(
+        *(first.names, first.units, rows),
+        origin=origin,
+        basis=np.eye(origin.size),
+        rank=sum(map(_rank, estimates)),
+        threshold=first.threshold,
+    )
 
 
 def constrain(
@@ -150,7 +156,13 @@ def constrain(
     offset = (Vt[: len(b)].T @ ((U.T @ (b - A @ origin)) / s)) / scale
     null = Vt[len(b) :].T / scale[:, None]
     rows = _rows(estimate, estimate.names, origin + offset, coloured=False)
-    return _solved(estimate, origin + offset, rows, null, _rank(estimate))
+    return solved(
+        *(estimate.names, estimate.units, rows),
+        origin=origin + offset,
+        basis=null,
+        rank=_rank(estimate),
+        threshold=estimate.threshold,
+    )
 
 
 def _require_plain(estimate: Estimate, which: str) -> None:
@@ -188,24 +200,32 @@ def _rank(estimate: Estimate) -> int:
     return int(np.sum(~weak & (np.asarray(spectrum.singular_values) > 0)))
 
 
-def _solved(
-    estimate: Estimate, origin: np.ndarray, rows: Rows, basis: np.ndarray, rank: int
+def solved(
+    names: tuple[str, ...],
+    units: tuple[str, ...],
+    rows: Rows,
+    *,
+    origin: np.ndarray,
+    basis: np.ndarray,
+    rank: int,
+    threshold: float,
 ) -> ParameterTable:
     """Return the solution `origin + basis q` of the rows, over the directions that they determine.
 
     Args:
-        estimate: names, units and the threshold of weak directions.
-        origin: parameters about which the rows are.
+        names, units: of the parameters.
         rows: the least-squares problem.
+        origin: parameters about which the rows are.
         basis: one column for each unknown.
         rank: number of directions that the estimates determine, each for itself.
+        threshold: squares of singular values below this share of the largest are weak.
     """
     from scipy.stats import chi2  # slow to import
 
     T, size = rows.T @ basis, _length(rows.T)
     length = _length(T)
     U, s, Vt = np.linalg.svd(T / length[None], full_matrices=False)
-    strong = (s > 0) & (s**2 >= estimate.threshold * np.max(s, initial=0.0) ** 2)
+    strong = (s > 0) & (s**2 >= threshold * np.max(s, initial=0.0) ** 2)
     half = basis @ (Vt[strong].T / s[strong] / length[:, None])
     turned = U[:, strong].T @ rows.r
     weak = size[:, None] * (basis @ (Vt[~strong].T / length[:, None]))
@@ -215,8 +235,8 @@ def _solved(
     misfit = float(np.sum((rows.r - U[:, strong] @ turned) ** 2))
     dof = rank - int(np.sum(strong))
     return ParameterTable(
-        names=estimate.names,
-        units=estimate.units,
+        names=names,
+        units=units,
         values=jnp.asarray(origin + half @ turned),
         standard_errors=jnp.asarray(errors),
         covariance=jnp.asarray(covariance + np.diag(np.where(undetermined, np.inf, 0.0))),

@@ -9,7 +9,7 @@ import numpy as np
 from .._foundation.checks import require, require_unique
 from .._foundation.notebook import preformatted
 from .._foundation.types import Float, Numbers
-from .combination import ParameterTable
+from .combination import ParameterTable, Rows, solved
 from .curves import Curve
 
 # least singular value of the scaled rows, relative to the largest, of a determined polynomial
@@ -113,7 +113,7 @@ def combine_trims(
     X = (whiten @ rows).reshape(-1, len(powers))
     y = np.einsum("tij,tj->ti", whiten, estimates).ravel()
     names = tuple(_name(signal, centre, power) for power in powers)
-    table = _solved(X, y, names, tuple(_unit(units, power) for power in powers))
+    table = _table(Rows(X, y), names, tuple(_unit(units, power) for power in powers))
     return TrimPolynomial(table, powers, float(centre), float(np.min(trims)), float(np.max(trims)))
 
 
@@ -164,30 +164,19 @@ def _unit(units: tuple[str, str], power: int) -> str:
     return f"{own or 1}/{below}" if power and signal else own
 
 
-def _solved(
-    X: np.ndarray, y: np.ndarray, names: tuple[str, ...], units: tuple[str, ...]
-) -> ParameterTable:
-    """Return the least-squares solution of whitened rows."""
-    from scipy.stats import chi2  # slow to import
-
-    scale = np.linalg.norm(X, axis=0)
-    singular = np.linalg.svd(X / np.where(scale > 0, scale, 1.0), compute_uv=False)
+def _table(rows: Rows, names: tuple[str, ...], units: tuple[str, ...]) -> ParameterTable:
+    """Return the least-squares solution of whitened rows; refuse rows that do not determine it."""
+    count = len(names)
+    table = solved(
+        *(names, units, rows),
+        origin=np.zeros(count),
+        basis=np.eye(count),
+        rank=len(rows.r),
+        threshold=LEAST_SINGULAR_VALUE**2,
+    )
     require(
-        len(y) >= len(names) and bool(singular[-1] > LEAST_SINGULAR_VALUE * singular[0]),
-        f"{len(y)} local estimates do not determine the {len(names)} coefficients "
+        len(rows.r) >= count and bool(np.isfinite(np.asarray(table.standard_errors)).all()),
+        f"{len(rows.r)} local estimates do not determine the {count} coefficients "
         f"{', '.join(names)}. Give more trims, slopes as well as values, or a lower degree.",
     )
-    Q, R = np.linalg.qr(X / scale)
-    half = np.linalg.inv(R) / scale[:, None]
-    values, dof = half @ (Q.T @ y), len(y) - len(names)
-    misfit = float(np.sum((y - X @ values) ** 2))
-    return ParameterTable(
-        names=names,
-        units=units,
-        values=jnp.asarray(values),
-        standard_errors=jnp.asarray(np.linalg.norm(half, axis=1)),
-        covariance=jnp.asarray(half @ half.T),
-        misfit=jnp.asarray(misfit),
-        degrees_of_freedom=dof,
-        p_value=jnp.asarray(chi2.sf(misfit, dof) if dof > 0 else 1.0),
-    )
+    return table

@@ -80,7 +80,7 @@ def drawn(truth):
 
 
 def first_order(e, correlation):
-    """Noise of unit variance of which neighbours have a correlation."""
+    """Noise of unit variance with a correlation of neighbouring samples."""
     after = np.sqrt(1.0 - correlation**2)
 
     def step(v, e):
@@ -102,9 +102,9 @@ def test_bands_cover_the_truth_and_a_repeated_measurement(drawn):
 
 
 def test_corrected_bands_cover_the_truth_under_coloured_noise():
-    """500 draws from a known start. The corrected variances are estimates themselves: with nu
-    degrees of freedom the normal quantile covers as much as of Student's t. The bounds are those of
-    the smallest and the largest nu of the parameters, at all places with 99.9 % probability.
+    """500 draws from a known start. The corrected variances are estimates themselves: the normal
+    quantile covers as much as of Student's t with nu degrees of freedom. The bounds belong to the
+    smallest and the largest nu of the parameters, at all places with 99.9 % probability.
     """
     y = simulate(TRUTH, T, U, jnp.zeros(1)).y
     e = first_order(jax.random.normal(jax.random.key(66), (500, 1, ROWS, 1)), 0.8)[:, 0]

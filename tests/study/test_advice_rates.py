@@ -16,7 +16,7 @@ TIME = 0.05 * np.arange(400)
 
 
 class Both(Spring):
-    """The spring with both states measured; their order differs from that of the states."""
+    """The spring with both states measured; they are not in the order of the states."""
 
     outputs = ("v", "x")
 

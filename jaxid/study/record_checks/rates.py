@@ -74,7 +74,7 @@ def likely_cause(ratio: float, unit: str) -> str:
         if unit in ("", kind) or not kind
         if abs(np.log(max(ratio / expected, 1e-300))) < UNIT_TOLERANCE
     ]
-    return ", or ".join(causes) or "a unit, or another quantity than its name says"
+    return ", or ".join(causes) or "a unit, or another quantity than its name states"
 
 
 def _causes() -> Iterator[tuple[str, str, float]]:

@@ -16,6 +16,7 @@ from jaxid.models import Polynomial
 
 ROOT = Path(__file__).resolve().parents[2]
 CASE = "longitudinal 2"
+REDUCED = "jax_disable_most_optimizations"
 
 
 def module(name):
@@ -31,7 +32,7 @@ def output(tmp_path_factory):
     """
     main, words, progress = module("report_tables.__main__"), io.StringIO(), io.StringIO()
     log = tmp_path_factory.mktemp("log") / "seeds.jsonl"
-    main_run = main.run
+    main_run, reduced = main.run, jax.config.read(REDUCED)
     with (
         pytest.MonkeyPatch.context() as patch,
         contextlib.redirect_stdout(words),
@@ -41,7 +42,7 @@ def output(tmp_path_factory):
         try:
             assert main.main(["--json", "--cases", CASE, "--log", str(log)]) == 0
         finally:
-            jax.config.update("jax_disable_most_optimizations", False)
+            jax.config.update(REDUCED, reduced)
     lines = log.read_text(encoding="utf-8").splitlines()
     return json.loads(words.getvalue()) | {"log": lines, "progress": progress.getvalue()}
 

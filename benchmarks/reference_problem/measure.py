@@ -61,7 +61,8 @@ def measure(options: Options) -> list[dict]:
             missing = CONTENDERS[key].missing()
             rows[key] = {"key": key, "way": CONTENDERS[key].name, "status": missing}
             if missing is None:
-                programs[key] = CONTENDERS[key].make(given, folder)
+                same = CONTENDERS[key] is REFERENCE
+                programs[key] = reference if same else CONTENDERS[key].make(given, folder)
                 rows[key] |= agreement(CONTENDERS[key], programs[key], reference, given)
         _add_times(rows, programs, given, options)
     if options.first:

@@ -98,34 +98,38 @@ def test_loop_without_candidates_and_check_records_returns_declared_model():
     assert result.runaways == ()
 
 
-def test_diverging_test_record_is_reported_with_remedy():
+@pytest.fixture(scope="module")
+def tested():
+    """Two records, and a study of them in which they are a test set as well."""
     model, chosen = spring()
-    train, *test = flights(3)
-    result = close_loop(model, chosen, OutputError(), train=train, test=test, effects=(), window=20)
-    complete = result.before.tests["test"]
+    train = flights(2)
+    options = dict(effects=LIBRARY, window=20, test={"check": train})
+    return train, close_loop(model, chosen, OutputError(), train=train, **options)
+
+
+def test_diverging_test_record_is_reported_with_remedy(tested):
+    records, result = tested
+    complete = result.before.tests["check"]
     lost = dataclasses.replace(
         result.before,
         tests={
-            "test": eqx.tree_at(lambda node: node.y, complete, complete.y.at[1, 100:].set(jnp.inf))
+            "check": eqx.tree_at(lambda node: node.y, complete, complete.y.at[1, 100:].set(jnp.inf))
         },
     )
     diverged = dataclasses.replace(result, before=lost)
     (sentence,) = diverged.runaways
-    assert sentence.startswith(f"The declared model diverges on {test[1].names[0]}. ")
+    assert sentence.startswith(f"The declared model diverges on {records[1].names[0]}. ")
     assert "jaxid.segment" in sentence
     assert sentence in str(diverged)
 
 
-def test_records_of_final_estimate_are_predicted_by_search_estimate():
+def test_records_of_final_estimate_are_predicted_by_search_estimate(tested):
     """Without check and test records the last third decides, and is reported as the fit to the
     first two thirds predicts it.
     """
+    train, given = tested
     model, chosen = spring()
-    train = flights(2)
     alone = close_loop(model, chosen, OutputError(), train=train, effects=LIBRARY, window=20)
-    given = close_loop(
-        model, chosen, OutputError(), train=train, test={"check": train}, effects=LIBRARY, window=20
-    )
     assert alone.effects == given.effects == ("x^3 in v",)
     assert alone.after.rms["check"]["x"] != given.after.rms["check"]["x"]
     np.testing.assert_array_equal(alone.after.estimate.values, given.after.estimate.values)

@@ -188,13 +188,12 @@ def test_options_override_every_decision_by_name(record):
     ) == pytest.approx(kept)
 
 
-def test_two_records_are_identified_jointly(record):
+def test_two_records_are_identified_jointly(record, result):
     """Twice the data: standard errors fall by about the square root of two."""
-    single = identify(EMPTY, record)
     both = identify(
         EMPTY, [record, measured(4)], options=IdentifyOptions(terms={"stiffness": tuple(TRUE)})
     )
-    ratio = both.estimate.standard_error("stiffness.x") / single.estimate.standard_error(
+    ratio = both.estimate.standard_error("stiffness.x") / result.estimate.standard_error(
         "stiffness.x"
     )
     assert 0.5 < ratio < 0.95

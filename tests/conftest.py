@@ -6,6 +6,7 @@ of them.
 """
 # ruff: noqa: E402
 
+import gc
 import os
 import subprocess
 import sys
@@ -56,6 +57,8 @@ import pytest
 hypothesis.settings.register_profile("jaxid", deadline=None, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("jaxid")
 
+STATM = Path("/proc/self/statm")  # on Linux: pages of memory of this process
+LARGEST_WORKER = 2.0e9  # bytes beyond which compiled programs are released (chosen)
 CACHE_RACE = "ignore:Error (reading|writing) persistent compilation cache entry:UserWarning"
 
 
@@ -64,13 +67,33 @@ def pytest_configure(config):
     config.addinivalue_line("filterwarnings", CACHE_RACE)
 
 
+def pytest_collection_finish():
+    # Tracing makes many objects: the collector runs less often, and not over those of the imports.
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 50)
+
+
 @pytest.fixture(scope="module", autouse=True)
-def forget_compiled_programs():
-    """Programs that one module compiled are not kept for the next: a worker would grow by several
-    gigabytes.
-    """
+def compiler_setting_stays():
+    """A module that leaves another setting slows down the rest of its worker by two fifths."""
+    before = jax.config.read("jax_disable_most_optimizations")
     yield
-    jax.clear_caches()
+    assert jax.config.read("jax_disable_most_optimizations") == before
+
+
+@pytest.fixture(scope="module", autouse=True)
+def release_compiled_programs():
+    """Release the compiled programs after a module if the process has become large; a worker would
+    grow by several gigabytes.
+    """
+    from jaxid._foundation.memory import release_compiled_programs_if_needed
+
+    yield
+    pages = int(STATM.read_text().split()[1]) if STATM.exists() else None
+    if pages is None or pages * os.sysconf("SC_PAGE_SIZE") > LARGEST_WORKER:
+        jax.clear_caches()
+    release_compiled_programs_if_needed()
 
 
 @pytest.fixture

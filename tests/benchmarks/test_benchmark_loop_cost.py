@@ -3,6 +3,7 @@
 import importlib
 from pathlib import Path
 
+import jax
 import pytest
 
 from jaxid.effects import SensorScale
@@ -28,6 +29,7 @@ def costs(benchmark):
     def of_moment_or_scale(effect):
         return effect.name.endswith("in Cm") or isinstance(effect, SensorScale)
 
+    jax.clear_caches()  # programs that another module compiled are not counted
     return benchmark.study(benchmark.Size(COUNT, 501, 3), of_moment_or_scale)
 
 

@@ -58,7 +58,7 @@ hypothesis.settings.register_profile("jaxid", deadline=None, derandomize=True, p
 hypothesis.settings.load_profile("jaxid")
 
 STATM = Path("/proc/self/statm")  # on Linux: pages of memory of this process
-LARGEST_WORKER = 2.0e9  # bytes beyond which compiled programs are released (chosen)
+LARGEST_WORKER = 1.5e9  # bytes beyond which compiled programs are released (chosen)
 CACHE_RACE = "ignore:Error (reading|writing) persistent compilation cache entry:UserWarning"
 
 

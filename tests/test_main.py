@@ -9,7 +9,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jaxtyping
 import pytest
+from rich.console import Console
+
+from jaxid import __main__ as command
 
 GUIDE = Path(__file__).resolve().parent.parent / "docs" / "study_file.md"
 
@@ -24,6 +28,25 @@ def run(arguments, folder, timeout=600, program=("-m", "jaxid")):
     return subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout
     )
+
+
+@pytest.fixture
+def run_here(tmp_path, monkeypatch, capsys):
+    """As `run`, in this process and without its settings of JAX: returns status and output."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("JAXID_DATA", raising=False)
+    monkeypatch.setattr(command, "configure", lambda: None)
+    # for users, annotations are not checked
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+
+    def call(arguments):
+        monkeypatch.setattr(command, "console", Console(stderr=True))
+        monkeypatch.setattr(sys, "argv", ["jaxid", *arguments])
+        with pytest.raises(SystemExit) as end:
+            command.main()
+        return end.value.code, capsys.readouterr()
+
+    return call
 
 
 def test_a_flight_names_the_planted_effect_and_reaches_the_noise(tmp_path):
@@ -80,12 +103,12 @@ def test_a_study_file_runs_as_the_guide_prints_it(tmp_path):
         (["--seed", "3", "longitudinal"], "--seed stands before 'longitudinal'"),
     ],
 )
-def test_bad_input_is_a_sentence_and_not_a_traceback(arguments, words, tmp_path):
+def test_bad_input_is_a_sentence_and_not_a_traceback(arguments, words, run_here, tmp_path):
     (tmp_path / "taken.json").write_text("{}")
-    done = run(arguments, tmp_path)
-    assert done.returncode == 2
-    assert words in done.stderr.replace("\n", "")
-    assert "Traceback" not in done.stderr
+    status, printed = run_here(arguments)
+    assert status == 2
+    assert words in printed.err.replace("\n", "")
+    assert "Traceback" not in printed.err
     assert (tmp_path / "taken.json").read_text() == "{}"
 
 
@@ -100,10 +123,8 @@ def test_without_what_draws_the_report_it_says_what_to_install(tmp_path):
     assert "Traceback" not in done.stderr
 
 
-def test_help_tells_of_the_jobs(tmp_path):
-    done = run(["--help"], tmp_path)
-    assert done.returncode == 0
-    assert "dataset" in done.stdout
-    assert "longitudinal" in done.stdout
-    assert "close-loop" in done.stdout
-    assert "--json" in done.stdout
+def test_help_tells_of_the_jobs(run_here):
+    status, printed = run_here(["--help"])
+    assert status == 0
+    for word in ("dataset", "longitudinal", "close-loop", "--json"):
+        assert word in printed.out

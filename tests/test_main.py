@@ -51,7 +51,7 @@ def run_here(tmp_path, monkeypatch, capsys):
 
 def test_a_flight_names_the_planted_effect_and_reaches_the_noise(tmp_path):
     """The small flight, for its time; the loop on the embedded one is tested in
-    tests/test_benchmark_loop_cost.py.
+    tests/benchmarks/test_benchmark_loop_cost.py.
     """
     done = run(["longitudinal", "--json", "out.json"], tmp_path)
     assert done.returncode == 0, done.stderr

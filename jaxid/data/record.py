@@ -255,7 +255,8 @@ def _channel_table(record: Record) -> Table:
     t = np.asarray(record.t).reshape(-1, record.t.shape[-1])
     flown = np.arange(t.shape[1]) < np.asarray(record.samples).reshape(-1, 1)
     u, z, mask = (
-        np.asarray(part).reshape(*t.shape, -1)[flown] for part in (record.u, record.z, record.mask)
+        np.asarray(part).reshape(*t.shape, part.shape[-1])[flown]
+        for part in (record.u, record.z, record.mask)
     )
     columns = [("input", column) for column in u.T]
     columns += [("output", column[valid]) for column, valid in zip(z.T, mask.T, strict=True)]

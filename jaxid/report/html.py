@@ -26,7 +26,7 @@ from .tables import (
 )
 from .words import COLOURED_WORDS, NEXT, NOISE_KNOWN, OUTCOMES, percent, raised
 
-TEMPLATE, SCRIPT = "study.html.j2", "zoom.js"
+TEMPLATE, SCRIPT = "study.html.j2", "page.js"
 
 
 def html(

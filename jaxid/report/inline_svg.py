@@ -56,14 +56,21 @@ def inline_svg(figure: Figure, name: str, label: str) -> str:
     opening = re.search(r'<svg [^>]*viewBox="([^"]*)"[^>]*>', drawn)
     assert opening is not None
     body = re.sub(r"<style.*?</style>", "", drawn[opening.end() :], flags=re.DOTALL)
-    body = re.sub(r'(?<= d=")[^"]*', _shortened, body)
-    body = re.sub(r'\bid="', f'id="{name}-', body)
-    body = re.sub(r'((?:xlink:)?href="|url\()#', rf"\1#{name}-", body)
+    body = re.sub(r"<[^<>]*>", lambda tag: _rewritten(tag[0], name), body)
     panels = json.dumps([panel._asdict() for panel in _panels(figure, name)])
     return (
         f'<svg viewBox="{opening[1]}" role="img" aria-label="{html.escape(label)}" '
         f'data-panels="{html.escape(panels)}">{body}'
     )
+
+
+def _rewritten(tag: str, name: str) -> str:
+    """Return a tag whose ids start with a name, and whose path has `DIGITS` digits after the
+    point.
+    """
+    tag = re.sub(r' id="', f' id="{name}-', tag)
+    tag = re.sub(r'(href="|url\()#', rf"\1#{name}-", tag)
+    return re.sub(r'(?<= d=")[^"]*', _shortened, tag)
 
 
 def _shortened(path: re.Match[str]) -> str:

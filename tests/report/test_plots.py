@@ -135,6 +135,13 @@ def test_ranges_of_a_stack_are_without_padding(record):
     assert rows[2][:5] == ["tilt", "output", f"{np.radians(6):.4g}", f"{np.radians(9):.4g}", "0"]
 
 
+def test_record_without_inputs_has_outputs_only(record):
+    free = jaxid.record(record.t, None, np.arange(10.0), inputs=(), outputs=("x",))
+    rows, (title,) = rows_and_notes(free)
+    assert rows[1:] == [["x", "output", "0", "9", "0", ""]]
+    assert title == repr(free).splitlines()[0]
+
+
 def test_record_without_a_valid_sample_has_no_range(record):
     empty = eqx.tree_at(lambda node: node.mask, record, jnp.zeros((10, 1), bool))
     assert rows_and_notes(empty)[0][2] == ["tilt", "output", "", "", "100", "rad"]

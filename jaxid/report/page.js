@@ -1,7 +1,7 @@
 "use strict";
-// Zoom of the panels of the figures. A panel is described by `Panel` of inline_svg.py; panels of a
-// figure with the same range of x are zoomed together in x. Without this script, figures are
-// static.
+// Closed parts of the page are opened for print. Panels of the figures are zoomed: a panel is
+// described by `Panel` of inline_svg.py, and panels of a figure with the same range of x are zoomed
+// together in x. Without this script, figures are static.
 
 const FINEST = 1 / 500; // smallest range, as a share of the full one (chosen)
 const CLICK = 4; // largest movement of a click, in points (chosen)
@@ -247,6 +247,9 @@ class Zoom {
 }
 
 function start() {
+  window.addEventListener("beforeprint", () => {
+    for (const part of document.querySelectorAll("details")) part.open = true;
+  });
   document.querySelectorAll("svg[data-panels]").forEach((svg) => {
     const panels = JSON.parse(svg.dataset.panels);
     if (panels.length === 0) return;

@@ -1,6 +1,6 @@
 """Hook of mkdocs: a page for each notebook of the repository, with outputs on request.
 
-The option `execute_notebooks` in `mkdocs.yml` is a pattern of notebook names: those that match are
+The variable `EXECUTE_NOTEBOOKS` is a pattern of notebook names, `*` for all: those that match are
 executed, all others are shown as code and text. An executed notebook is kept in `build/notebooks`
 until the notebook, the package or the benchmarks change. Packages that build the site are imported
 in the functions, so that the tests read this file without them.
@@ -27,7 +27,9 @@ TEMPLATE = """{% extends 'markdown/index.md.j2' %}
 ```
 {% endmacro %}
 {% block stream %}{{ block(output.text) }}{% endblock stream %}
-{% block data_text scoped %}{{ block(output.data['text/plain']) }}{% endblock data_text %}
+{% block data_text scoped %}
+{% if output.data['text/plain'] %}{{ block(output.data['text/plain']) }}{% endif %}
+{% endblock data_text %}
 {% block data_png %}
 ![Figure of the code above]({{ output.metadata.filenames['image/png'] | path2url }})
 {% endblock data_png %}
@@ -44,7 +46,8 @@ def on_files(files, config):
     import nbformat
     from mkdocs.structure.files import File
 
-    pattern = config.extra["execute_notebooks"]
+    # Not an option `!ENV` of mkdocs.yml, which fails for the value "*", a sign of YAML.
+    pattern = os.environ.get("EXECUTE_NOTEBOOKS", "")
     for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
         if pattern and path.match(f"{pattern}.ipynb"):
             notebook = executed(path)

@@ -14,11 +14,11 @@ from typing import Annotated
 import jax
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from ._foundation.checks import InputError
 from ._foundation.configuration import configure
+from ._foundation.progress import terminal_bar
 from ._foundation.types import Array
 from .aircraft import model_of
 from .aircraft.flight.coupled_flight import coupled_flight
@@ -341,14 +341,8 @@ def _show_progress():
             markup=False,
         )
         return
-    columns = (
-        BarColumn(bar_width=24),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}", markup=False),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda words: bar.update(task, description=words)
+    with terminal_bar(console) as show:
+        yield show
 
 
 def _deliver(

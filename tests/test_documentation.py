@@ -396,6 +396,19 @@ def test_an_executed_notebook_is_kept_until_it_changes(notebook_pages, tmp_path)
     assert runs.read_text(encoding="utf-8") == "abb"
 
 
+@pytest.mark.parametrize(
+    ("pattern", "selected"), [("*", slice(None)), ("01*", slice(1)), ("", slice(0))]
+)
+def test_pattern_selects_notebooks_to_execute(notebook_pages, monkeypatch, pattern, selected):
+    config = pytest.importorskip("mkdocs.config")
+    executed, names = [], sorted(path.stem for path in (ROOT / "notebooks").glob("*.ipynb"))
+    monkeypatch.setenv("EXECUTE_NOTEBOOKS", pattern)
+    monkeypatch.setattr(notebook_pages, "executed", lambda path: executed.append(path.stem))
+    monkeypatch.setattr(notebook_pages, "page_with_figures", lambda notebook, name: {})
+    notebook_pages.on_files([], config.load_config(str(ROOT / "mkdocs.yml")))
+    assert executed == names[selected]
+
+
 def test_the_page_of_a_notebook_has_its_outputs(notebook_pages):
     if not all(importlib.util.find_spec(name) for name in ("nbconvert", "latex2mathml")):
         pytest.skip('nbconvert is not installed: pip install -e ".[docs]"')
@@ -406,6 +419,7 @@ def test_the_page_of_a_notebook_has_its_outputs(notebook_pages):
         nbformat.v4.new_output("stream", text="weak: [k](c)\n"),
         nbformat.v4.new_output("execute_result", data=data),
         nbformat.v4.new_output("display_data", data={"image/png": png, "text/plain": "<Figure>"}),
+        nbformat.v4.new_output("display_data", data={"text/plain": ""}),  # of ended progress
     ]
     text = nbformat.v4.new_markdown_cell("# Title\nText $x_1$ and `$HOME`, `$PATH`.")
     page, figure = notebook_pages.page_with_figures(
@@ -418,6 +432,7 @@ def test_the_page_of_a_notebook_has_its_outputs(notebook_pages):
     assert "![Figure of the code above](01_files/01_1_2.png)" in page[1]
     assert "<pre>" not in page[1]
     assert "<Figure>" not in page[1]
+    assert page[1].count('title="Output"') == 2
     assert "<msub><mi>x</mi><mn>1</mn></msub>" in page[1]
     assert "`$HOME`, `$PATH`" in page[1]
 

@@ -35,8 +35,12 @@ class Table(NamedTuple):
         """Return the table as an HTML element, with lines of text above and below."""
         head, body = _row("th", self.heads), "".join(_row("td", row) for row in self.rows)
         table = f"<table><thead>{head}</thead><tbody>{body}</tbody></table>"
-        before, after = ("".join(map(_paragraph, lines)) for lines in (above, below))
-        return f'<div style="overflow-x: auto">{before}{table}{after}</div>'
+        return f'<div style="overflow-x: auto">{paragraphs(above)}{table}{paragraphs(below)}</div>'
+
+
+def paragraphs(lines: Sequence[str]) -> str:
+    """Return lines of text as HTML elements, without the empty ones."""
+    return "".join(f'<p style="margin: 0.3em 0">{html.escape(line)}</p>' for line in lines if line)
 
 
 def preformatted(text: str) -> str:
@@ -50,7 +54,3 @@ def _row(tag: str, cells: Sequence[str]) -> str:
         side = "left" if place in (0, len(cells) - 1) else "right"
         words.append(f'<{tag} style="{CELL_STYLE}{side}">{html.escape(cell)}</{tag}>')
     return f"<tr>{''.join(words)}</tr>"
-
-
-def _paragraph(line: str) -> str:
-    return f'<p style="margin: 0.3em 0">{html.escape(line)}</p>'

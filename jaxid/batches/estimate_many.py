@@ -48,7 +48,7 @@ def estimate_many(
     store: str | Path | None = None,
     part: tuple[int, int] | None = None,
     devices: Sequence[Device] | Mesh | None = None,
-    progress: bool | Callable[[Progress], object] = False,
+    progress: bool | Callable[[Progress], object] = True,
 ) -> "xr.Dataset":
     """Return the independent estimates of many cases as one dataset.
 
@@ -80,7 +80,8 @@ def estimate_many(
             results, as does a further call without `part`.
         devices: devices of this process over which the cases are distributed, or a mesh of them; by
             default JAX's default device.
-        progress: True for a bar on standard error, or a function of `Progress`.
+        progress: True shows a bar on a terminal or a line in a notebook; False does not; or a
+            function of `Progress`.
 
     Returns:
         A dataset with the dimensions `case`, `parameter`, `record` and `own_parameter`: `values`,

@@ -1,8 +1,10 @@
-"""`Progress`: how far a batch is, and a bar on the terminal that shows it."""
+"""`Progress`: how far a batch is, and its bar."""
 
 import contextlib
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
+
+from .._foundation.progress import shown_progress
 
 
 class Progress(NamedTuple):
@@ -32,30 +34,13 @@ def listener(progress: bool | Callable[[Progress], object]) -> Iterator[Callable
     """Return the function to call after each group of cases.
 
     Args:
-        progress: a function of `Progress`; True for a bar on standard error; False for nothing.
+        progress: a function of `Progress`; True for a bar on a terminal or a line in a notebook;
+            False for nothing.
     """
     if callable(progress):
         yield progress
-    elif not progress:
-        yield lambda state: None
-    else:
-        with _bar() as show:
-            yield show
-
-
-@contextlib.contextmanager
-def _bar() -> Iterator[Callable[[Progress], None]]:
-    """Show a bar with the time that remains on standard error."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    columns = (
-        *(TextColumn("cases"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()),
-        TextColumn("{task.fields[failed]} failed"),
-    )
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("cases", total=None, failed=0)
-        yield lambda state: bar.update(
-            task, completed=state.finished, total=state.total, failed=state.failed
+        return
+    with shown_progress(progress) as show:
+        yield lambda state: show(
+            f"{state}, {state.remaining:.0f} s remain", state.finished / max(state.total, 1)
         )

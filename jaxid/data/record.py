@@ -13,7 +13,7 @@ from jax.core import Tracer
 from .._foundation.checks import require, require_known
 from .._foundation.grid import holes
 from .._foundation.host import on_host
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table, preformatted
 from .._foundation.types import Array, Bool, Float, Int
 
 
@@ -170,13 +170,12 @@ class Record(eqx.Module):
 
     def __repr__(self) -> str:
         """Names, numbers of samples, duration, channels with units, share of missing samples."""
-        arrays = (self.t, self.u, self.z, self.mask)
-        if not all(isinstance(x, jax.Array) and not isinstance(x, Tracer) for x in arrays):
-            return eqx.tree_pformat(self)
-        return _describe(self)
+        return _describe(self) if _is_concrete(self) else eqx.tree_pformat(self)
 
     def _repr_html_(self) -> str:
-        return preformatted(repr(self))
+        if not _is_concrete(self):
+            return preformatted(repr(self))
+        return _channel_table(self).html(above=_title_lines(self))
 
     def plot(self, case: int = 0) -> Any:
         """Return a figure of all channels over time, by matplotlib (`jaxid[report]`).
@@ -232,8 +231,48 @@ def _slice(xp, values, start: int, stop: int):
     return values[start:stop]
 
 
+def _is_concrete(record: Record) -> bool:
+    """True if the arrays have values, and are not traced or replaced by a transformation."""
+    arrays = (record.t, record.u, record.z, record.mask)
+    return all(isinstance(x, jax.Array) and not isinstance(x, Tracer) for x in arrays)
+
+
 def _describe(record: Record) -> str:
-    """Description, in three lines, of a record with concrete values."""
+    """Description of a record with concrete values."""
+    title, *time = _title_lines(record)
+    return "\n".join(
+        [
+            title,
+            *(f"  {line}" for line in time),
+            f"  inputs:  {_channels(record.inputs, record.input_units)}",
+            f"  outputs: {_channels(record.outputs, record.output_units)}",
+        ]
+    )
+
+
+def _channel_table(record: Record) -> Table:
+    """Smallest and largest value and share of missing samples of each channel, all records."""
+    t = np.asarray(record.t).reshape(-1, record.t.shape[-1])
+    flown = np.arange(t.shape[1]) < np.asarray(record.samples).reshape(-1, 1)
+    u, z, mask = (
+        np.asarray(part).reshape(*t.shape, part.shape[-1])[flown]
+        for part in (record.u, record.z, record.mask)
+    )
+    columns = [("input", column) for column in u.T]
+    columns += [("output", column[valid]) for column, valid in zip(z.T, mask.T, strict=True)]
+    rows = []
+    names = (*record.inputs, *record.outputs)
+    units = (*record.input_units, *record.output_units)
+    for name, unit, (role, values) in zip(names, units, columns, strict=True):
+        ends = [f"{end(values):.4g}" for end in (np.min, np.max)] if values.size else ["", ""]
+        missing = 100 * (1 - values.size / max(u.shape[0], 1))
+        rows.append((name, role, *ends, f"{missing:.3g}", unit))
+    heads = ("channel", "role", "minimum", "maximum", "missing [%]", "unit")
+    return Table(heads, (7, 6, 11, 11, 11), tuple(rows))
+
+
+def _title_lines(record: Record) -> list[str]:
+    """Line on the size of a record, and one on the holes of its time base if there are any."""
     samples = np.asarray(record.samples).reshape(-1)
     t = np.asarray(record.t).reshape(-1, record.t.shape[-1])
     mask = np.asarray(record.mask).reshape(t.shape[0], t.shape[1], -1)
@@ -260,25 +299,20 @@ def _describe(record: Record) -> str:
         else f"{seconds.min():.6g} to {seconds.max():.6g}"
     )
     constants = f", constants {', '.join(record.constants)}" if record.constants else ""
-    return (
-        f"{title}: {size} samples, {span} s, {100 * missing:.3g} % of the samples "
-        f"missing{constants}\n"
-        f"{_holes(record)}"
-        f"  inputs:  {_channels(record.inputs, record.input_units)}\n"
-        f"  outputs: {_channels(record.outputs, record.output_units)}"
-    )
+    size = f"{title}: {size} samples, {span} s, {100 * missing:.3g} % of the samples "
+    return [f"{size}missing{constants}", *_holes(record)]
 
 
-def _holes(record: Record) -> str:
-    """Return a line on the holes of the time base, empty where there is none."""
+def _holes(record: Record) -> list[str]:
+    """Return a line on the holes of the time base, if there are any."""
     gaps = holes(np.asarray(record.t))
     if not gaps:
-        return ""
+        return []
     longest = max(gaps, key=lambda hole: hole.end - hole.start)
     name = f" of {record.names[longest.case]!r}" if record.is_stack and any(record.names) else ""
     count = "1 hole:" if len(gaps) == 1 else f"{len(gaps)} holes, the longest"
     length = f"{longest.end - longest.start:.6g} s ({longest.ratio:.3g} median steps)"
-    return f"  time:    {count} {length} between rows {longest.row} and {longest.row + 1}{name}\n"
+    return [f"time:    {count} {length} between rows {longest.row} and {longest.row + 1}{name}"]
 
 
 def _channels(names: tuple[str, ...], units: tuple[str, ...]) -> str:

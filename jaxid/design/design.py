@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from ..data.record import Record
 from .information import PlannedInformation
 from .signals import InputSignal
@@ -53,21 +53,33 @@ class Design(eqx.Module):
     chi_square: float | None = eqx.field(static=True, default=None)
 
     def __str__(self) -> str:
-        width = max(len(name) for name in ("conventional", *(c.name for c in self.comparisons)))
-        lines = [str(self.information), ""]
-        if self.chi_square is not None:
-            lines.append(
-                f"expected chi-square between the two hypotheses {self.chi_square:.4g} "
-                f"({DECISIVE:g} and more decides)"
-            )
-        lines.append(f"cost of the design {self.cost:.4g}")
-        lines.append(
-            f"{'conventional':<{width}} {'equal energy':>13} {'equal peak':>11} {'limits':>9}"
+        compared = self._comparison_table().lines()
+        lines = [str(self.information), "", *self._cost_lines(), *compared, self._limits_line()]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        compared = self._comparison_table().html(self._cost_lines(), [self._limits_line()])
+        return self.information._repr_html_() + compared
+
+    def _cost_lines(self) -> list[str]:
+        cost = f"cost of the design {self.cost:.4g}"
+        if self.chi_square is None:
+            return [cost]
+        words = f"expected chi-square between the two hypotheses {self.chi_square:.4g} "
+        return [f"{words}({DECISIVE:g} and more decides)", cost]
+
+    def _comparison_table(self) -> Table:
+        """Return the costs of the conventional inputs; they have no unit."""
+        rows = ((name, *(f"{cost:.4g}" for cost in costs)) for name, *costs in self.comparisons)
+        return Table(
+            ("conventional", "equal energy", "equal peak", "limits", ""),
+            (12, 13, 11, 9),
+            tuple((*row, "") for row in rows),
         )
-        for name, energy, peak, within in self.comparisons:
-            lines.append(f"{name:<{width}} {energy:>13.4g} {peak:>11.4g} {within:>9.4g}")
-        used = [f"{name} {100 * share:.0f} %" for name, share in self.limits_used.items()]
-        return "\n".join([*lines, f"limits used: {', '.join(used)}"])
+
+    def _limits_line(self) -> str:
+        used = (f"{name} {100 * share:.0f} %" for name, share in self.limits_used.items())
+        return f"limits used: {', '.join(used)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the input, its limits and the expected standard errors as plain numbers."""
@@ -91,6 +103,3 @@ class Design(eqx.Module):
         from ..report.figures_design import design_figure
 
         return design_figure(self)
-
-    def _repr_html_(self) -> str:
-        return preformatted(str(self))

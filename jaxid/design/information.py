@@ -10,7 +10,7 @@ import numpy as np
 
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.compiler import fast_compile_jit
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from .._foundation.types import Array, Float, Numbers
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels
@@ -69,17 +69,24 @@ class PlannedInformation(eqx.Module):
         return tuple(name for name, bad in zip(self.names, infinite, strict=True) if bad)
 
     def __str__(self) -> str:
-        width = max(len(name) for name in (*self.names, "parameter"))
-        lines = [f"{'parameter':<{width}} {'value':>12} {'std. error':>12}  will be determined"]
-        rows = zip(self.names, self.values, self.standard_errors, self.relative_errors, strict=True)
-        for name, value, error, relative in rows:
-            lines.append(
-                f"{name:<{width}} {value:>12.5g} {error:>12.3g}  {_in_words(error, relative)}"
-            )
-        return "\n".join([*lines, *(f"weak: {sentence}" for sentence in self.weak_directions)])
+        return "\n".join([*self._table().lines(), *self._weak_lines()])
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self._table().html(below=self._weak_lines())
+
+    def _table(self) -> Table:
+        rows = zip(self.names, self.values, self.standard_errors, self.relative_errors, strict=True)
+        return Table(
+            ("parameter", "value", "std. error", "will be determined"),
+            (9, 12, 12),
+            tuple(
+                (name, f"{value:.5g}", f"{error:.3g}", _in_words(error, relative))
+                for name, value, error, relative in rows
+            ),
+        )
+
+    def _weak_lines(self) -> list[str]:
+        return [f"weak: {sentence}" for sentence in self.weak_directions]
 
 
 def planned_record(

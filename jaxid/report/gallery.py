@@ -1,6 +1,5 @@
 """The figures of a study with their captions, and their conversion to bytes."""
 
-import base64
 import io
 import re
 from typing import NamedTuple
@@ -12,8 +11,9 @@ from ..diagnosis.validation import Prediction
 from ..loop.outcome import Outcome
 from ..study.study import Round, Study
 from .figures import errors, prediction, ranking, residuals
-from .figures_records import RECORDS_IN_FIGURE, small_panels
+from .figures_records import PANEL_SAMPLES, RECORDS_IN_FIGURE, small_panels
 from .figures_where import where
+from .inline_svg import inline_svg
 
 # Chosen: largest number of records of a set to draw, in large figures and in small panels.
 MOST_LARGE, MOST_RECORDS = 3, 12
@@ -28,14 +28,16 @@ class Picture(NamedTuple):
     caption: str
 
     @property
-    def source(self) -> str:
-        """The figure as a data address, to be embedded in a page."""
-        return "data:image/svg+xml;base64," + base64.b64encode(_saved(self.figure, "svg")).decode()
+    def svg(self) -> str:
+        """The figure as an SVG element of a page."""
+        return inline_svg(self.figure, self.name, self.caption)
 
     @property
     def png(self) -> bytes:
         """The figure as a PNG file."""
-        return _saved(self.figure, "png", dpi=PNG_DPI)
+        buffer = io.BytesIO()
+        self.figure.savefig(buffer, format="png", metadata={"Software": None}, dpi=PNG_DPI)
+        return buffer.getvalue()
 
 
 class Gallery(NamedTuple):
@@ -138,6 +140,8 @@ def _records(
     for start in range(0, count, RECORDS_IN_FIGURE):
         cases = range(start, min(start + RECORDS_IN_FIGURE, count))
         caption = "Inputs and outputs of the set, one record in each column, in a common scale."
+        if records.t.shape[-1] > PANEL_SAMPLES:
+            caption += f" Records of more than {PANEL_SAMPLES} samples are thinned."
         if records.n_cases > count and cases.stop == count:
             caption += (
                 f" The set has {records.n_cases} records; the first {count} are drawn, and the "
@@ -165,14 +169,3 @@ def _round(search_round: Round, index: int) -> Picture | None:
 def _slug(name: str) -> str:
     """Return a name as part of a file name."""
     return re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-")[:40] or "set"
-
-
-def _saved(figure: Figure, kind: str, **options) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(
-        buffer,
-        format=kind,
-        metadata={"Date": None} if kind == "svg" else {"Software": None},
-        **options,
-    )
-    return buffer.getvalue()

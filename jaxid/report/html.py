@@ -1,5 +1,7 @@
 """`html`: a study as one self-contained page."""
 
+import base64
+import hashlib
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
@@ -24,7 +26,7 @@ from .tables import (
 )
 from .words import COLOURED_WORDS, NEXT, NOISE_KNOWN, OUTCOMES, percent, raised
 
-TEMPLATE = "study.html.j2"
+TEMPLATE, SCRIPT = "study.html.j2", "page.js"
 
 
 def html(
@@ -49,13 +51,11 @@ def html(
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    source = (
-        resources.files(__package__ or "jaxid.report")
-        .joinpath(TEMPLATE)
-        .read_text(encoding="utf-8")
-    )
-    return environment.from_string(source).render(
+    script = _resource(SCRIPT)
+    return environment.from_string(_resource(TEMPLATE)).render(
         title=title,
+        script=script,
+        script_hash=_source_hash(script),
         study=study,
         verdict=raised(study.verdict),
         outcome_words=OUTCOMES[study.outcome],
@@ -78,6 +78,18 @@ def html(
         origin=provenance(study, files),
         degrees=any(unit.startswith("rad") for unit in study.output_units),
     )
+
+
+def _resource(name: str) -> str:
+    """Return the text of a file of this folder."""
+    folder = resources.files(__package__ or "jaxid.report")
+    return folder.joinpath(name).read_text(encoding="utf-8")
+
+
+def _source_hash(script: str) -> str:
+    """Return the hash by which the page's security policy permits this script and no other."""
+    digest = hashlib.sha256(script.encode()).digest()
+    return f"sha256-{base64.b64encode(digest).decode()}"
 
 
 def _facts(study: Study) -> dict[str, str | tuple[str, ...]]:

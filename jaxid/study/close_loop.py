@@ -5,6 +5,7 @@ after.
 from collections.abc import Callable, Mapping, Sequence
 
 from .._foundation.checks import require_float64
+from .._foundation.progress import text_progress
 from ..effects.base import Effect
 from ..estimation.estimate import check_channels, check_sampling
 from ..estimation.likelihoods import AbstractLikelihood
@@ -32,7 +33,7 @@ def close_loop(
     window: int | None = None,
     options: LoopOptions | None = None,
     solver: GaussNewton | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: bool | Callable[[str], None] = True,
 ) -> Study:
     """Find the effects that a model lacks, add them, and report the error before and after.
 
@@ -57,7 +58,8 @@ def close_loop(
             fitted, left out of the error; None starts them at `model.initial_state`.
         options: levels and limits.
         solver: the Gauss-Newton solver.
-        progress: function that receives a short text at every step.
+        progress: True shows the step on a terminal or in a notebook; False does not; or a function
+            that receives a short text at every step.
 
     Returns:
         The study: verdict, effects, rounds, and the model before and after. Ctrl-C during the
@@ -69,7 +71,7 @@ def close_loop(
             check records have no valid sample, or JAX is in 32 bit.
     """
     require_float64()
-    progress, options = progress or (lambda _: None), options or LoopOptions()
+    options = options or LoopOptions()
     records = study_records(train, check, test, window)
     everything = (records.fitted, records.check, *records.tests.values())
     for stacked in everything:
@@ -87,5 +89,6 @@ def close_loop(
         solver=solver or SEARCH_SOLVER,
     )
     tests = records.tests if records.own_tests else {}
-    result = search_effects(problem, test=tests, options=options, progress=progress)
-    return assemble_study(result, records, options, progress)
+    with text_progress(progress) as show:
+        result = search_effects(problem, test=tests, options=options, progress=show)
+        return assemble_study(result, records, options, show)

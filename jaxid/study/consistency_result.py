@@ -2,13 +2,14 @@
 
 import dataclasses
 import re
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from ..data.record import Record
 from ..estimation import Estimate
 from ..models.base import AbstractModel
@@ -195,30 +196,60 @@ class Consistency:
             "estimate": self.estimate.to_dict(),
         }
 
+    def to_xarray(self) -> Any:
+        """Return errors and residuals as an `xarray.Dataset` with the axes `error` and `channel`;
+        the record of an error is empty if all records share it.
+        """
+        import xarray as xr  # imported here because it is slow to import
+
+        def column(rows: Sequence[tuple], name: str) -> list:
+            return [getattr(row, name) for row in rows]
+
+        errors = ("value", "standard_error", "chance", "significant")
+        return xr.Dataset(
+            {name: ("error", column(self.errors, name)) for name in errors}
+            | {name: ("channel", column(self.channels, name)) for name in ("before", "after")},
+            coords={
+                "error": column(self.errors, "name"),
+                "record": ("error", [error.record or "" for error in self.errors]),
+                "error_unit": ("error", column(self.errors, "unit")),
+                "channel": column(self.channels, "name"),
+                "unit": ("channel", column(self.channels, "unit")),
+            },
+            attrs={"verdict": self.verdict, "level": self.level},
+        )
+
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        level, *notes = self._notes()
+        errors = self._error_table().html(above=[self.verdict], below=[level])
+        return errors + self._channel_table().html(below=notes)
 
     def __str__(self) -> str:
-        width = max(
-            len(error.name) for error in (*self.errors, SensorError("channel", None, 0, 0, ""))
-        )
-        lines = [
-            self.verdict,
-            "",
-            f"{'error':<{width}} {'value':>12} {'std. error':>11} {'chance':>9}  unit",
-        ]
+        level, *notes = self._notes()
+        errors, channels = self._error_table().lines(), self._channel_table().lines()
+        return "\n".join([self.verdict, "", *errors, level, "", *channels, *notes])
+
+    def _error_table(self) -> Table:
+        rows = []
         for error in self.errors:
+            chance = f"{error.chance:.3g}{'*' if error.significant else ' '}"
+            numbers = (f"{error.value:.5g}", f"{error.standard_error:.3g}", chance)
             mark = f" in {error.record}" if error.record is not None else ""
-            lines.append(
-                f"{error.name:<{width}} {error.value:>12.5g} {error.standard_error:>11.3g} "
-                f"{error.chance:>9.3g}"
-                f"{'*' if error.significant else ' '} {error.unit}{mark}"
-            )
-        lines.append(f"* significant at {self.level:g} over all {len(self.errors)} tried (Holm)")
-        lines += ["", f"{'channel':<{width}} {'RMS before':>12} {'RMS after':>11}  unit"]
-        lines += [
-            f"{c.name:<{width}} {c.before:>12.4g} {c.after:>11.4g}  {c.unit}" for c in self.channels
-        ]
+            rows.append((error.name, *numbers, error.unit + mark))
+        heads = ("error", "value", "std. error", "chance ", "unit")
+        return Table(heads, (7, 12, 11, 10), tuple(rows))
+
+    def _channel_table(self) -> Table:
+        width = max(len(name) for name, *_ in (*self.errors, *self.channels))
+        return Table(
+            ("channel", "RMS before", "RMS after", "unit"),
+            (max(width, 7), 12, 11),
+            tuple((c.name, f"{c.before:.4g}", f"{c.after:.4g}", c.unit) for c in self.channels),
+        )
+
+    def _notes(self) -> list[str]:
+        """Level of the test, errors that are not determined, colour, assumptions and status."""
+        lines = [f"* significant at {self.level:g} over all {len(self.errors)} tried (Holm)"]
         lines += [f"weak: {words}" for words in self.weak]
         if self.inflation > COLOUR_INFLATION:
             lines.append(
@@ -230,7 +261,7 @@ class Consistency:
             lines.append(
                 "The inputs are assumed to be free of noise; give `input_noise` if they are not."
             )
-        return "\n".join([*lines, f"status: {self.estimate.status}"])
+        return [*lines, f"status: {self.estimate.status}"]
 
 
 def _pairs(fitted: Estimate) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..data.stack import stack
@@ -211,10 +211,36 @@ class Identification:
             "estimate": self.estimate.to_dict(),
         }
 
+    def to_xarray(self) -> Any:
+        """Return the results of both stages as an `xarray.Dataset` with the axes `parameter` and
+        `equation`; a number that a stage does not have is NaN.
+        """
+        import xarray as xr  # imported here because it is slow to import
+
+        rows, equations = self.parameters, self.equations.values()
+        columns = Parameter._fields[1:]
+        return xr.Dataset(
+            {name: ("parameter", [getattr(row, name) for row in rows]) for name in columns}
+            | {
+                "R2": ("equation", [float(equation.regression.R2) for equation in equations]),
+                "kept": ("equation", [bool(equation.kept) for equation in equations]),
+            },
+            coords={
+                "parameter": [row.name for row in rows],
+                "equation": list(self.equations),
+            },
+            attrs={"model": type(self.model).__name__, "reduced": self.reduced},
+        )
+
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self._table().html(above=self._equation_lines(), below=self._notes())
 
     def __str__(self) -> str:
+        lines = [*self._equation_lines(), "", *self._table().lines(), *self._notes()]
+        return "\n".join(lines)
+
+    def _equation_lines(self) -> list[str]:
+        """Lines on the equations of the first stage."""
         lines = [f"reduced: {self.reduced}"] if self.reduced else []
         for name, equation in self.equations.items():
             regression = equation.regression
@@ -223,30 +249,27 @@ class Identification:
                 f"({', '.join(regression.names) or 'none'})"
             )
         centre = ", ".join(f"{name} - {value:.5g}" for name, value in self.centre.items())
-        lines += [f"terms are written in {centre}", ""] if centre else [""]
-        rows = self.parameters
-        width = max([len(row.name) for row in rows] + [9])
-        lines.append(f"{'':<{width}} {'regression':^23} {'start':^10} {'maximum likelihood':^46}")
-        heads = ("value", "F", "F", "value", "std. error", "coloured", "F")
-        lines.append(f"{'parameter':<{width}} " + " ".join(f"{head:>11}" for head in heads))
-        for row in rows:
-            cells = (
-                row.regression,
-                row.regression_F,
-                row.start_F,
-                row.value,
-                row.standard_error,
-                row.coloured_error,
-                row.F,
-            )
-            lines.append(f"{row.name:<{width}} " + " ".join(_cell(value) for value in cells))
-        lines += [f"weak: {sentence}" for sentence in self.estimate.weak_directions]
-        lines.append(
+        return [*lines, f"terms are written in {centre}"] if centre else lines
+
+    def _table(self) -> Table:
+        """Both stages by parameter: value and F of the regression, F at the start, and maximum
+        likelihood.
+        """
+        stages = ("regression", "F", "F at start", "likelihood", "std. error", "coloured", "F")
+        units = dict(zip(self.estimate.names, self.estimate.units, strict=True))
+        rows = []
+        for name, value, F, _, start_F, *last in self.parameters:
+            cells = (_cell(number) for number in (value, F, start_F, *last))
+            rows.append((name, *cells, units.get(name, "")))
+        return Table(("parameter", *stages, "unit"), (9,) + (11,) * 7, tuple(rows))
+
+    def _notes(self) -> list[str]:
+        """Weak directions and status."""
+        status = (
             f"status: {self.estimate.status} ({int(self.estimate.iterations)} iterations, cost "
-            f"{self.start.cost:.6g} to "
-            f"{float(self.estimate.cost):.6g})"
+            f"{self.start.cost:.6g} to {float(self.estimate.cost):.6g})"
         )
-        return "\n".join(lines)
+        return [*(f"weak: {sentence}" for sentence in self.estimate.weak_directions), status]
 
 
 def a_priori(case: Case) -> Start:
@@ -280,4 +303,4 @@ def _without_name(row: Parameter) -> dict[str, float]:
 
 
 def _cell(value: float) -> str:
-    return f"{'':>11}" if np.isnan(value) else f"{value:>11.4g}"
+    return "" if np.isnan(value) else f"{value:.4g}"

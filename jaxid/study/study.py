@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._foundation.checks import require_known
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table, paragraphs
 from ..data.record import Record
 from ..diagnosis.localise import LocalisationResult
 from ..diagnosis.residual_report import ResidualReport
@@ -188,16 +188,21 @@ class Study:
         return prediction(self, next(iter(self.tests)) if test is None else test, case)
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        errors = [self._errors(test).html(above=[_error_title(test)]) for test in self.tests]
+        above, below = paragraphs(self._summary_lines()), paragraphs(self.runaways)
+        return "".join([above, *errors, below, self.after.estimate._repr_html_()])
 
     def __str__(self) -> str:
-        stopped = ["The search was stopped; this is its best so far."] * self.interrupted
-        lines = [*stopped, self.verdict, self.next_best, "", *self._search_lines()]
-        lines += self._location_lines()
+        lines = self._summary_lines()
         for test in self.tests:
-            lines += self._error_lines(test)
-        lines += self.runaways
-        return "\n".join([*lines, "", str(self.after.estimate)])
+            lines += ["", _error_title(test), *self._errors(test).lines()]
+        return "\n".join([*lines, *self.runaways, "", str(self.after.estimate)])
+
+    def _summary_lines(self) -> list[str]:
+        """Verdict, search and location."""
+        stopped = ["The search was stopped; this is its best so far."] * self.interrupted
+        search = self._search_lines()
+        return [*stopped, self.verdict, self.next_best, "", *search, *self._location_lines()]
 
     def _search_lines(self) -> list[str]:
         """Lines on the rounds of the search."""
@@ -224,17 +229,17 @@ class Study:
         )
         return [f"where:   the residual of the declared model is in the {places}"]
 
-    def _error_lines(self, test: str) -> list[str]:
+    def _errors(self, test: str) -> Table:
         """Table of the errors on one set of test records."""
-        width = max(len(name) for name in (*self.outputs, "channel"))
-        lines = ["", f"error on {test} (RMS, not used for fitting)"]
-        lines.append(f"{'channel':<{width}} {'before':>12} {'after':>12} {'noise':>12}  unit")
+        rows = []
         for name, unit in zip(self.outputs, self.output_units, strict=True):
-            before, after = self.before.rms[test][name], self.after.rms[test][name]
-            lines.append(
-                f"{name:<{width}} {before:>12.4g} {after:>12.4g} {self.noise[name]:>12.4g}  {unit}"
-            )
-        return lines
+            numbers = (self.before.rms[test][name], self.after.rms[test][name], self.noise[name])
+            rows.append((name, *(f"{number:.4g}" for number in numbers), unit))
+        return Table(("channel", "before", "after", "noise", "unit"), (7, 12, 12, 12), tuple(rows))
+
+
+def _error_title(test: str) -> str:
+    return f"error on {test} (RMS, not used for fitting)"
 
 
 def _residual_tests(report: ResidualReport) -> dict[str, dict[str, Any]]:

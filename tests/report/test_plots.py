@@ -3,10 +3,11 @@
 import importlib
 import json
 
-import html5lib
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from notebook_cells import assert_has_printed_lines, rows_and_notes
 from small_spring import SIGMA, Spring, fly
 
 import jaxid
@@ -108,24 +109,42 @@ def test_text_is_escaped_and_keeps_its_lines():
     assert preformatted("a < b\n  & c").endswith(">a &lt; b\n  &amp; c</pre>")
 
 
-def test_objects_are_shown_as_they_print(record, fit):
-    assert "Record &#x27;&lt;first&gt;&#x27;: 10 samples" in record._repr_html_()
+def test_status_of_a_fit_is_shown(fit):
     assert str(fit).splitlines()[-1] in fit._repr_html_()
 
 
 @pytest.mark.parametrize("name", ["fit", "prediction"])
 def test_a_notebook_has_a_table_of_the_printed_cells(name, request):
-    shown = request.getfixturevalue(name)
-    root = html5lib.parse(shown._repr_html_(), namespaceHTMLElements=False)
-    rows = [[cell.text or "" for cell in row] for row in root.iter("tr")]
-    notes = [paragraph.text for paragraph in root.iter("p")]
-    lines = [line for line in str(shown).splitlines() if line not in notes]
-    assert len(lines) + len(notes) == len(str(shown).splitlines())
-    assert [" ".join(row).split() for row in rows] == [line.split() for line in lines]
-    for row in root.iter("tr"):
-        sides = [cell.get("style").rpartition(" ")[2] for cell in row]
-        assert sides == ["left", *["right"] * (len(sides) - 2), "left"]
-    assert "color" not in shown._repr_html_()
+    assert_has_printed_lines(request.getfixturevalue(name))
+
+
+def test_a_notebook_has_the_range_of_each_channel(record):
+    rows, (title,) = rows_and_notes(record)
+    assert title.startswith("Record '<first>': 10 samples, 9 s, 10 % of the samples missing")
+    assert rows == [
+        ["channel", "role", "minimum", "maximum", "missing [%]", "unit"],
+        ["force", "input", "0", "18", "0", ""],
+        ["tilt", "output", "0", f"{np.radians(9):.4g}", "10", "rad"],
+    ]
+
+
+def test_ranges_of_a_stack_are_without_padding(record):
+    stack = jaxid.stack([record.window(6, 10), record.window(6, 8)])
+    rows, _ = rows_and_notes(stack)
+    assert rows[1][:5] == ["force", "input", "12", "18", "0"]
+    assert rows[2][:5] == ["tilt", "output", f"{np.radians(6):.4g}", f"{np.radians(9):.4g}", "0"]
+
+
+def test_record_without_inputs_has_outputs_only(record):
+    free = jaxid.record(record.t, None, np.arange(10.0), inputs=(), outputs=("x",))
+    rows, (title,) = rows_and_notes(free)
+    assert rows[1:] == [["x", "output", "0", "9", "0", ""]]
+    assert title == repr(free).splitlines()[0]
+
+
+def test_record_without_a_valid_sample_has_no_range(record):
+    empty = eqx.tree_at(lambda node: node.mask, record, jnp.zeros((10, 1), bool))
+    assert rows_and_notes(empty)[0][2] == ["tilt", "output", "", "", "100", "rad"]
 
 
 def test_cells_of_a_table_are_escaped():
@@ -206,8 +225,6 @@ def test_a_prediction_is_a_dictionary_and_a_labelled_dataset(prediction):
 @pytest.mark.parametrize(
     ("module", "name"),
     [
-        ("jaxid.study.identification", "Identification"),
-        ("jaxid.study.consistency_result", "Consistency"),
         ("jaxid.diagnosis.residuals", "ResidualTests"),
         ("jaxid.diagnosis.maps", "ResidualMaps"),
         ("jaxid.uncertainty.propagation", "Propagated"),

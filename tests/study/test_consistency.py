@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from notebook_cells import assert_has_printed_lines
 from statsmodels.stats.multitest import multipletests
 
 import jaxid
@@ -117,6 +118,21 @@ def test_result_is_a_dictionary_of_plain_numbers(result):
         channel.after for channel in result.channels
     ]
     assert content["estimate"]["successful"] is True
+
+
+def test_result_is_a_labelled_dataset(result):
+    dataset = result.to_xarray()
+    bias = dataset.sel(error="bias.force")
+    assert float(bias["value"]) == result.estimate.value("bias.force")
+    assert bool(bias["significant"])
+    assert (str(bias["error_unit"].values), str(bias["record"].values)) == ("m/s^2", "")
+    assert dataset["after"].values.tolist() == [channel.after for channel in result.channels]
+    assert list(dataset["channel"].values) == [channel.name for channel in result.channels]
+    assert dataset.attrs == {"verdict": result.verdict, "level": result.level}
+
+
+def test_result_is_shown_as_it_prints(result):
+    assert_has_printed_lines(result)
 
 
 def test_residuals_fall_to_noise_level(result):

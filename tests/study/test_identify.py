@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from notebook_cells import assert_has_printed_lines
 
 import jaxid
 from jaxid import OutputError, identify
@@ -143,6 +144,21 @@ def test_result_is_a_dictionary_of_plain_numbers(result):
     assert row["value"] == result.estimate.value(name)
     assert row["regression"] == regression.values[regression.names.index("x^3")]
     assert content["estimate"] == json.loads(json.dumps(result.estimate.to_dict()))
+
+
+def test_result_is_a_labelled_dataset(result):
+    dataset, name = result.to_xarray(), "stiffness.x^3"
+    row = next(row for row in result.parameters if row.name == name)
+    for column in ("regression", "regression_F", "start", "start_F", "value", "F"):
+        assert float(dataset[column].sel(parameter=name)) == getattr(row, column), column
+    assert float(dataset["standard_error"].sel(parameter=name)) == row.standard_error
+    assert dataset["kept"].to_series().to_dict() == {"stiffness": True, "drift": False}
+    R2 = float(result.equations["drift"].regression.R2)
+    assert float(dataset["R2"].sel(equation="drift")) == R2
+
+
+def test_result_is_shown_as_it_prints(result):
+    assert_has_printed_lines(result)
 
 
 def test_cost_of_start_equals_first_cost_of_estimate(result):

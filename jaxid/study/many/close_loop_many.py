@@ -15,6 +15,7 @@ from typing import Any
 
 from ..._foundation.checks import InputError, require, require_float64
 from ..._foundation.configuration import configure, settings_in_use
+from ..._foundation.progress import shown_progress
 from ...batches.identity import digest_of, version
 from ..close_loop import close_loop
 from .studies import Studies, StudyResult
@@ -33,7 +34,7 @@ def close_loop_many(
     *,
     folder: str | Path | None = None,
     processes: int | None = None,
-    progress: Callable[[StudyResult], object] | None = None,
+    progress: bool | Callable[[StudyResult], object] = True,
 ) -> Studies:
     """Return the results of many calls of `close_loop`, such as of a fleet or a Monte Carlo.
 
@@ -49,7 +50,8 @@ def close_loop_many(
             with the same studies takes the results from there, and repeats those that failed.
         processes: number of processes, by default that of the processors. Each has JAX and the
             compiled programs of a study in its memory [about 1 GB].
-        progress: function that receives each result as it comes.
+        progress: True shows the number of results on a terminal or in a notebook; False does not;
+            or a function that receives each result as it comes.
 
     Returns:
         The results in the order of `studies`; printed, a table.
@@ -63,12 +65,14 @@ def close_loop_many(
     kept = _opened(folder, studies)
     results = {} if kept is None else kept.results()
     pending = {name: studies[name] for name in studies if name not in results}
-    for result in _run(pending, processes or os.cpu_count() or 1):
-        results[result.name] = result
-        if kept is not None:
-            kept.write(result)
-        if progress is not None:
-            progress(result)
+    with shown_progress(progress is True) as show:
+        for result in _run(pending, processes or os.cpu_count() or 1):
+            results[result.name] = result
+            if kept is not None:
+                kept.write(result)
+            show(f"{len(results)} of {len(studies)} studies", len(results) / len(studies))
+            if callable(progress):
+                progress(result)
     return Studies(tuple(results[name] for name in studies))
 
 
@@ -161,7 +165,7 @@ def run_study(name: str, pickled: bytes) -> StudyResult:
     except Exception as error:  # a module that does not exist here, a class of a notebook
         return StudyResult(name, 0.0, None, _unsent(error))
     try:
-        content = json.loads(close_loop(**arguments).to_json())
+        content = json.loads(close_loop(**arguments, progress=False).to_json())
     except InputError as error:
         return StudyResult(name, time.monotonic() - begin, None, str(error))
     except Exception:

@@ -1,0 +1,23 @@
+"""The HTML of an object in a notebook against its print."""
+
+import html5lib
+
+
+def rows_and_notes(shown):
+    """Cells of the tables by row, and lines of text, of an object in a notebook."""
+    root = html5lib.parse(shown._repr_html_(), namespaceHTMLElements=False)
+    rows = [[cell.text or "" for cell in row] for row in root.iter("tr")]
+    for row in root.iter("tr"):
+        sides = [cell.get("style").rpartition(" ")[2] for cell in row]
+        assert sides == ["left", *["right"] * (len(sides) - 2), "left"]
+    assert "color" not in shown._repr_html_()  # notebooks are light or dark
+    return rows, [paragraph.text for paragraph in root.iter("p")]
+
+
+def assert_has_printed_lines(shown):
+    """Assert that tables and notes together have the words of every printed line."""
+    rows, notes = rows_and_notes(shown)
+    lines = [line for line in str(shown).splitlines() if line]
+    words = [" ".join(row).split() for row in rows] + [note.split() for note in notes]
+    assert rows
+    assert sorted(words) == sorted(line.split() for line in lines)

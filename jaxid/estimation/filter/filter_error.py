@@ -19,7 +19,7 @@ from ...simulation.hold import AbstractHold, Linear
 from ...simulation.solution import Solution
 from ...simulation.steppers import RK4
 from ..likelihoods import AbstractLikelihood
-from .filter_sensitivities import filter_sensitivities
+from .filter_sensitivities import FilterSensitivities, filter_sensitivities
 from .kalman import Filtered, inverse_cholesky, kalman_filter, require_outputs_without_memory
 from .noise_identifiability import check_noise_identifiable
 from .noise_options import FirstOrder, Number, number
@@ -129,31 +129,27 @@ class FilterError(AbstractLikelihood):
         return _rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
 
     def sensitivities(self, family, theta, record):
-        v, B, dv, dB = self._derivatives(family, theta, record)
-        inverse = inverse_cholesky(B)
-        rows_v = -jnp.einsum("tij,tjp->tip", inverse, dv)
-        white = jnp.einsum("tij,tjkp,tlk->ptil", inverse, dB, inverse)
-        rows_B = -jnp.moveaxis(_pairs(white, record.mask), 0, -1)
-        return _rows(v, inverse, record.mask), jnp.concatenate([rows_v, rows_B], axis=1)
+        filtered, dy, dB = self._derivatives(family, theta, record)
+        rows_B = -jnp.moveaxis(_pairs(jnp.moveaxis(dB, -1, 1), record.mask[:, None]), 1, -1)
+        rows = _rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
+        return rows, jnp.concatenate([dy, rows_B], axis=1)
 
-    def _derivatives(self, family: FreeModel, theta, record: Record):
-        """Return the innovations, their covariances, and the derivatives of both."""
+    def _derivatives(self, family: FreeModel, theta, record: Record) -> FilterSensitivities:
+        """Return the filter's result and the derivatives of the whitened innovations."""
         if self.updates == 1:
-            filtered, dv, dB = filter_sensitivities(
+            return filter_sensitivities(
                 family, theta, record, self.hold, self.stepper.substeps, steady=self.steady
             )
-            return filtered.v, filtered.B, dv, dB
-        m = record.z.shape[-1]
 
-        def innovations(theta):
+        def filtered(theta):
             model, initial_state = family(theta)
-            filtered = self.filter(model, record, initial_state)
-            covariances = filtered.B.reshape(filtered.B.shape[0], -1)
-            return jnp.concatenate([filtered.v, covariances], axis=-1)
+            return self.filter(model, record, initial_state)
 
-        flat, derivative = value_and_jacobian(innovations, theta)
-        B, dB = (part[:, m:].reshape(-1, m, m, *part.shape[2:]) for part in (flat, derivative))
-        return flat[:, :m], B, derivative[:, :m], dB
+        value, derivative = value_and_jacobian(filtered, theta)
+        inverse = inverse_cholesky(value.B)
+        dy = -jnp.einsum("tij,tjp->tip", inverse, derivative.v)
+        dB = jnp.einsum("tij,tjkp,tlk->tilp", inverse, derivative.B, inverse)
+        return FilterSensitivities(value, dy, dB)
 
     def row_mask(self, mask):
         first, second = np.triu_indices(mask.shape[-1])

@@ -34,6 +34,7 @@ from ...data.record import Record
 from ...models.base import AbstractModel
 from ...models.stochastic import StochasticModel
 from ...sensitivity.jacobian import value_and_jacobian
+from ...sensitivity.linearisation import INPUTS, NODES, WEIGHTS
 from ...simulation.hold import AbstractHold
 from ...simulation.input_signal import substeps_of
 from ...simulation.simulate import effective_input
@@ -41,8 +42,6 @@ from ...simulation.simulate import effective_input
 SERIES_TERMS = 8  # derived: relative error of Qd below 1e-12 for h |A| = 0.1
 _ORDERS = np.add.outer(np.arange(SERIES_TERMS), np.arange(SERIES_TERMS))
 SERIES_WEIGHTS = np.where(_ORDERS < SERIES_TERMS, 1.0 / (_ORDERS + 1.0), 0.0)
-# Runge-Kutta stages: fraction of the step, weight of the rate, and index of the input.
-RK4_STAGES = ((0.0, 1.0, 0), (0.5, 2.0, 1), (0.5, 2.0, 1), (1.0, 1.0, 2))
 MIDDLE = 2  # the stage at which the covariance of the noise is formed
 
 
@@ -216,18 +215,17 @@ def predicted(model: StochasticModel, x: Float[Array, " state"], steps: Steps):
         x, Phi, Q = carry
         begin, h, u = now
         k, slope, points = jnp.zeros_like(x), jnp.zeros_like(x), []
-        for node, weight, column in RK4_STAGES:
+        for node, weight, column in zip(NODES, WEIGHTS, INPUTS, strict=True):
             points.append(x + node * h * k)
             k = model.rhs(begin + node * h, points[-1], u[column])
             slope = slope + weight * k
-        nodes, weights, columns = (np.array(part) for part in zip(*RK4_STAGES, strict=True))
-        t, at = begin + nodes * h, jnp.stack(points)
-        A = jax.vmap(partial(_rate_jacobian, model))(t, at, u[columns])
+        t, at = begin + np.array(NODES) * h, jnp.stack(points)
+        A = jax.vmap(partial(_rate_jacobian, model))(t, at, u[INPUTS])
         eye = jnp.eye(x.size)
         K, own = jnp.zeros_like(eye), eye
-        for stage in range(4):
-            K = product(A[stage], eye + nodes[stage] * h * K)
-            own = own + h / 6 * weights[stage] * K
+        for stage, (node, weight) in enumerate(zip(NODES, WEIGHTS, strict=True)):
+            K = product(A[stage], eye + node * h * K)
+            own = own + h / 6 * weight * K
         G = model.diffusion(t[MIDDLE], at[MIDDLE], u[1])
         Q = congruence(own, Q) + _integral(A[MIDDLE], G, h)
         return (x + h / 6 * slope, product(own, Phi), (Q + Q.T) / 2), None
@@ -244,11 +242,16 @@ def _rate_jacobian(model, t, x, u):
 
 def _integral(A, G, h):
     """Return the covariance `Qd` that white noise adds over a step."""
+    L = noise_series(A, G, h)
+    return h * jnp.einsum("jk,jar,kbr->ab", SERIES_WEIGHTS, L, L)
+
+
+def noise_series(A, G, h) -> Float[Array, "term state noise"]:
+    """Return the matrices `L_j = (h A)^j G / j!`."""
     factors = [G]
     for k in range(1, SERIES_TERMS):
         factors.append(h / k * product(A, factors[-1]))
-    L = jnp.stack(factors)
-    return h * jnp.einsum("jk,jar,kbr->ab", SERIES_WEIGHTS, L, L)
+    return jnp.stack(factors)
 
 
 def _steady_covariance(model, x, sample: Sample, steps: Steps, deviations):

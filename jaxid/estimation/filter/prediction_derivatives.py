@@ -1,0 +1,252 @@
+r"""Derivatives of a filter's prediction, for many samples at once.
+
+In a Runge-Kutta step with the Jacobians `A_s = df/dx` at its stages `x_s`, let `X_s` be the
+derivatives of the stages by the state before the step and the parameters (columns), `W_s` those by
+the state alone, and `M_s` the derivative of the state after the step by the rate of stage s. Then
+
+    X_s = [I 0] + c_s h K_(s-1),    K_s = A_s X_s + [0 B_s],    [Phi G] = [I 0] + h/6 sum_s w_s K_s
+    d(Phi P Phi') = Phi dP Phi' + sum_s (M_s dA_s W_s P Phi' + its transpose)
+
+The noise `Qd = h sum_jk L_j L_k'/(j + k + 1)` of the module `kalman` depends on `A` and `G` at the
+middle stage: with `a = h A`, `N_j = h sum_k L_k/(j + k + 1)`,
+
+    dQd = sum_j dL_j N_j' + its transpose,    dL_j = sum_i h a^i k!/j! dA L_k + a^j/j! dG,
+                                              k = j - 1 - i
+"""
+
+from math import factorial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..._foundation.types import Array, Float
+from ...models.free_model import FreeModel, Leaves
+from ...sensitivity.jacobians import Differentiation
+from ...sensitivity.linearisation import INPUTS, NODES, WEIGHTS, differentiated_stages
+from ...simulation.steppers import rate
+from .kalman import MIDDLE, SERIES_TERMS, SERIES_WEIGHTS, Steps, noise_series
+
+OTHERS = np.array([stage for stage in range(len(NODES)) if stage != MIDDLE])
+
+
+class Prediction(NamedTuple):
+    """Derivatives of state and covariance after a step, at constant covariance before it.
+
+    The last axis counts columns: the states before the step, then the free parameters.
+
+    Attributes:
+        X: of the state, `[Phi G]`.
+        C: of the covariance.
+    """
+
+    X: Float[Array, "sample state column"]
+    C: Float[Array, "sample state state column"]
+
+
+class PredictionModel(NamedTuple):
+    """The parts of a model that the prediction differentiates.
+
+    Attributes:
+        equations: the rates of the states.
+        diffusion: the elements of the noise's matrix `G`.
+        leaves: the leaves that hold free parameters.
+        acting: indices of the leaves that act on the input.
+    """
+
+    equations: Differentiation
+    diffusion: Differentiation
+    leaves: Leaves
+    acting: tuple[int, ...]
+
+    @classmethod
+    def of(cls, family: FreeModel, leaves: Leaves, at, acting) -> "PredictionModel":
+        """Return the parts of a family's model; `at` are time, state and input of any point."""
+
+        def rates(t, x, u, leaves):
+            return rate(family.build(leaves)[0], t, x, u)
+
+        def diffusion(t, x, u, leaves):
+            return family.build(leaves)[0].diffusion(t, x, u).reshape(-1)
+
+        parts = (
+            Differentiation.of(family, function, at, leaves, by_input=bool(acting))
+            for function in (rates, diffusion)
+        )
+        return cls(*parts, leaves, acting)
+
+
+def differentiate_prediction(
+    model: PredictionModel,
+    x: Float[Array, "sample state"],
+    P: Float[Array, "sample state state"],
+    steps: Steps,
+    d_inputs: Float[Array, "sample substep stage input element"],
+) -> Prediction:
+    """Return the derivatives of the prediction from each sample to the next.
+
+    Args:
+        model: the parts of the model.
+        x, P: state and covariance after the measurement at each sample.
+        steps: the steps to the next samples.
+        d_inputs: derivatives of the inputs by the elements of the leaves that act on them.
+    """
+
+    def substep(carry, now):
+        x, P = carry
+        x, P, step = _step(model, x, P, *now)
+        return (x, P), step
+
+    def then(before: Prediction, after: Prediction):
+        n = x.shape[-1]
+        Phi, by_state = after.X[..., :n], after.C[..., :n]
+        X = (Phi @ before.X).at[..., n:].add(after.X[..., n:])
+        C = _contract(by_state, before.X).at[..., n:].add(after.C[..., n:])
+        C = C + jnp.einsum("tai,tijc,tbj->tabc", Phi, before.C, Phi)
+        return Prediction(X, C), None
+
+    now = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), (steps, d_inputs))
+    _, parts = jax.lax.scan(substep, (x, P), now)
+    first, rest = (jax.tree.map(lambda leaf, at=at: leaf[at], parts) for at in (0, slice(1, None)))
+    return jax.lax.scan(then, first, rest)[0]
+
+
+def _step(model: PredictionModel, x, P, steps: Steps, d_inputs):
+    """Return state and covariance after a step, and their derivatives."""
+    begin, length, u = steps
+    n, h = x.shape[-1], length[:, None, None]
+    family, leaves = model.equations.family, model.leaves
+    x_next, _, at, jacobians = differentiated_stages(
+        model.equations, leaves, x, begin, length, u[:, INPUTS, :]
+    )
+    A, B_u, B = jacobians
+    dU = None
+    if B_u is not None:
+        dU = family.select(jnp.moveaxis(d_inputs, 1, 0), model.acting)[INPUTS]
+        B = B + B_u @ dU
+    X, after = _stage_columns(A, B, h)
+    M, Phi = _by_rates(A, h), after[..., :n]
+    W = X[..., :n] @ (P @ jnp.swapaxes(Phi, 1, 2))[None]
+    times = begin + np.array(NODES)[:, None] * length
+    forms = _forms(model, (times, at, jnp.moveaxis(u, 1, 0)[INPUTS]), M, W)
+    point = times[MIDDLE], at[MIDDLE], u[:, 1]
+    C, Q = _covariance(model, forms, (A[MIDDLE], M[MIDDLE], W[MIDDLE]), X, dU, point, h)
+    return x_next, Phi @ P @ jnp.swapaxes(Phi, 1, 2) + Q, Prediction(after, C)
+
+
+def _stage_columns(A, B, h):
+    """Return `X` of all stages and `[Phi G]`."""
+    n = A.shape[-1]
+    eye = jnp.broadcast_to(jnp.eye(n), A.shape[1:])
+    start = jnp.concatenate([eye, jnp.zeros_like(B[0])], axis=-1)
+    K, after, stages = jnp.zeros_like(start), start, []
+    for stage, (node, weight) in enumerate(zip(NODES, WEIGHTS, strict=True)):
+        stages.append(start + node * h * K)
+        K = (A[stage] @ stages[-1]).at[..., n:].add(B[stage])
+        after = after + weight / 6 * h * K
+    return jnp.stack(stages), after
+
+
+def _by_rates(A, h):
+    """Return `M` of all stages."""
+    eye = jnp.broadcast_to(jnp.eye(A.shape[-1]), A.shape[1:])
+    M = [h / 6 * eye]
+    for stage in (3, 2, 1):
+        M.append(h / 6 * WEIGHTS[stage - 1] * eye + NODES[stage] * h * (M[-1] @ A[stage]))
+    return jnp.stack(M[::-1])
+
+
+def _forms(model: PredictionModel, points, M, W):
+    """Return the derivatives of `M_s A_s W_s`, and at the middle stage of `A` itself.
+
+    Shapes (state, state, stage, sample, element).
+    """
+    eye = jnp.eye(M.shape[-1])
+    rows, columns = (part.at[MIDDLE].set(eye) for part in (M, W))
+    stages, samples = M.shape[:2]
+    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), (*points, rows, columns))
+    *points, rows, columns = flat
+    forms = model.equations.derivatives_of_forms(
+        model.leaves, points, jnp.moveaxis(rows, 1, 0), jnp.moveaxis(columns, 2, 0)
+    )
+    return jax.tree.map(
+        lambda leaf: leaf.reshape(*leaf.shape[:2], stages, samples, leaf.shape[-1]), forms
+    )
+
+
+def _covariance(model: PredictionModel, forms, middle, X, dU, point, h):
+    """Return the derivatives of the covariance after the step, and the covariance of its noise."""
+    A, M, W = middle
+    G, by_A, by_G, Q = _noise(model, A, point, h)
+    n, samples = A.shape[-1], A.shape[0]
+    total = by_A + jnp.einsum("tai,tjb->tabij", M, W)
+    total = total.reshape(samples, n * n, n * n)
+
+    def joined(leaf):
+        """Stage by stage (sample, state, state, stage, element), the middle one multiplied."""
+        own = jnp.moveaxis(leaf[:, :, MIDDLE], 2, 0).reshape(samples, n * n, -1)
+        other = jnp.moveaxis(leaf[:, :, OTHERS], 3, 0)
+        own = (total @ own).reshape(samples, n, n, -1)
+        return own, other
+
+    own, other = joined(forms.A)
+    by_stage = jnp.concatenate([other, own[..., None, :]], axis=-2)
+    order = jnp.concatenate([X[OTHERS], X[MIDDLE][None]])
+    C = _contract(by_stage.reshape(samples, n, n, -1), _stacked(order))
+    own, other = joined(forms.B)
+    C = C.at[..., n:].add(
+        model.equations.columns(own + jnp.sum(other, axis=-2), model.leaves)
+    )
+    if dU is not None:
+        own, other = joined(forms.B_u)
+        by_stage = jnp.concatenate([other, own[..., None, :]], axis=-2)
+        order = jnp.concatenate([dU[OTHERS], dU[MIDDLE][None]])
+        C = C.at[..., n:].add(_contract(by_stage.reshape(samples, n, n, -1), _stacked(order)))
+    d_G = G.A @ X[MIDDLE]
+    d_G = d_G.at[..., n:].add(G.B if dU is None else G.B + G.B_u @ dU[MIDDLE])
+    C = C + (by_G @ d_G).reshape(C.shape)
+    return C + jnp.swapaxes(C, 1, 2), Q
+
+
+def _noise(model: PredictionModel, A, point, h):
+    """Return the derivatives of `G`; the linear functions that turn derivatives of `A` and `G` into
+    half of those of `Qd`; and `Qd`.
+    """
+    values, linear = model.diffusion.linearise(model.leaves, *point)
+    samples, n = A.shape[:2]
+    G = values.reshape(samples, n, -1)
+    L = jax.vmap(noise_series)(A, G, h[:, 0, 0])  # (sample, term, state, noise)
+    N = h[..., None] * jnp.einsum("jk,tkar->tjar", SERIES_WEIGHTS, L)
+    powers = [jnp.broadcast_to(jnp.eye(n), A.shape)]
+    for _ in range(SERIES_TERMS - 1):
+        powers.append(h * (A @ powers[-1]))
+    powers = jnp.stack(powers, axis=1)
+    right = jnp.einsum("ikj,tkar,tjbr->tiab", PRODUCTS, L, N) * h[..., None]
+    by_A = jnp.einsum("tiak,tijb->tabkj", powers[:, :-1], right)
+    scaled = powers / np.array([factorial(j) for j in range(SERIES_TERMS)])[:, None, None]
+    by_G = jnp.einsum("tjai,tjbr->tabir", scaled, N).reshape(samples, n * n, -1)
+    return model.diffusion.apply(linear), by_A, by_G, jnp.einsum("tjar,tjbr->tab", L, N)
+
+
+def _products() -> np.ndarray:
+    """Return the factors `k!/j!` of `a^i dA L_k` in `dL_j`, shape (i, k, j)."""
+    factors = np.zeros((SERIES_TERMS - 1, SERIES_TERMS, SERIES_TERMS))
+    for j in range(1, SERIES_TERMS):
+        for i in range(j):
+            factors[i, j - 1 - i, j] = factorial(j - 1 - i) / factorial(j)
+    return factors
+
+
+PRODUCTS = _products()
+
+
+def _stacked(columns: Float[Array, "stage sample row column"]):
+    """Return the columns of all stages below each other, by sample."""
+    return jnp.moveaxis(columns, 0, 1).reshape(columns.shape[1], -1, columns.shape[-1])
+
+
+def _contract(tensor: Float[Array, "sample a b row"], columns: Float[Array, "sample row column"]):
+    """Return the product over the last axis of a tensor."""
+    flat = tensor.reshape(tensor.shape[0], -1, tensor.shape[-1])
+    return (flat @ columns).reshape(*tensor.shape[:3], columns.shape[-1])

@@ -1,0 +1,147 @@
+r"""Derivatives of a filter's update at the measurements, for many samples at once.
+
+With `B = L L'`, `V = L^-1 H`, `U = P V'`, `K = U L^-1`, `w = L^-1 v`, `q = U w`, `N = I - K H` and
+the covariance `P+ = N P` after the measurement,
+
+    L^-1 dy = V dx + L^-1 y_p
+    L^-1 dB L^-T = V dP V' + D + D' + L^-1 dR L^-T,    D = L^-1 dH U
+    dx+ = N (dx + dP V' w) - K y_p + P+ dH' L^-T w - K dH q - K dR L^-T w
+    dP+ = N dP N' - (K dH P+ + P+ dH' K') + K dR K'
+
+The derivative of the gain does not enter that of `P`, because the optimal gain makes `P` stationary
+in Joseph's form (A.31 differentiates the gain too; the result is the same). The last two lines are
+one symmetric form `F + F'`, `F = [-K; w' L^-1] dH [P+ q]`, of which the last column is that of x.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from ..._foundation.types import Array, Bool, Float
+from ...models.free_model import FreeModel, Leaves
+from ...sensitivity.jacobians import Differentiation
+from .kalman import inverse_cholesky
+
+
+class Measured(NamedTuple):
+    """The filter at the samples of a block; `x` and `P` before, `P_after` after the measurement."""
+
+    t: Float[Array, " sample"]
+    u: Float[Array, "sample input"]
+    mask: Bool[Array, "sample output"]
+    v: Float[Array, "sample output"]
+    B: Float[Array, "sample output output"]
+    x: Float[Array, "sample state"]
+    P: Float[Array, "sample state state"]
+    P_after: Float[Array, "sample state state"]
+
+
+class Update(NamedTuple):
+    """Linear functions at a measurement.
+
+    The last axis of the derivatives counts columns: the states, then the free parameters.
+
+    Attributes:
+        V: `L^-1 H`.
+        N: `I - K H`, with a last row `w' V`.
+        y: derivatives of the whitened outputs.
+        B: derivatives of the whitened covariance of the innovations at constant P.
+        moments: derivatives of the covariance after the measurement, at constant P, with those of
+            the state as last row and column.
+    """
+
+    V: Float[Array, "sample output state"]
+    N: Float[Array, "sample row state"]
+    y: Float[Array, "sample output column"]
+    B: Float[Array, "sample output output column"]
+    moments: Float[Array, "sample row row column"]
+
+
+def output_derivatives(family: FreeModel, leaves: Leaves, at, acting) -> Differentiation:
+    """Return how the outputs are differentiated; `at` are time, state and input of any point."""
+
+    def outputs(t, x, u, leaves):
+        return family.build(leaves)[0].output(t, x, u)
+
+    return Differentiation.of(family, outputs, at, leaves, by_input=bool(acting))
+
+
+def differentiate_update(
+    outputs: Differentiation,
+    leaves: Leaves,
+    acting: tuple[int, ...],
+    now: Measured,
+    d_inputs: Float[Array, "sample input element"],
+    dR: Float[Array, "output parameter"],
+) -> Update:
+    """Return the derivatives of the update at each sample.
+
+    Args:
+        outputs: from `output_derivatives`.
+        leaves: the leaves that hold free parameters.
+        acting: indices of the leaves that act on the input.
+        now: the filter at the samples.
+        d_inputs: derivatives of the inputs by the elements of these leaves.
+        dR: derivatives of the variances of the sensors.
+    """
+    points = (now.t, now.x, now.u)
+    H, B_u, y_p = outputs.apply(outputs.linearise(leaves, *points)[1])
+    dU = None
+    if B_u is not None:
+        dU = outputs.family.select(d_inputs, acting)
+        y_p = y_p + B_u @ dU
+    valid = now.mask[:, :, None]
+    H, y_p = jnp.where(valid, H, 0.0), jnp.where(valid, y_p, 0.0)
+    inverse = inverse_cholesky(now.B)
+    V = inverse @ H
+    w = jnp.einsum("tij,tj->ti", inverse, now.v)
+    U = now.P @ jnp.swapaxes(V, 1, 2)
+    K = U @ inverse
+    weighted = jnp.einsum("ti,tij->tj", w, inverse)[:, None]
+    N = jnp.concatenate([jnp.eye(H.shape[-1]) - K @ H, weighted @ H], axis=1)
+    rows = jnp.concatenate([-K, weighted], axis=1)
+    q = jnp.einsum("tji,ti->tj", U, w)[..., None]
+    after = jnp.concatenate([now.P_after, q], axis=2)
+    moments, B = _symmetric_forms(
+        outputs, leaves, points, dU, ((rows * now.mask[:, None], after), (inverse * now.mask[:, None], U))
+    )
+    p, n = y_p.shape[-1], H.shape[-1]
+    dR = jnp.where(valid, dR[None], 0.0)
+    moments = moments.at[..., n:].add(jnp.einsum("tai,tip,tbi->tabp", rows, dR, rows))
+    moments = moments.at[:, :n, n, n:].add(-(K @ y_p))
+    B = B.at[..., n:].add(jnp.einsum("tai,tip,tbi->tabp", inverse, dR, inverse))
+    y = jnp.concatenate([V, inverse @ y_p], axis=-1)
+    return Update(V, N, y, B, moments)
+
+
+def _symmetric_forms(outputs: Differentiation, leaves: Leaves, points, dU, pairs):
+    """Return the derivatives of `F + F'`, `F = rows dH directions`, for pairs of both.
+
+    All pairs are filled with zeros to one size, so that the outputs are differentiated once.
+    """
+    size = max(rows.shape[1] for rows, _ in pairs)
+    count = points[0].shape[0]
+
+    def filled(leaf, axis):
+        padding = [(0, 0)] * 3
+        padding[axis] = (0, size - leaf.shape[axis])
+        return jnp.moveaxis(jnp.pad(leaf, padding), axis, 0)
+
+    rows = jnp.concatenate([filled(rows, 1) for rows, _ in pairs], axis=1)
+    directions = jnp.concatenate([filled(part, 2) for _, part in pairs], axis=1)
+    at = jax.tree.map(lambda leaf: jnp.concatenate([leaf] * len(pairs)), points)
+    A, B_u, B = outputs.derivatives_of_forms(leaves, at, rows, directions)
+    made = []
+    for index, (own, _) in enumerate(pairs):
+        part, k = slice(index * count, (index + 1) * count), own.shape[1]
+
+        def symmetric(leaf, part=part, k=k):
+            form = leaf[:k, :k, part]
+            return jnp.moveaxis(form + jnp.swapaxes(form, 0, 1), 2, 0)
+
+        by_parameter = outputs.columns(symmetric(B), leaves)
+        if dU is not None:
+            by_parameter = by_parameter + jnp.einsum("tabu,tup->tabp", symmetric(B_u), dU)
+        made.append(jnp.concatenate([symmetric(A), by_parameter], axis=-1))
+    return made

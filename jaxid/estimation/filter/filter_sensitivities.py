@@ -118,23 +118,21 @@ def _in_blocks(leaf: Array) -> Array:
 def _sample(carry, now: tuple[Update, Prediction]):
     """Return the derivatives after a sample and a step, and those of the whitened innovation."""
     dx, dP = carry
-    update, (X, C) = now
-    n = dx.shape[0]
-    V, N, Phi = update.V, update.N[:n], X[:, :n]
-    dy = _affine(update.y, dx)
-    dB = _left(V, jnp.swapaxes(_left(V, dP), 0, 1)) + _affine(update.B, dx)
-    own = _affine(update.moments, dx)
+    update, prediction = now
+    n, Phi = dx.shape[0], prediction.x.x
+    dy = update.y.along(dx)
+    dB = _congruence(update.V, dP) + update.B.along(dx)
+    own = update.moments.along(dx)
     turned = _left(update.N, dP)
-    dx = N @ (dx + turned[n]) + own[:n, n]
-    dP = _left(N, jnp.swapaxes(turned[:n], 0, 1)) + own[:n, :n]
-    dP = _left(Phi, jnp.swapaxes(_left(Phi, dP), 0, 1)) + _affine(C, dx)
-    return (_affine(X, dx), dP), (dy, dB)
+    dx = update.N[:n] @ (dx + turned[n]) + own[:n, n]
+    dP = _left(update.N[:n], jnp.swapaxes(turned[:n], 0, 1)) + own[:n, :n]
+    dP = _congruence(Phi, dP) + prediction.P.along(dx)
+    return (prediction.x.along(dx), dP), (dy, dB)
 
 
-def _affine(coefficients: Float[Array, "*axes column"], dx: Float[Array, "state p"]):
-    """Return `c_x dx + c_p` for derivatives by the state and the parameters."""
-    n = dx.shape[0]
-    return coefficients[..., :n] @ dx + coefficients[..., n:]
+def _congruence(a: Float[Array, "i j"], dP: Float[Array, "j j p"]) -> Float[Array, "i i p"]:
+    """Return `a dP a'` for each parameter."""
+    return _left(a, jnp.swapaxes(_left(a, dP), 0, 1))
 
 
 def _left(a: Float[Array, "i j"], d: Float[Array, "j k p"]) -> Float[Array, "i k p"]:

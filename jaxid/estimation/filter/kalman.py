@@ -242,16 +242,11 @@ def _rate_jacobian(model, t, x, u):
 
 def _integral(A, G, h):
     """Return the covariance `Qd` that white noise adds over a step."""
-    L = noise_series(A, G, h)
-    return h * jnp.einsum("jk,jar,kbr->ab", SERIES_WEIGHTS, L, L)
-
-
-def noise_series(A, G, h) -> Float[Array, "term state noise"]:
-    """Return the matrices `L_j = (h A)^j G / j!`."""
     factors = [G]
     for k in range(1, SERIES_TERMS):
         factors.append(h / k * product(A, factors[-1]))
-    return jnp.stack(factors)
+    L = jnp.stack(factors)
+    return h * jnp.einsum("jk,jar,kbr->ab", SERIES_WEIGHTS, L, L)
 
 
 def _steady_covariance(model, x, sample: Sample, steps: Steps, deviations):

@@ -26,23 +26,39 @@ from ...models.free_model import FreeModel, Leaves
 from ...sensitivity.jacobians import Differentiation
 from ...sensitivity.linearisation import INPUTS, NODES, WEIGHTS, differentiated_stages
 from ...simulation.steppers import rate
-from .kalman import MIDDLE, SERIES_TERMS, SERIES_WEIGHTS, Steps, noise_series
+from .kalman import MIDDLE, SERIES_TERMS, SERIES_WEIGHTS, Steps
 
-OTHERS = np.array([stage for stage in range(len(NODES)) if stage != MIDDLE])
+class Partial(NamedTuple):
+    """Partial derivatives, on the last axis.
+
+    Attributes:
+        x: by the state.
+        p: by the free parameters.
+    """
+
+    x: Float[Array, "*axes state"]
+    p: Float[Array, "*axes parameter"]
+
+    @classmethod
+    def of(cls, columns: Float[Array, "*axes column"], states: int) -> "Partial":
+        """Return the derivatives with the given columns, those by the state first."""
+        return cls(columns[..., :states], columns[..., states:])
+
+    def along(self, dx: Float[Array, "*batch state parameter"]) -> Float[Array, "*axes parameter"]:
+        """Return the total derivatives by the parameters, with those of the state."""
+        return self.x @ dx + self.p
 
 
 class Prediction(NamedTuple):
     """Derivatives of state and covariance after a step, at constant covariance before it.
 
-    The last axis counts columns: the states before the step, then the free parameters.
-
     Attributes:
-        X: of the state, `[Phi G]`.
-        C: of the covariance.
+        x: of the state, `Phi` and `G`.
+        P: of the covariance.
     """
 
-    X: Float[Array, "sample state column"]
-    C: Float[Array, "sample state state column"]
+    x: Partial
+    P: Partial
 
 
 class PredictionModel(NamedTuple):
@@ -99,12 +115,14 @@ def differentiate_prediction(
         return (x, P), step
 
     def then(before: Prediction, after: Prediction):
-        n = x.shape[-1]
-        Phi, by_state = after.X[..., :n], after.C[..., :n]
-        X = (Phi @ before.X).at[..., n:].add(after.X[..., n:])
-        C = _contract(by_state, before.X).at[..., n:].add(after.C[..., n:])
-        C = C + jnp.einsum("tai,tijc,tbj->tabc", Phi, before.C, Phi)
-        return Prediction(X, C), None
+        Phi, by_state = after.x.x, after.P.x
+        columns = [Phi @ before.x.x, after.x.along(before.x.p)]
+
+        def moved(own, dx):
+            return jnp.einsum("tai,tijc,tbj->tabc", Phi, own, Phi) + _times(by_state, dx)
+
+        P = Partial(moved(before.P.x, before.x.x), moved(before.P.p, before.x.p) + after.P.p)
+        return Prediction(Partial(*columns), P), None
 
     now = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), (steps, d_inputs))
     _, parts = jax.lax.scan(substep, (x, P), now)
@@ -132,7 +150,8 @@ def _step(model: PredictionModel, x, P, steps: Steps, d_inputs):
     forms = _forms(model, (times, at, jnp.moveaxis(u, 1, 0)[INPUTS]), M, W)
     point = times[MIDDLE], at[MIDDLE], u[:, 1]
     C, Q = _covariance(model, forms, (A[MIDDLE], M[MIDDLE], W[MIDDLE]), X, dU, point, h)
-    return x_next, Phi @ P @ jnp.swapaxes(Phi, 1, 2) + Q, Prediction(after, C)
+    P = Phi @ P @ jnp.swapaxes(Phi, 1, 2) + Q
+    return x_next, P, Prediction(Partial.of(after, n), C)
 
 
 def _stage_columns(A, B, h):
@@ -178,75 +197,76 @@ def _forms(model: PredictionModel, points, M, W):
 def _covariance(model: PredictionModel, forms, middle, X, dU, point, h):
     """Return the derivatives of the covariance after the step, and the covariance of its noise."""
     A, M, W = middle
-    G, by_A, by_G, Q = _noise(model, A, point, h)
-    n, samples = A.shape[-1], A.shape[0]
-    total = by_A + jnp.einsum("tai,tjb->tabij", M, W)
-    total = total.reshape(samples, n * n, n * n)
+    (samples, n), equations = A.shape[:2], model.equations
+    d_G, by_A, by_G, Q = _noise(model, (A, M, W), point, h)
 
-    def joined(leaf):
-        """Stage by stage (sample, state, state, stage, element), the middle one multiplied."""
-        own = jnp.moveaxis(leaf[:, :, MIDDLE], 2, 0).reshape(samples, n * n, -1)
-        other = jnp.moveaxis(leaf[:, :, OTHERS], 3, 0)
-        own = (total @ own).reshape(samples, n, n, -1)
-        return own, other
+    def by_stage(leaf):
+        """Return derivatives by sample, element of the covariance and stage."""
+        leaf = jnp.moveaxis(leaf, 3, 0)
+        own = by_A @ leaf[..., MIDDLE, :].reshape(samples, n * n, -1)
+        leaf = leaf.at[..., MIDDLE, :].set(own.reshape(samples, n, n, -1))
+        return leaf.reshape(samples, n * n, *leaf.shape[3:])
 
-    own, other = joined(forms.A)
-    by_stage = jnp.concatenate([other, own[..., None, :]], axis=-2)
-    order = jnp.concatenate([X[OTHERS], X[MIDDLE][None]])
-    C = _contract(by_stage.reshape(samples, n, n, -1), _stacked(order))
-    own, other = joined(forms.B)
-    C = C.at[..., n:].add(
-        model.equations.columns(own + jnp.sum(other, axis=-2), model.leaves)
-    )
+    def stacked(columns):
+        return jnp.moveaxis(columns, 0, 1).reshape(samples, -1, columns.shape[-1])
+
+    coefficients = [by_stage(forms.A).reshape(samples, n * n, -1), by_G]
+    noise = Partial.of(d_G.A @ X[MIDDLE], n)
+    by_parameter = noise.p + d_G.B
     if dU is not None:
-        own, other = joined(forms.B_u)
-        by_stage = jnp.concatenate([other, own[..., None, :]], axis=-2)
-        order = jnp.concatenate([dU[OTHERS], dU[MIDDLE][None]])
-        C = C.at[..., n:].add(_contract(by_stage.reshape(samples, n, n, -1), _stacked(order)))
-    d_G = G.A @ X[MIDDLE]
-    d_G = d_G.at[..., n:].add(G.B if dU is None else G.B + G.B_u @ dU[MIDDLE])
-    C = C + (by_G @ d_G).reshape(C.shape)
-    return C + jnp.swapaxes(C, 1, 2), Q
+        by_parameter = by_parameter + d_G.B_u @ dU[MIDDLE]
+    chain = Partial.of(stacked(X), n)
+    coefficients = jnp.concatenate(coefficients, axis=-1)
+    C_x = coefficients @ jnp.concatenate([chain.x, noise.x], axis=1)
+    C_p = coefficients @ jnp.concatenate([chain.p, by_parameter], axis=1)
+    C_p = C_p + equations.columns(jnp.sum(by_stage(forms.B), axis=2), model.leaves)
+    if dU is not None:
+        C_p = C_p + by_stage(forms.B_u).reshape(samples, n * n, -1) @ stacked(dU)
+
+    def symmetric(C):
+        C = C.reshape(samples, n, n, -1)
+        return C + jnp.swapaxes(C, 1, 2)
+
+    return Partial(symmetric(C_x), symmetric(C_p)), Q
 
 
-def _noise(model: PredictionModel, A, point, h):
-    """Return the derivatives of `G`; the linear functions that turn derivatives of `A` and `G` into
-    half of those of `Qd`; and `Qd`.
+def _noise(model: PredictionModel, middle, point, h):
+    """Return the derivatives of `G`; the linear functions that turn the derivatives of `A` and `G`
+    at the middle stage into half of those of the covariance; and `Qd`.
     """
+    A, M, W = middle
     values, linear = model.diffusion.linearise(model.leaves, *point)
     samples, n = A.shape[:2]
-    G = values.reshape(samples, n, -1)
-    L = jax.vmap(noise_series)(A, G, h[:, 0, 0])  # (sample, term, state, noise)
-    N = h[..., None] * jnp.einsum("jk,tkar->tjar", SERIES_WEIGHTS, L)
+    G = values.reshape(samples, 1, n, -1)
     powers = [jnp.broadcast_to(jnp.eye(n), A.shape)]
-    for _ in range(SERIES_TERMS - 1):
-        powers.append(h * (A @ powers[-1]))
-    powers = jnp.stack(powers, axis=1)
-    right = jnp.einsum("ikj,tkar,tjbr->tiab", PRODUCTS, L, N) * h[..., None]
-    by_A = jnp.einsum("tiak,tijb->tabkj", powers[:, :-1], right)
-    scaled = powers / np.array([factorial(j) for j in range(SERIES_TERMS)])[:, None, None]
-    by_G = jnp.einsum("tjai,tjbr->tabir", scaled, N).reshape(samples, n * n, -1)
-    return model.diffusion.apply(linear), by_A, by_G, jnp.einsum("tjar,tjbr->tab", L, N)
+    for j in range(1, SERIES_TERMS):
+        powers.append(h / j * (A @ powers[-1]))
+    powers = jnp.stack(powers, axis=1)  # (h A)^j / j!
+    L = powers @ G
+    N = h[..., None] * jnp.tensordot(L, SERIES_WEIGHTS, [1, 1])
+    N = jnp.moveaxis(N, -1, 1)
+    right = jnp.einsum("ikj,tkar,tjbr->tiab", PRODUCTS, L, h[..., None] * N)
+    left = jnp.concatenate([powers[:, :-1], M[:, None]], axis=1)
+    right = jnp.concatenate([right, W[:, None]], axis=1)
+    by_A = jnp.einsum("tiak,tijb->tabkj", left, right).reshape(samples, n * n, n * n)
+    by_G = jnp.einsum("tjai,tjbr->tabir", powers, N).reshape(samples, n * n, -1)
+    Q = jnp.einsum("tjar,tjbr->tab", L, N)
+    return model.diffusion.apply(linear), by_A, by_G, Q
 
 
 def _products() -> np.ndarray:
-    """Return the factors `k!/j!` of `a^i dA L_k` in `dL_j`, shape (i, k, j)."""
+    """Return the factors `k! i!/j!` of `a^i/i! dA L_k` in `dL_j`, shape (i, k, j)."""
     factors = np.zeros((SERIES_TERMS - 1, SERIES_TERMS, SERIES_TERMS))
     for j in range(1, SERIES_TERMS):
         for i in range(j):
-            factors[i, j - 1 - i, j] = factorial(j - 1 - i) / factorial(j)
+            factors[i, j - 1 - i, j] = factorial(j - 1 - i) * factorial(i) / factorial(j)
     return factors
 
 
 PRODUCTS = _products()
 
 
-def _stacked(columns: Float[Array, "stage sample row column"]):
-    """Return the columns of all stages below each other, by sample."""
-    return jnp.moveaxis(columns, 0, 1).reshape(columns.shape[1], -1, columns.shape[-1])
-
-
-def _contract(tensor: Float[Array, "sample a b row"], columns: Float[Array, "sample row column"]):
+def _times(tensor: Float[Array, "sample a b row"], columns: Float[Array, "sample row column"]):
     """Return the product over the last axis of a tensor."""
     flat = tensor.reshape(tensor.shape[0], -1, tensor.shape[-1])
     return (flat @ columns).reshape(*tensor.shape[:3], columns.shape[-1])

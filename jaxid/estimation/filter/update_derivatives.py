@@ -22,6 +22,7 @@ from ..._foundation.types import Array, Bool, Float
 from ...models.free_model import FreeModel, Leaves
 from ...sensitivity.jacobians import Differentiation
 from .kalman import inverse_cholesky
+from .prediction_derivatives import Partial
 
 
 class Measured(NamedTuple):
@@ -40,8 +41,6 @@ class Measured(NamedTuple):
 class Update(NamedTuple):
     """Linear functions at a measurement.
 
-    The last axis of the derivatives counts columns: the states, then the free parameters.
-
     Attributes:
         V: `L^-1 H`.
         N: `I - K H`, with a last row `w' V`.
@@ -53,9 +52,9 @@ class Update(NamedTuple):
 
     V: Float[Array, "sample output state"]
     N: Float[Array, "sample row state"]
-    y: Float[Array, "sample output column"]
-    B: Float[Array, "sample output output column"]
-    moments: Float[Array, "sample row row column"]
+    y: Partial
+    B: Partial
+    moments: Partial
 
 
 def output_derivatives(family: FreeModel, leaves: Leaves, at, acting) -> Differentiation:
@@ -106,13 +105,17 @@ def differentiate_update(
     moments, B = _symmetric_forms(
         outputs, leaves, points, dU, ((rows * now.mask[:, None], after), (inverse * now.mask[:, None], U))
     )
-    p, n = y_p.shape[-1], H.shape[-1]
     dR = jnp.where(valid, dR[None], 0.0)
-    moments = moments.at[..., n:].add(jnp.einsum("tai,tip,tbi->tabp", rows, dR, rows))
-    moments = moments.at[:, :n, n, n:].add(-(K @ y_p))
-    B = B.at[..., n:].add(jnp.einsum("tai,tip,tbi->tabp", inverse, dR, inverse))
-    y = jnp.concatenate([V, inverse @ y_p], axis=-1)
-    return Update(V, N, y, B, moments)
+    constant = moments.p.at[:, :-1, -1].add(-(K @ y_p)) + _noise(rows, dR)
+    moments = Partial(moments.x, constant)
+    B = Partial(B.x, B.p + _noise(inverse, dR))
+    return Update(V, N, Partial(V, inverse @ y_p), B, moments)
+
+
+def _noise(rows, dR):
+    """Return `rows dR rows'` for each parameter."""
+    products = rows[:, :, None] * rows[:, None]
+    return products @ dR[:, None]
 
 
 def _symmetric_forms(outputs: Differentiation, leaves: Leaves, points, dU, pairs):
@@ -143,5 +146,5 @@ def _symmetric_forms(outputs: Differentiation, leaves: Leaves, points, dU, pairs
         by_parameter = outputs.columns(symmetric(B), leaves)
         if dU is not None:
             by_parameter = by_parameter + jnp.einsum("tabu,tup->tabp", symmetric(B_u), dU)
-        made.append(jnp.concatenate([symmetric(A), by_parameter], axis=-1))
+        made.append(Partial(symmetric(A), by_parameter))
     return made

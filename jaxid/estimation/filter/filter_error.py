@@ -24,6 +24,7 @@ from .kalman import Filtered, inverse_cholesky, kalman_filter, require_outputs_w
 from .noise_identifiability import check_noise_identifiable
 from .noise_options import FirstOrder, Number, number
 from .noise_parameters import check_names, check_values, with_noise_parameters
+from .update_derivatives import pairs, white_rows
 
 
 class FilterError(AbstractLikelihood):
@@ -129,27 +130,31 @@ class FilterError(AbstractLikelihood):
         return _rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
 
     def sensitivities(self, family, theta, record):
-        filtered, dy, dB = self._derivatives(family, theta, record)
-        rows_B = -jnp.moveaxis(_pairs(jnp.moveaxis(dB, -1, 1), record.mask[:, None]), 1, -1)
-        rows = _rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
-        return rows, jnp.concatenate([dy, rows_B], axis=1)
+        filtered, rows = self._derivatives(family, theta, record)
+        return _rows(filtered.v, inverse_cholesky(filtered.B), record.mask), rows
 
     def _derivatives(self, family: FreeModel, theta, record: Record) -> FilterSensitivities:
-        """Return the filter's result and the derivatives of the whitened innovations."""
+        """Return the filter's result and the derivatives of its rows."""
         if self.updates == 1:
             return filter_sensitivities(
                 family, theta, record, self.hold, self.stepper.substeps, steady=self.steady
             )
+        m = record.z.shape[-1]
 
         def filtered(theta):
             model, initial_state = family(theta)
             return self.filter(model, record, initial_state)
 
-        value, derivative = value_and_jacobian(filtered, theta)
+        def innovations(theta):
+            result = filtered(theta)
+            covariances = result.B.reshape(result.B.shape[0], -1)
+            return jnp.concatenate([result.v, covariances], axis=-1)
+
+        value, derivative = filtered(theta), value_and_jacobian(innovations, theta)[1]
         inverse = inverse_cholesky(value.B)
-        dy = -jnp.einsum("tij,tjp->tip", inverse, derivative.v)
-        dB = jnp.einsum("tij,tjkp,tlk->tilp", inverse, derivative.B, inverse)
-        return FilterSensitivities(value, dy, dB)
+        dB = derivative[:, m:].reshape(-1, m, m, theta.size)
+        dB = jnp.einsum("tij,tjkp,tlk->tilp", inverse, dB, inverse)
+        return FilterSensitivities(value, white_rows(-inverse @ derivative[:, :m], dB))
 
     def row_mask(self, mask):
         first, second = np.triu_indices(mask.shape[-1])
@@ -174,18 +179,7 @@ class FilterError(AbstractLikelihood):
 def _rows(v, inverse, mask):
     """Return the rows of `InnovationNoise`, from innovations and the inverses of their factors."""
     w = jnp.einsum("tij,tj->ti", inverse, v)
-    pairs = _pairs(jnp.eye(v.shape[-1])[None] - w[:, :, None] * w[:, None, :], mask)
+    both = mask[:, :, None] & mask[:, None]
+    spread = jnp.where(both, jnp.eye(v.shape[-1])[None] - w[:, :, None] * w[:, None, :], 0.0)
     log_det = -jnp.sum(jnp.log(jnp.diagonal(inverse, axis1=-2, axis2=-1)), axis=-1)
-    return jnp.concatenate([w, pairs, log_det[:, None], v], axis=-1)
-
-
-def _pairs(symmetric, mask):
-    """Return the weighted upper triangle of symmetric matrices, `vec(.)/sqrt(2)` without repeats.
-
-    Rows of missing samples are zero.
-    """
-    first, second = np.triu_indices(mask.shape[-1])
-    weight = np.where(first == second, np.sqrt(0.5), 1.0)
-    both = mask[..., first] & mask[..., second]
-    values = symmetric[..., first, second] * weight.reshape((1,) * (symmetric.ndim - 2) + (-1,))
-    return jnp.where(jnp.broadcast_to(both, values.shape), values, 0.0)
+    return jnp.concatenate([w, pairs(spread[..., None])[..., 0], log_det[:, None], v], axis=-1)

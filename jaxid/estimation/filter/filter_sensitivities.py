@@ -24,23 +24,27 @@ from ...simulation.hold import AbstractHold
 from ...simulation.steppers import RK4
 from .kalman import Filtered, filter_signals, initial_moments, kalman_filter
 from .prediction_derivatives import Prediction, PredictionModel, differentiate_prediction
-from .update_derivatives import Measured, Update, differentiate_update, output_derivatives
+from .update_derivatives import (
+    Measured,
+    Update,
+    differentiate_update,
+    output_derivatives,
+    white_rows,
+)
 
 SAMPLES_TOGETHER = 32  # samples differentiated at once; chosen: some megabytes for 40 parameters
 
 
 class FilterSensitivities(NamedTuple):
-    """Result of a filter, with derivatives by the parameters, whitened by `B = L L'`.
+    """Result of a filter, with derivatives by the parameters.
 
     Attributes:
         filtered: the filter's states and innovations.
-        outputs: derivatives `L^-1 dy` of the predicted outputs.
-        covariance: derivatives `L^-1 dB L^-T` of the covariances of the innovations.
+        rows: derivatives of the rows of the information, from `white_rows`.
     """
 
     filtered: Filtered
-    outputs: Float[Array, "time output parameter"]
-    covariance: Float[Array, "time output output parameter"]
+    rows: Float[Array, "time row parameter"]
 
 
 def filter_sensitivities(
@@ -82,8 +86,7 @@ def filter_sensitivities(
 
     now = (measured, inputs.d_samples, filtered.x, steps, inputs.d_stages)
     _, rows = jax.lax.scan(block, start, jax.tree.map(_in_blocks, now))
-    dy, dB = (part.reshape(-1, *part.shape[2:])[: record.t.size] for part in rows)
-    return FilterSensitivities(filtered, dy, dB)
+    return FilterSensitivities(filtered, rows.reshape(-1, *rows.shape[2:])[: record.t.size])
 
 
 def _built(family: FreeModel, theta) -> tuple[StochasticModel, Float[Array, " state"]]:
@@ -116,18 +119,18 @@ def _in_blocks(leaf: Array) -> Array:
 
 
 def _sample(carry, now: tuple[Update, Prediction]):
-    """Return the derivatives after a sample and a step, and those of the whitened innovation."""
+    """Return the derivatives after a sample and a step, and those of its rows."""
     dx, dP = carry
     update, prediction = now
     n, Phi = dx.shape[0], prediction.x.x
-    dy = update.y.along(dx)
-    dB = _congruence(update.V, dP) + update.B.along(dx)
+    dB = _congruence(update.V, dP)
+    rows = update.rows.along(dx) + white_rows(jnp.zeros_like(dB[0]), dB)
     own = update.moments.along(dx)
     turned = _left(update.N, dP)
     dx = update.N[:n] @ (dx + turned[n]) + own[:n, n]
     dP = _left(update.N[:n], jnp.swapaxes(turned[:n], 0, 1)) + own[:n, :n]
     dP = _congruence(Phi, dP) + prediction.P.along(dx)
-    return (prediction.x.along(dx), dP), (dy, dB)
+    return (prediction.x.along(dx), dP), rows
 
 
 def _congruence(a: Float[Array, "i j"], dP: Float[Array, "j j p"]) -> Float[Array, "i i p"]:

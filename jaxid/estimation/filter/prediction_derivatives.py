@@ -23,10 +23,14 @@ import numpy as np
 
 from ..._foundation.types import Array, Float
 from ...models.free_model import FreeModel, Leaves
-from ...sensitivity.jacobians import Differentiation
+from ...sensitivity.jacobians import Differentiation, Jacobians
 from ...sensitivity.linearisation import INPUTS, NODES, WEIGHTS, differentiated_stages
 from ...simulation.steppers import rate
-from .kalman import MIDDLE, SERIES_TERMS, SERIES_WEIGHTS, Steps
+from .kalman import SERIES_TERMS, SERIES_WEIGHTS, Steps
+# Stages in the order in which their second derivatives are kept: the middle one, last, enters the
+# noise as well.
+ORDER = np.array([0, 1, 3, 2])
+
 
 class Partial(NamedTuple):
     """Partial derivatives, on the last axis.
@@ -59,6 +63,21 @@ class Prediction(NamedTuple):
 
     x: Partial
     P: Partial
+
+
+class Stages(NamedTuple):
+    """Runge-Kutta stages of a step, in the notation of the module; `dU` is None if no parameter
+    acts on the input.
+    """
+
+    t: Float[Array, "stage sample"]
+    x: Float[Array, "stage sample state"]
+    u: Float[Array, "stage sample input"]
+    A: Float[Array, "stage sample state state"]
+    M: Float[Array, "stage sample state state"]
+    W: Float[Array, "stage sample state state"]
+    X: Float[Array, "stage sample state column"]
+    dU: Float[Array, "stage sample input parameter"] | None
 
 
 class PredictionModel(NamedTuple):
@@ -147,9 +166,8 @@ def _step(model: PredictionModel, x, P, steps: Steps, d_inputs):
     M, Phi = _by_rates(A, h), after[..., :n]
     W = X[..., :n] @ (P @ jnp.swapaxes(Phi, 1, 2))[None]
     times = begin + np.array(NODES)[:, None] * length
-    forms = _forms(model, (times, at, jnp.moveaxis(u, 1, 0)[INPUTS]), M, W)
-    point = times[MIDDLE], at[MIDDLE], u[:, 1]
-    C, Q = _covariance(model, forms, (A[MIDDLE], M[MIDDLE], W[MIDDLE]), X, dU, point, h)
+    stages = Stages(times, at, jnp.moveaxis(u, 1, 0)[INPUTS], A, M, W, X, dU)
+    C, Q = _covariance(model, jax.tree.map(lambda leaf: leaf[ORDER], stages), h)
     P = Phi @ P @ jnp.swapaxes(Phi, 1, 2) + Q
     return x_next, P, Prediction(Partial.of(after, n), C)
 
@@ -176,52 +194,52 @@ def _by_rates(A, h):
     return jnp.stack(M[::-1])
 
 
-def _forms(model: PredictionModel, points, M, W):
-    """Return the derivatives of `M_s A_s W_s`, and at the middle stage of `A` itself.
+def _forms(model: PredictionModel, stages: Stages) -> Jacobians:
+    """Return the derivatives of `M_s A_s W_s`, and for the middle stage those of `A` itself.
 
     Shapes (state, state, stage, sample, element).
     """
-    eye = jnp.eye(M.shape[-1])
-    rows, columns = (part.at[MIDDLE].set(eye) for part in (M, W))
-    stages, samples = M.shape[:2]
-    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), (*points, rows, columns))
-    *points, rows, columns = flat
+    eye = jnp.eye(stages.A.shape[-1])
+    parts = (stages.t, stages.x, stages.u, stages.M.at[-1].set(eye), stages.W.at[-1].set(eye))
+    *points, rows, columns = (leaf.reshape(-1, *leaf.shape[2:]) for leaf in parts)
     forms = model.equations.derivatives_of_forms(
         model.leaves, points, jnp.moveaxis(rows, 1, 0), jnp.moveaxis(columns, 2, 0)
     )
     return jax.tree.map(
-        lambda leaf: leaf.reshape(*leaf.shape[:2], stages, samples, leaf.shape[-1]), forms
+        lambda leaf: leaf.reshape(*leaf.shape[:2], *stages.t.shape, leaf.shape[-1]), forms
     )
 
 
-def _covariance(model: PredictionModel, forms, middle, X, dU, point, h):
+def _covariance(model: PredictionModel, stages: Stages, h):
     """Return the derivatives of the covariance after the step, and the covariance of its noise."""
-    A, M, W = middle
-    (samples, n), equations = A.shape[:2], model.equations
-    d_G, by_A, by_G, Q = _noise(model, (A, M, W), point, h)
+    samples, n = stages.A.shape[1:3]
+    forms, dU = _forms(model, stages), stages.dU
+    d_G, by_A, by_G, Q = _noise(model, stages, h)
 
-    def by_stage(leaf):
-        """Return derivatives by sample, element of the covariance and stage."""
-        leaf = jnp.moveaxis(leaf, 3, 0)
-        own = by_A @ leaf[..., MIDDLE, :].reshape(samples, n * n, -1)
-        leaf = leaf.at[..., MIDDLE, :].set(own.reshape(samples, n, n, -1))
-        return leaf.reshape(samples, n * n, *leaf.shape[3:])
+    def first(leaf):
+        return jnp.moveaxis(leaf, 2, 0).reshape(samples, n * n, -1)
+
+    def last(leaf):
+        return by_A @ first(leaf[:, :, -1])
+
+    def coefficients(leaf):
+        return [first(jnp.moveaxis(leaf[:, :, :-1], 2, 3)), last(leaf)]
 
     def stacked(columns):
         return jnp.moveaxis(columns, 0, 1).reshape(samples, -1, columns.shape[-1])
 
-    coefficients = [by_stage(forms.A).reshape(samples, n * n, -1), by_G]
-    noise = Partial.of(d_G.A @ X[MIDDLE], n)
-    by_parameter = noise.p + d_G.B
+    noise = Partial.of(d_G.A @ stages.X[-1], n)
+    d_noise = noise.p + d_G.B
     if dU is not None:
-        by_parameter = by_parameter + d_G.B_u @ dU[MIDDLE]
-    chain = Partial.of(stacked(X), n)
-    coefficients = jnp.concatenate(coefficients, axis=-1)
-    C_x = coefficients @ jnp.concatenate([chain.x, noise.x], axis=1)
-    C_p = coefficients @ jnp.concatenate([chain.p, by_parameter], axis=1)
-    C_p = C_p + equations.columns(jnp.sum(by_stage(forms.B), axis=2), model.leaves)
+        d_noise = d_noise + d_G.B_u @ dU[-1]
+    chain = Partial.of(stacked(stages.X), n)
+    linear = jnp.concatenate([*coefficients(forms.A), by_G], axis=-1)
+    C_x = linear @ jnp.concatenate([chain.x, noise.x], axis=1)
+    C_p = linear @ jnp.concatenate([chain.p, d_noise], axis=1)
+    elements = first(jnp.sum(forms.B[:, :, :-1], axis=2)) + last(forms.B)
+    C_p = C_p + model.equations.columns(elements, model.leaves)
     if dU is not None:
-        C_p = C_p + by_stage(forms.B_u).reshape(samples, n * n, -1) @ stacked(dU)
+        C_p = C_p + jnp.concatenate(coefficients(forms.B_u), axis=-1) @ stacked(dU)
 
     def symmetric(C):
         C = C.reshape(samples, n, n, -1)
@@ -230,12 +248,12 @@ def _covariance(model: PredictionModel, forms, middle, X, dU, point, h):
     return Partial(symmetric(C_x), symmetric(C_p)), Q
 
 
-def _noise(model: PredictionModel, middle, point, h):
+def _noise(model: PredictionModel, stages: Stages, h):
     """Return the derivatives of `G`; the linear functions that turn the derivatives of `A` and `G`
     at the middle stage into half of those of the covariance; and `Qd`.
     """
-    A, M, W = middle
-    values, linear = model.diffusion.linearise(model.leaves, *point)
+    t, x, u, A, M, W = (part[-1] for part in stages[:6])
+    values, linear = model.diffusion.linearise(model.leaves, t, x, u)
     samples, n = A.shape[:2]
     G = values.reshape(samples, 1, n, -1)
     powers = [jnp.broadcast_to(jnp.eye(n), A.shape)]

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ..._foundation.types import Array, Bool, Float
 from ...models.free_model import FreeModel, Leaves
@@ -44,16 +45,14 @@ class Update(NamedTuple):
     Attributes:
         V: `L^-1 H`.
         N: `I - K H`, with a last row `w' V`.
-        y: derivatives of the whitened outputs.
-        B: derivatives of the whitened covariance of the innovations at constant P.
+        rows: derivatives of the rows of the information at constant P, from `white_rows`.
         moments: derivatives of the covariance after the measurement, at constant P, with those of
             the state as last row and column.
     """
 
     V: Float[Array, "sample output state"]
     N: Float[Array, "sample row state"]
-    y: Partial
-    B: Partial
+    rows: Partial
     moments: Partial
 
 
@@ -108,8 +107,30 @@ def differentiate_update(
     dR = jnp.where(valid, dR[None], 0.0)
     constant = moments.p.at[:, :-1, -1].add(-(K @ y_p)) + _noise(rows, dR)
     moments = Partial(moments.x, constant)
-    B = Partial(B.x, B.p + _noise(inverse, dR))
-    return Update(V, N, Partial(V, inverse @ y_p), B, moments)
+    rows = Partial(white_rows(V, B.x), white_rows(inverse @ y_p, B.p + _noise(inverse, dR)))
+    return Update(V, N, rows, moments)
+
+
+def white_rows(
+    dy: Float[Array, "*sample output column"], dB: Float[Array, "*sample output output column"]
+) -> Float[Array, "*sample row column"]:
+    """Return minus the derivatives of `w` and `vec(I - w w')/sqrt(2)`, without the repeated ones,
+    that stand in the information.
+
+    Args:
+        dy: derivatives `L^-1 dy` of the predicted outputs.
+        dB: derivatives `L^-1 dB L^-T` of the covariances of the innovations.
+    """
+    return jnp.concatenate([dy, -pairs(dB)], axis=-2)
+
+
+def pairs(
+    symmetric: Float[Array, "*sample output output column"],
+) -> Float[Array, "*sample pair column"]:
+    """Return the weighted upper triangle of symmetric matrices, `vec(.)/sqrt(2)` without repeats."""
+    first, second = np.triu_indices(symmetric.shape[-2])
+    weight = np.where(first == second, np.sqrt(0.5), 1.0)
+    return symmetric[..., first, second, :] * weight[:, None]
 
 
 def _noise(rows, dR):

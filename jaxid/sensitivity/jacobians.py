@@ -122,7 +122,6 @@ class Differentiation(NamedTuple):
             B = jnp.zeros((*A.shape[:2], self.family.n_columns))
         return Jacobians(A, B_u, B)
 
-
     def derivatives_of_forms(self, leaves: Leaves, points, rows, directions) -> Jacobians:
         """Return the derivatives of the forms `r' (df/dx) d` at many points, in reverse mode.
 
@@ -137,16 +136,7 @@ class Differentiation(NamedTuple):
             point) first. `columns` turns elements into free parameters.
         """
         t, x, u = points
-        of, own = self._of_own(leaves)
-        if self._wasteful(leaves):
-            tangents = self.family.tangents(self.subset)
-            base, own = own, (jnp.zeros(self.family.n_columns),)
-            complete = of
-
-            def of(t, x, u, own):
-                shifted = (a + jnp.tensordot(own[0], d, 1) for a, d in zip(base, tangents, strict=True))
-                return complete(t, x, u, tuple(shifted))
-
+        of, own = self._of_elements(leaves)
         copies = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (t.size, *leaf.shape)), own)
 
         def row(r):
@@ -182,6 +172,26 @@ class Differentiation(NamedTuple):
             return self.function(t, x, u, tuple(complete))
 
         return of, tuple(leaves[index] for index in self.subset)
+
+
+    def _of_elements(self, leaves: Leaves):
+        """Return the function with the elements of `derivatives_of_forms` as its last argument, and
+        their values: its leaves, or the changes of the free parameters if most elements of the
+        leaves are not free.
+        """
+        of, own = self._of_own(leaves)
+        if not self._wasteful(leaves):
+            return of, own
+        tangents = self.family.tangents(self.subset)
+
+        def of_changes(t, x, u, changes):
+            moved = [
+                leaf + jnp.tensordot(changes[0], tangent, 1)
+                for leaf, tangent in zip(own, tangents, strict=True)
+            ]
+            return of(t, x, u, tuple(moved))
+
+        return of_changes, (jnp.zeros(self.family.n_columns),)
 
 
 def by_elements(function: Callable[..., Any], leaves: Leaves, acting: tuple[int, ...]):

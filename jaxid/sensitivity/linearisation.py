@@ -178,7 +178,9 @@ def _transition(equations: Differentiation, leaves: Leaves, x, steps, inputs: In
 
     def substep(x, now):
         begin, length, u, du = now
-        x, dx, _, jacobians = differentiated_stages(equations, leaves, x, begin, length, u[:, INPUTS, :])
+        x, dx, _, jacobians = stage_jacobians(
+            equations, leaves, x, begin, length, u[:, INPUTS, :]
+        )
         A, B_u, B = jacobians
         if B_u is None:
             return x, (*_step(jacobians, None, length), (dx, A[0], B[0]))
@@ -196,7 +198,7 @@ def _transition(equations: Differentiation, leaves: Leaves, x, steps, inputs: In
     return interval_Phi, interval_G, jax.tree.map(lambda leaf: leaf[0], rates)
 
 
-def differentiated_stages(equations: Differentiation, leaves: Leaves, x, begin, length, u):
+def stage_jacobians(equations: Differentiation, leaves: Leaves, x, begin, length, u):
     """Return for many intervals the states after a step, the rates before it, and the states and
     the Jacobians at its four stages.
     """

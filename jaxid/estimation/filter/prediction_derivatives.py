@@ -24,16 +24,17 @@ import numpy as np
 from ..._foundation.types import Array, Float
 from ...models.free_model import FreeModel, Leaves
 from ...sensitivity.jacobians import Differentiation, Jacobians
-from ...sensitivity.linearisation import INPUTS, NODES, WEIGHTS, differentiated_stages
+from ...sensitivity.linearisation import INPUTS, NODES, WEIGHTS, stage_jacobians
 from ...simulation.steppers import rate
 from .kalman import SERIES_TERMS, SERIES_WEIGHTS, Steps
+
 # Stages in the order in which their second derivatives are kept: the middle one, last, enters the
 # noise as well.
-ORDER = np.array([0, 1, 3, 2])
+STAGE_ORDER = np.array([0, 1, 3, 2])
 
 
-class Partial(NamedTuple):
-    """Partial derivatives, on the last axis.
+class Partials(NamedTuple):
+    """Partials derivatives, on the last axis.
 
     Attributes:
         x: by the state.
@@ -44,7 +45,7 @@ class Partial(NamedTuple):
     p: Float[Array, "*axes parameter"]
 
     @classmethod
-    def of(cls, columns: Float[Array, "*axes column"], states: int) -> "Partial":
+    def of(cls, columns: Float[Array, "*axes column"], states: int) -> "Partials":
         """Return the derivatives with the given columns, those by the state first."""
         return cls(columns[..., :states], columns[..., states:])
 
@@ -61,13 +62,13 @@ class Prediction(NamedTuple):
         P: of the covariance.
     """
 
-    x: Partial
-    P: Partial
+    x: Partials
+    P: Partials
 
 
 class Stages(NamedTuple):
-    """Runge-Kutta stages of a step, in the notation of the module; `dU` is None if no parameter
-    acts on the input.
+    """Runge-Kutta stages of a step, in the notation of the module; `d_u` is None if no
+    parameter acts on the input.
     """
 
     t: Float[Array, "stage sample"]
@@ -77,7 +78,7 @@ class Stages(NamedTuple):
     M: Float[Array, "stage sample state state"]
     W: Float[Array, "stage sample state state"]
     X: Float[Array, "stage sample state column"]
-    dU: Float[Array, "stage sample input parameter"] | None
+    d_u: Float[Array, "stage sample input parameter"] | None
 
 
 class PredictionModel(NamedTuple):
@@ -140,8 +141,8 @@ def differentiate_prediction(
         def moved(own, dx):
             return jnp.einsum("tai,tijc,tbj->tabc", Phi, own, Phi) + _times(by_state, dx)
 
-        P = Partial(moved(before.P.x, before.x.x), moved(before.P.p, before.x.p) + after.P.p)
-        return Prediction(Partial(*columns), P), None
+        P = Partials(moved(before.P.x, before.x.x), moved(before.P.p, before.x.p) + after.P.p)
+        return Prediction(Partials(*columns), P), None
 
     now = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), (steps, d_inputs))
     _, parts = jax.lax.scan(substep, (x, P), now)
@@ -154,22 +155,22 @@ def _step(model: PredictionModel, x, P, steps: Steps, d_inputs):
     begin, length, u = steps
     n, h = x.shape[-1], length[:, None, None]
     family, leaves = model.equations.family, model.leaves
-    x_next, _, at, jacobians = differentiated_stages(
+    x_next, _, at, jacobians = stage_jacobians(
         model.equations, leaves, x, begin, length, u[:, INPUTS, :]
     )
     A, B_u, B = jacobians
-    dU = None
+    d_u = None
     if B_u is not None:
-        dU = family.select(jnp.moveaxis(d_inputs, 1, 0), model.acting)[INPUTS]
-        B = B + B_u @ dU
+        d_u = family.select(jnp.moveaxis(d_inputs, 1, 0), model.acting)[INPUTS]
+        B = B + B_u @ d_u
     X, after = _stage_columns(A, B, h)
     M, Phi = _by_rates(A, h), after[..., :n]
     W = X[..., :n] @ (P @ jnp.swapaxes(Phi, 1, 2))[None]
-    times = begin + np.array(NODES)[:, None] * length
-    stages = Stages(times, at, jnp.moveaxis(u, 1, 0)[INPUTS], A, M, W, X, dU)
-    C, Q = _covariance(model, jax.tree.map(lambda leaf: leaf[ORDER], stages), h)
+    times = begin[None] + np.array(NODES)[:, None] * length[None]
+    stages = Stages(times, at, jnp.moveaxis(u, 1, 0)[INPUTS], A, M, W, X, d_u)
+    C, Q = _covariance(model, jax.tree.map(lambda leaf: leaf[STAGE_ORDER], stages), h)
     P = Phi @ P @ jnp.swapaxes(Phi, 1, 2) + Q
-    return x_next, P, Prediction(Partial.of(after, n), C)
+    return x_next, P, Prediction(Partials.of(after, n), C)
 
 
 def _stage_columns(A, B, h):
@@ -213,7 +214,7 @@ def _forms(model: PredictionModel, stages: Stages) -> Jacobians:
 def _covariance(model: PredictionModel, stages: Stages, h):
     """Return the derivatives of the covariance after the step, and the covariance of its noise."""
     samples, n = stages.A.shape[1:3]
-    forms, dU = _forms(model, stages), stages.dU
+    forms, d_u = _forms(model, stages), stages.d_u
     d_G, by_A, by_G, Q = _noise(model, stages, h)
 
     def first(leaf):
@@ -228,24 +229,24 @@ def _covariance(model: PredictionModel, stages: Stages, h):
     def stacked(columns):
         return jnp.moveaxis(columns, 0, 1).reshape(samples, -1, columns.shape[-1])
 
-    noise = Partial.of(d_G.A @ stages.X[-1], n)
+    noise = Partials.of(d_G.A @ stages.X[-1], n)
     d_noise = noise.p + d_G.B
-    if dU is not None:
-        d_noise = d_noise + d_G.B_u @ dU[-1]
-    chain = Partial.of(stacked(stages.X), n)
+    if d_u is not None:
+        d_noise = d_noise + d_G.B_u @ d_u[-1]
+    chain = Partials.of(stacked(stages.X), n)
     linear = jnp.concatenate([*coefficients(forms.A), by_G], axis=-1)
     C_x = linear @ jnp.concatenate([chain.x, noise.x], axis=1)
     C_p = linear @ jnp.concatenate([chain.p, d_noise], axis=1)
     elements = first(jnp.sum(forms.B[:, :, :-1], axis=2)) + last(forms.B)
     C_p = C_p + model.equations.columns(elements, model.leaves)
-    if dU is not None:
-        C_p = C_p + jnp.concatenate(coefficients(forms.B_u), axis=-1) @ stacked(dU)
+    if d_u is not None:
+        C_p = C_p + jnp.concatenate(coefficients(forms.B_u), axis=-1) @ stacked(d_u)
 
     def symmetric(C):
         C = C.reshape(samples, n, n, -1)
         return C + jnp.swapaxes(C, 1, 2)
 
-    return Partial(symmetric(C_x), symmetric(C_p)), Q
+    return Partials(symmetric(C_x), symmetric(C_p)), Q
 
 
 def _noise(model: PredictionModel, stages: Stages, h):

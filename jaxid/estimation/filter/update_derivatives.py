@@ -10,7 +10,7 @@ the covariance `P+ = N P` after the measurement,
 
 The derivative of the gain does not enter that of `P`, because the optimal gain makes `P` stationary
 in Joseph's form (A.31 differentiates the gain too; the result is the same). The last two lines are
-one symmetric form `F + F'`, `F = [-K; w' L^-1] dH [P+ q]`, of which the last column is that of x.
+one symmetric form `F + F'`, `F = [-K; w' L^-1] dH [P+ q]`; its last column belongs to x.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from ..._foundation.types import Array, Bool, Float
 from ...models.free_model import FreeModel, Leaves
 from ...sensitivity.jacobians import Differentiation
 from .kalman import inverse_cholesky
-from .prediction_derivatives import Partial
+from .prediction_derivatives import Partials
 
 
 class Measured(NamedTuple):
@@ -52,8 +52,8 @@ class Update(NamedTuple):
 
     V: Float[Array, "sample output state"]
     N: Float[Array, "sample row state"]
-    rows: Partial
-    moments: Partial
+    rows: Partials
+    moments: Partials
 
 
 def output_derivatives(family: FreeModel, leaves: Leaves, at, acting) -> Differentiation:
@@ -85,10 +85,10 @@ def differentiate_update(
     """
     points = (now.t, now.x, now.u)
     H, B_u, y_p = outputs.apply(outputs.linearise(leaves, *points)[1])
-    dU = None
+    d_u = None
     if B_u is not None:
-        dU = outputs.family.select(d_inputs, acting)
-        y_p = y_p + B_u @ dU
+        d_u = outputs.family.select(d_inputs, acting)
+        y_p = y_p + B_u @ d_u
     valid = now.mask[:, :, None]
     H, y_p = jnp.where(valid, H, 0.0), jnp.where(valid, y_p, 0.0)
     inverse = inverse_cholesky(now.B)
@@ -97,17 +97,17 @@ def differentiate_update(
     U = now.P @ jnp.swapaxes(V, 1, 2)
     K = U @ inverse
     weighted = jnp.einsum("ti,tij->tj", w, inverse)[:, None]
-    N = jnp.concatenate([jnp.eye(H.shape[-1]) - K @ H, weighted @ H], axis=1)
+    N = jnp.concatenate([jnp.eye(H.shape[-1])[None] - K @ H, weighted @ H], axis=1)
     rows = jnp.concatenate([-K, weighted], axis=1)
     q = jnp.einsum("tji,ti->tj", U, w)[..., None]
     after = jnp.concatenate([now.P_after, q], axis=2)
-    moments, B = _symmetric_forms(
-        outputs, leaves, points, dU, ((rows * now.mask[:, None], after), (inverse * now.mask[:, None], U))
-    )
+    mask = now.mask[:, None]
+    forms = ((rows * mask, after), (inverse * mask, U))
+    moments, B = _symmetric_forms(outputs, leaves, points, d_u, forms)
     dR = jnp.where(valid, dR[None], 0.0)
     constant = moments.p.at[:, :-1, -1].add(-(K @ y_p)) + _noise(rows, dR)
-    moments = Partial(moments.x, constant)
-    rows = Partial(white_rows(V, B.x), white_rows(inverse @ y_p, B.p + _noise(inverse, dR)))
+    moments = Partials(moments.x, constant)
+    rows = Partials(white_rows(V, B.x), white_rows(inverse @ y_p, B.p + _noise(inverse, dR)))
     return Update(V, N, rows, moments)
 
 
@@ -127,10 +127,13 @@ def white_rows(
 def pairs(
     symmetric: Float[Array, "*sample output output column"],
 ) -> Float[Array, "*sample pair column"]:
-    """Return the weighted upper triangle of symmetric matrices, `vec(.)/sqrt(2)` without repeats."""
+    """Return the weighted upper triangles of symmetric matrices, `vec(.)/sqrt(2)` without
+    repeats.
+    """
     first, second = np.triu_indices(symmetric.shape[-2])
     weight = np.where(first == second, np.sqrt(0.5), 1.0)
-    return symmetric[..., first, second, :] * weight[:, None]
+    upper = symmetric[..., first, second, :]
+    return upper * weight.reshape((1,) * (upper.ndim - 2) + (-1, 1))
 
 
 def _noise(rows, dR):
@@ -139,12 +142,12 @@ def _noise(rows, dR):
     return products @ dR[:, None]
 
 
-def _symmetric_forms(outputs: Differentiation, leaves: Leaves, points, dU, pairs):
-    """Return the derivatives of `F + F'`, `F = rows dH directions`, for pairs of both.
+def _symmetric_forms(outputs: Differentiation, leaves: Leaves, points, d_u, factors):
+    """Return the derivatives of `F + F'`, `F = rows dH directions`, for several pairs of factors.
 
-    All pairs are filled with zeros to one size, so that the outputs are differentiated once.
+    All are filled with zeros to one size, so that the outputs are differentiated once.
     """
-    size = max(rows.shape[1] for rows, _ in pairs)
+    size = max(rows.shape[1] for rows, _ in factors)
     count = points[0].shape[0]
 
     def filled(leaf, axis):
@@ -152,12 +155,12 @@ def _symmetric_forms(outputs: Differentiation, leaves: Leaves, points, dU, pairs
         padding[axis] = (0, size - leaf.shape[axis])
         return jnp.moveaxis(jnp.pad(leaf, padding), axis, 0)
 
-    rows = jnp.concatenate([filled(rows, 1) for rows, _ in pairs], axis=1)
-    directions = jnp.concatenate([filled(part, 2) for _, part in pairs], axis=1)
-    at = jax.tree.map(lambda leaf: jnp.concatenate([leaf] * len(pairs)), points)
+    rows = jnp.concatenate([filled(rows, 1) for rows, _ in factors], axis=1)
+    directions = jnp.concatenate([filled(part, 2) for _, part in factors], axis=1)
+    at = jax.tree.map(lambda leaf: jnp.concatenate([leaf] * len(factors)), points)
     A, B_u, B = outputs.derivatives_of_forms(leaves, at, rows, directions)
     made = []
-    for index, (own, _) in enumerate(pairs):
+    for index, (own, _) in enumerate(factors):
         part, k = slice(index * count, (index + 1) * count), own.shape[1]
 
         def symmetric(leaf, part=part, k=k):
@@ -165,7 +168,7 @@ def _symmetric_forms(outputs: Differentiation, leaves: Leaves, points, dU, pairs
             return jnp.moveaxis(form + jnp.swapaxes(form, 0, 1), 2, 0)
 
         by_parameter = outputs.columns(symmetric(B), leaves)
-        if dU is not None:
-            by_parameter = by_parameter + jnp.einsum("tabu,tup->tabp", symmetric(B_u), dU)
-        made.append(Partial(symmetric(A), by_parameter))
+        if d_u is not None:
+            by_parameter = by_parameter + jnp.einsum("tabu,tup->tabp", symmetric(B_u), d_u)
+        made.append(Partials(symmetric(A), by_parameter))
     return made

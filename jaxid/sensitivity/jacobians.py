@@ -152,6 +152,8 @@ class Differentiation(NamedTuple):
 
     def columns(self, elements: Float[Array, "*axes element"], leaves: Leaves):
         """Return derivatives by the free parameters from those of `derivatives_of_forms`."""
+        if not self.subset:
+            return jnp.zeros((*elements.shape[:-1], self.family.n_columns))
         if self._wasteful(leaves):
             return elements
         return self.family.select(elements, self.subset)
@@ -172,7 +174,6 @@ class Differentiation(NamedTuple):
             return self.function(t, x, u, tuple(complete))
 
         return of, tuple(leaves[index] for index in self.subset)
-
 
     def _of_elements(self, leaves: Leaves):
         """Return the function with the elements of `derivatives_of_forms` as its last argument, and

@@ -178,9 +178,7 @@ def _transition(equations: Differentiation, leaves: Leaves, x, steps, inputs: In
 
     def substep(x, now):
         begin, length, u, du = now
-        x, dx, _, jacobians = stage_jacobians(
-            equations, leaves, x, begin, length, u[:, INPUTS, :]
-        )
+        x, dx, _, jacobians = stage_jacobians(equations, leaves, x, begin, length, u[:, INPUTS, :])
         A, B_u, B = jacobians
         if B_u is None:
             return x, (*_step(jacobians, None, length), (dx, A[0], B[0]))

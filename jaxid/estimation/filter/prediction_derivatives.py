@@ -23,6 +23,7 @@ import numpy as np
 
 from ..._foundation.types import Array, Float
 from ...models.free_model import FreeModel, Leaves
+from ...models.stochastic import StochasticModel
 from ...sensitivity.jacobians import Differentiation, Jacobians
 from ...sensitivity.linearisation import INPUTS, NODES, WEIGHTS, stage_jacobians
 from ...simulation.steppers import rate
@@ -104,13 +105,14 @@ class PredictionModel(NamedTuple):
             return rate(family.build(leaves)[0], t, x, u)
 
         def diffusion(t, x, u, leaves):
-            return family.build(leaves)[0].diffusion(t, x, u).reshape(-1)
+            model = family.build(leaves)[0]
+            assert isinstance(model, StochasticModel), "a model from `prepared`"
+            return model.diffusion(t, x, u).reshape(-1)
 
-        parts = (
-            Differentiation.of(family, function, at, leaves, by_input=bool(acting))
-            for function in (rates, diffusion)
-        )
-        return cls(*parts, leaves, acting)
+        by_input = bool(acting)
+        equations = Differentiation.of(family, rates, at, leaves, by_input)
+        noise = Differentiation.of(family, diffusion, at, leaves, by_input)
+        return cls(equations, noise, leaves, acting)
 
 
 def differentiate_prediction(
@@ -231,7 +233,7 @@ def _covariance(model: PredictionModel, stages: Stages, h):
 
     noise = Partials.of(d_G.A @ stages.X[-1], n)
     d_noise = noise.p + d_G.B
-    if d_u is not None:
+    if d_u is not None and d_G.B_u is not None:
         d_noise = d_noise + d_G.B_u @ d_u[-1]
     chain = Partials.of(stacked(stages.X), n)
     linear = jnp.concatenate([*coefficients(forms.A), by_G], axis=-1)

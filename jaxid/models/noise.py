@@ -61,10 +61,12 @@ class Division(AbstractWhitening):
 
 
 class Identity(AbstractWhitening):
-    """Whitening of rows that are white already."""
+    """Whitening of rows that are white already; only the first ones may have sensitivities."""
 
     def __call__(self, rows, mask):
-        return jnp.where(mask.reshape(mask.shape + (1,) * (rows.ndim - mask.ndim)), rows, 0.0)
+        columns = (1,) * (rows.ndim - mask.ndim)
+        mask = mask[..., : rows.shape[2]]
+        return jnp.where(mask.reshape(*mask.shape, *columns), rows, 0.0)
 
 
 class AbstractNoise(eqx.Module):

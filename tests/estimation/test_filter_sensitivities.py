@@ -100,4 +100,4 @@ def test_derivatives_of_nonlinear_model_equal_forward_mode(case):
     expected = np.concatenate(expected, axis=1)
     _, rows = jax.jit(lambda theta: likelihood.sensitivities(family, theta, one))(theta)
     scale = np.abs(expected).max(axis=(0, 1))
-    np.testing.assert_allclose(rows / scale, expected / scale, atol=1e-12)
+    np.testing.assert_allclose(np.asarray(rows) / scale, expected / scale, atol=1e-12)

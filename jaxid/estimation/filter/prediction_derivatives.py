@@ -1,11 +1,11 @@
 r"""Derivatives of a filter's prediction, for many samples at once.
 
-In a Runge-Kutta step with the Jacobians `A_s = df/dx` at its stages `x_s`, let `X_s` be the
-derivatives of the stages by the state before the step and the parameters (columns), `W_s` those by
-the state alone, and `M_s` the derivative of the state after the step by the rate of stage s. Then
+In a Runge-Kutta step with the Jacobians `A_s = df/dx` and `B_s` (by the parameters) at its stages
+`x_s`, let `X_s` be the derivatives of a stage by the state before the step and the parameters, and
+`M_s` the derivative of the state after the step by the rate of stage s. Then
 
     X_s = [I 0] + c_s h K_(s-1),    K_s = A_s X_s + [0 B_s],    [Phi G] = [I 0] + h/6 sum_s w_s K_s
-    d(Phi P Phi') = Phi dP Phi' + sum_s (M_s dA_s W_s P Phi' + its transpose)
+    d(Phi P Phi') = Phi dP Phi' + sum_s (M_s dA_s W_s + its transpose),    W_s = X_s [I 0]' P Phi'
 
 The noise `Qd = h sum_jk L_j L_k'/(j + k + 1)` of the module `kalman` depends on `A` and `G` at the
 middle stage: with `a = h A`, `N_j = h sum_k L_k/(j + k + 1)`,

@@ -130,31 +130,28 @@ class FilterError(AbstractLikelihood):
         return _rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
 
     def sensitivities(self, family, theta, record):
-        filtered, rows = self._derivatives(family, theta, record)
-        return _rows(filtered.v, inverse_cholesky(filtered.B), record.mask), rows
+        v, B, rows = self._derivatives(family, theta, record)
+        return _rows(v, inverse_cholesky(B), record.mask), rows
 
     def _derivatives(self, family: FreeModel, theta, record: Record) -> FilterSensitivities:
-        """Return the filter's result and the derivatives of its rows."""
+        """Return the innovations, their covariances and the derivatives of the rows."""
         if self.updates == 1:
             return filter_sensitivities(
                 family, theta, record, self.hold, self.stepper.substeps, steady=self.steady
             )
         m = record.z.shape[-1]
 
-        def filtered(theta):
-            model, initial_state = family(theta)
-            return self.filter(model, record, initial_state)
-
         def innovations(theta):
-            result = filtered(theta)
-            covariances = result.B.reshape(result.B.shape[0], -1)
-            return jnp.concatenate([result.v, covariances], axis=-1)
+            model, initial_state = family(theta)
+            filtered = self.filter(model, record, initial_state)
+            covariances = filtered.B.reshape(filtered.B.shape[0], -1)
+            return jnp.concatenate([filtered.v, covariances], axis=-1)
 
-        value, derivative = filtered(theta), value_and_jacobian(innovations, theta)[1]
-        inverse = inverse_cholesky(value.B)
-        dB = derivative[:, m:].reshape(-1, m, m, theta.size)
+        flat, derivative = value_and_jacobian(innovations, theta)
+        B, dB = (part[:, m:].reshape(-1, m, m, *part.shape[2:]) for part in (flat, derivative))
+        inverse = inverse_cholesky(B)
         dB = jnp.einsum("tij,tjkp,tlk->tilp", inverse, dB, inverse)
-        return FilterSensitivities(value, white_rows(-inverse @ derivative[:, :m], dB))
+        return FilterSensitivities(flat[:, :m], B, white_rows(-inverse @ derivative[:, :m], dB))
 
     def row_mask(self, mask):
         first, second = np.triu_indices(mask.shape[-1])

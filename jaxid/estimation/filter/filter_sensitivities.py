@@ -22,7 +22,7 @@ from ...sensitivity.jacobian import value_and_jacobian
 from ...sensitivity.linearisation import Trajectory, input_derivatives
 from ...simulation.hold import AbstractHold
 from ...simulation.steppers import RK4
-from .kalman import Filtered, filter_signals, initial_moments, kalman_filter
+from .kalman import filter_signals, initial_moments, kalman_filter
 from .prediction_derivatives import Prediction, PredictionModel, differentiate_prediction
 from .update_derivatives import (
     Measured,
@@ -39,11 +39,13 @@ class FilterSensitivities(NamedTuple):
     """Result of a filter, with derivatives by the parameters.
 
     Attributes:
-        filtered: the filter's states and innovations.
+        v: innovations.
+        B: their covariances.
         rows: derivatives of the rows of the information, from `white_rows`.
     """
 
-    filtered: Filtered
+    v: Float[Array, "time output"]
+    B: Float[Array, "time output output"]
     rows: Float[Array, "time row parameter"]
 
 
@@ -86,7 +88,8 @@ def filter_sensitivities(
 
     now = (measured, inputs.d_samples, filtered.x, steps, inputs.d_stages)
     _, rows = jax.lax.scan(block, start, jax.tree.map(_in_blocks, now))
-    return FilterSensitivities(filtered, rows.reshape(-1, *rows.shape[2:])[: record.t.size])
+    rows = rows.reshape(-1, *rows.shape[2:])[: record.t.size]
+    return FilterSensitivities(filtered.v, filtered.B, rows)
 
 
 def _built(family: FreeModel, theta) -> tuple[StochasticModel, Float[Array, " state"]]:

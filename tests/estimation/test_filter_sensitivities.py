@@ -11,7 +11,7 @@ from jaxid._foundation.types import Array
 from jaxid.data import record
 from jaxid.effects import InputDelay
 from jaxid.estimation.estimate import as_stack
-from jaxid.estimation.filter.kalman import inverse_cholesky, kalman_filter
+from jaxid.estimation.filter.kalman import inverse_cholesky
 from jaxid.estimation.problem import Problem
 from jaxid.models import AbstractModel, free
 from jaxid.models.base import canonical
@@ -46,7 +46,7 @@ class Pendulum(AbstractModel):
         return jnp.stack([sine, self.stiffness * sine * jnp.cos(x[0]) + u[0] * x[1] ** 2, x[1]])
 
     def with_disturbance_inputs(self):
-        return Pendulum(self.stiffness, self.damping, self.table, ("gust",))
+        return Pendulum(self.stiffness, self.damping, self.table, gust=("gust",))
 
 
 PENDULUM = Pendulum(jnp.array(4.0), jnp.array(0.3), 0.1 * jnp.cos(jnp.arange(40.0)))
@@ -76,9 +76,8 @@ def test_derivatives_of_nonlinear_model_equal_forward_mode(case):
     z[rng.uniform(size=z.shape) < 0.3] = np.nan
     torque = 1.3 * np.sin(3 * t)[:, None]
     records = as_stack(record(t, torque, z, inputs=("torque",), outputs=model.outputs))
-    problem = Problem.of(
-        *likelihood.prepared(canonical(model), canonical(chosen), records), records, likelihood
-    )
+    wide, chosen = likelihood.prepared(canonical(model), canonical(chosen), records)
+    problem = Problem.of(wide, chosen, records, likelihood)
     begin = initial_parameters(problem.model, problem.positions, records)
     flat, one = jax.tree.map(lambda leaf: leaf[0], problem.cases())
     family = FreeModel(problem.model, flat, problem.positions)
@@ -86,8 +85,7 @@ def test_derivatives_of_nonlinear_model_equal_forward_mode(case):
 
     def innovations(theta):
         model, x0 = family(theta)
-        options = likelihood.hold, likelihood.stepper.substeps
-        filtered = kalman_filter(model, one, x0, *options)
+        filtered = likelihood.filter(model, one, x0)
         return jnp.concatenate([filtered.v, filtered.B.reshape(t.size, -1)], axis=-1)
 
     value, derivative = jax.jit(lambda theta: value_and_jacobian(innovations, theta))(theta)

@@ -60,6 +60,15 @@ class Division(AbstractWhitening):
         return whiten(self.L[:count, :count], rows, mask[..., :count])
 
 
+class Identity(AbstractWhitening):
+    """Whitening of rows that are white already; only the first ones may have sensitivities."""
+
+    def __call__(self, rows, mask):
+        columns = (1,) * (rows.ndim - mask.ndim)
+        mask = mask[..., : rows.shape[2]]
+        return jnp.where(mask.reshape(*mask.shape, *columns), rows, 0.0)
+
+
 class AbstractNoise(eqx.Module):
     """Measurement noise: its covariance, its whitening, and the corresponding cost.
 
@@ -257,6 +266,9 @@ class InnovationNoise(AbstractNoise):
 
     def cholesky(self, v, mask):
         return jnp.eye(v.shape[-1])
+
+    def whitening(self, v, mask):
+        return Identity()
 
     def cost(self, v, mask):
         m = n_outputs_of(v.shape[-1])

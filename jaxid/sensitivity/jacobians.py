@@ -84,13 +84,7 @@ class Differentiation(NamedTuple):
 
         The linearisation of a linear function holds no array, so the times of the points are added.
         """
-        own = tuple(leaves[index] for index in self.subset)
-
-        def of(t, x, u, own):
-            complete = list(leaves)
-            for index, leaf in zip(self.subset, own, strict=True):
-                complete[index] = leaf
-            return self.function(t, x, u, tuple(complete))
+        of, own = self._of_own(leaves)
 
         def backward(t, x, u):
             if self.by_input:
@@ -127,6 +121,78 @@ class Differentiation(NamedTuple):
         if B is None:
             B = jnp.zeros((*A.shape[:2], self.family.n_columns))
         return Jacobians(A, B_u, B)
+
+    def derivatives_of_forms(self, leaves: Leaves, points, rows, directions) -> Jacobians:
+        """Return the derivatives of the forms `r' (df/dx) d` at many points, in reverse mode.
+
+        Args:
+            leaves: the leaves that hold free parameters.
+            points: times, states and inputs, the points first.
+            rows: vectors `r`, shape (form row, point, row).
+            directions: vectors `d`, shape (form column, point, state).
+
+        Returns:
+            Derivatives by state, input and `elements`, with the axes (form row, form column,
+            point) first. `columns` turns elements into free parameters.
+        """
+        t, x, u = points
+        of, own = self._of_elements(leaves)
+        copies = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (t.size, *leaf.shape)), own)
+
+        def row(r):
+            def gradient(x):
+                pull = jax.vjp(lambda *point: jax.vmap(of)(t, *point), x, u, copies)[1]
+                return pull(r)
+
+            return jax.vmap(jax.linearize(gradient, x)[1])(directions)
+
+        by_state, by_input, by_own = jax.lax.map(row, rows)
+        elements = flattened(by_own, 3) if own else jnp.zeros((*by_state.shape[:3], 0))
+        return Jacobians(by_state, by_input if self.by_input else None, elements)
+
+    def columns(self, elements: Float[Array, "*axes element"], leaves: Leaves):
+        """Return derivatives by the free parameters from those of `derivatives_of_forms`."""
+        if not self.subset:
+            return jnp.zeros((*elements.shape[:-1], self.family.n_columns))
+        if self._wasteful(leaves):
+            return elements
+        return self.family.select(elements, self.subset)
+
+    def _wasteful(self, leaves: Leaves) -> bool:
+        """True if most elements of the leaves are not free."""
+        return sum(leaves[index].size for index in self.subset) >= WASTE * self.family.n_columns
+
+    def _of_own(self, leaves: Leaves):
+        """Return the function with the leaves on which it depends as its last argument, and these
+        leaves.
+        """
+
+        def of(t, x, u, own):
+            complete = list(leaves)
+            for index, leaf in zip(self.subset, own, strict=True):
+                complete[index] = leaf
+            return self.function(t, x, u, tuple(complete))
+
+        return of, tuple(leaves[index] for index in self.subset)
+
+    def _of_elements(self, leaves: Leaves):
+        """Return the function with the elements of `derivatives_of_forms` as its last argument, and
+        their values: its leaves, or the changes of the free parameters if most elements of the
+        leaves are not free.
+        """
+        of, own = self._of_own(leaves)
+        if not self._wasteful(leaves):
+            return of, own
+        tangents = self.family.tangents(self.subset)
+
+        def of_changes(t, x, u, changes):
+            moved = [
+                leaf + jnp.tensordot(changes[0], tangent, 1)
+                for leaf, tangent in zip(own, tangents, strict=True)
+            ]
+            return of(t, x, u, tuple(moved))
+
+        return of_changes, (jnp.zeros(self.family.n_columns),)
 
 
 def by_elements(function: Callable[..., Any], leaves: Leaves, acting: tuple[int, ...]):

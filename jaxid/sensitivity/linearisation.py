@@ -88,7 +88,7 @@ def trajectory_sensitivities(
     substeps = trajectory.stepper.substeps
     size = _block_size(t.size, trajectory.x.shape[1] * family.n_columns)
     n_blocks = -(-t.size // size)
-    acting, inputs = _inputs(family, leaves, trajectory)
+    acting, inputs = input_derivatives(family, leaves, trajectory)
     begin, length = substeps_of(jnp.append(t, t[-1]), substeps)
     steps = (begin.reshape(-1, substeps), length.reshape(-1, substeps))
     equations = _equations(family, leaves, trajectory, acting)
@@ -133,7 +133,7 @@ def _initial(family: FreeModel, leaves: Leaves) -> Float[Array, "state column"]:
     return jax.vmap(push, out_axes=-1)(family.tangents(range(len(leaves))))
 
 
-def _inputs(
+def input_derivatives(
     family: FreeModel, leaves: Leaves, trajectory: Trajectory
 ) -> tuple[tuple[int, ...], Inputs]:
     """Return the leaves that act on the input, and the effective input with its derivatives."""
@@ -178,7 +178,7 @@ def _transition(equations: Differentiation, leaves: Leaves, x, steps, inputs: In
 
     def substep(x, now):
         begin, length, u, du = now
-        x, dx, jacobians = _stages(equations, leaves, x, begin, length, u[:, INPUTS, :])
+        x, dx, _, jacobians = stage_jacobians(equations, leaves, x, begin, length, u[:, INPUTS, :])
         A, B_u, B = jacobians
         if B_u is None:
             return x, (*_step(jacobians, None, length), (dx, A[0], B[0]))
@@ -196,9 +196,9 @@ def _transition(equations: Differentiation, leaves: Leaves, x, steps, inputs: In
     return interval_Phi, interval_G, jax.tree.map(lambda leaf: leaf[0], rates)
 
 
-def _stages(equations: Differentiation, leaves: Leaves, x, begin, length, u):
-    """Return for many intervals the states after a step, the rates before it, and the Jacobians at
-    its four stages.
+def stage_jacobians(equations: Differentiation, leaves: Leaves, x, begin, length, u):
+    """Return for many intervals the states after a step, the rates before it, and the states and
+    the Jacobians at its four stages.
     """
 
     def stage(carry, now):
@@ -206,12 +206,12 @@ def _stages(equations: Differentiation, leaves: Leaves, x, begin, length, u):
         node, weight, u = now
         at = x + (node * length)[:, None] * k
         k, linear = equations.linearise(leaves, begin + node * length, at, u)
-        return (k, total + weight * k), (k, linear)
+        return (k, total + weight * k), (k, at, linear)
 
     zero = jnp.zeros_like(x)
     stages = (jnp.array(NODES), jnp.array(WEIGHTS), jnp.moveaxis(u, 1, 0))
-    (_, total), (k, linear) = jax.lax.scan(stage, (zero, zero), stages)
-    return x + length[:, None] / 6 * total, k[0], jax.lax.map(equations.apply, linear)
+    (_, total), (k, at, linear) = jax.lax.scan(stage, (zero, zero), stages)
+    return x + length[:, None] / 6 * total, k[0], at, jax.lax.map(equations.apply, linear)
 
 
 def _step(jacobians: Jacobians, dU, length):

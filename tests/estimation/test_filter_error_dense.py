@@ -167,6 +167,10 @@ def test_iterated_update_changes_nothing_in_linear_model():
     thrice, _ = filter_of(problem, theta, updates=3)
     np.testing.assert_allclose(once.v, thrice.v, atol=1e-12)
     np.testing.assert_allclose(once.P, thrice.P, atol=1e-14)
+    iterated, _ = problem_of(t, u, z, FilterError(**PARTS, updates=2))
+    _, one, _ = evaluated(problem, jnp.asarray(theta))
+    _, two, _ = evaluated(iterated, jnp.asarray(theta))
+    np.testing.assert_allclose(two.factor, one.factor, rtol=1e-9, atol=1e-9)
 
 
 def test_steady_covariance_equals_riccati_equation():

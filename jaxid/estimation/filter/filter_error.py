@@ -19,11 +19,12 @@ from ...simulation.hold import AbstractHold, Linear
 from ...simulation.solution import Solution
 from ...simulation.steppers import RK4
 from ..likelihoods import AbstractLikelihood
-from .filter_sensitivities import filter_sensitivities
+from .filter_sensitivities import FilterSensitivities, filter_sensitivities
 from .kalman import Filtered, inverse_cholesky, kalman_filter, require_outputs_without_memory
 from .noise_identifiability import check_noise_identifiable
 from .noise_options import FirstOrder, Number, number
 from .noise_parameters import check_names, check_values, with_noise_parameters
+from .update_derivatives import pairs, white_rows
 
 
 class FilterError(AbstractLikelihood):
@@ -129,20 +130,15 @@ class FilterError(AbstractLikelihood):
         return _rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
 
     def sensitivities(self, family, theta, record):
-        v, B, dv, dB = self._derivatives(family, theta, record)
-        inverse = inverse_cholesky(B)
-        rows_v = -jnp.einsum("tij,tjp->tip", inverse, dv)
-        white = jnp.einsum("tij,tjkp,tlk->ptil", inverse, dB, inverse)
-        rows_B = -jnp.moveaxis(_pairs(white, record.mask), 0, -1)
-        return _rows(v, inverse, record.mask), jnp.concatenate([rows_v, rows_B], axis=1)
+        v, B, rows = self._derivatives(family, theta, record)
+        return _rows(v, inverse_cholesky(B), record.mask), rows
 
-    def _derivatives(self, family: FreeModel, theta, record: Record):
-        """Return the innovations, their covariances, and the derivatives of both."""
+    def _derivatives(self, family: FreeModel, theta, record: Record) -> FilterSensitivities:
+        """Return the innovations, their covariances and the derivatives of the rows."""
         if self.updates == 1:
-            filtered, dv, dB = filter_sensitivities(
+            return filter_sensitivities(
                 family, theta, record, self.hold, self.stepper.substeps, steady=self.steady
             )
-            return filtered.v, filtered.B, dv, dB
         m = record.z.shape[-1]
 
         def innovations(theta):
@@ -153,7 +149,9 @@ class FilterError(AbstractLikelihood):
 
         flat, derivative = value_and_jacobian(innovations, theta)
         B, dB = (part[:, m:].reshape(-1, m, m, *part.shape[2:]) for part in (flat, derivative))
-        return flat[:, :m], B, derivative[:, :m], dB
+        inverse = inverse_cholesky(B)
+        dB = jnp.einsum("tij,tjkp,tlk->tilp", inverse, dB, inverse)
+        return FilterSensitivities(flat[:, :m], B, white_rows(-inverse @ derivative[:, :m], dB))
 
     def row_mask(self, mask):
         first, second = np.triu_indices(mask.shape[-1])
@@ -178,18 +176,7 @@ class FilterError(AbstractLikelihood):
 def _rows(v, inverse, mask):
     """Return the rows of `InnovationNoise`, from innovations and the inverses of their factors."""
     w = jnp.einsum("tij,tj->ti", inverse, v)
-    pairs = _pairs(jnp.eye(v.shape[-1])[None] - w[:, :, None] * w[:, None, :], mask)
+    both = mask[:, :, None] & mask[:, None]
+    spread = jnp.where(both, jnp.eye(v.shape[-1])[None] - w[:, :, None] * w[:, None, :], 0.0)
     log_det = -jnp.sum(jnp.log(jnp.diagonal(inverse, axis1=-2, axis2=-1)), axis=-1)
-    return jnp.concatenate([w, pairs, log_det[:, None], v], axis=-1)
-
-
-def _pairs(symmetric, mask):
-    """Return the weighted upper triangle of symmetric matrices, `vec(.)/sqrt(2)` without repeats.
-
-    Rows of missing samples are zero.
-    """
-    first, second = np.triu_indices(mask.shape[-1])
-    weight = np.where(first == second, np.sqrt(0.5), 1.0)
-    both = mask[..., first] & mask[..., second]
-    values = symmetric[..., first, second] * weight.reshape((1,) * (symmetric.ndim - 2) + (-1,))
-    return jnp.where(jnp.broadcast_to(both, values.shape), values, 0.0)
+    return jnp.concatenate([w, pairs(spread[..., None])[..., 0], log_det[:, None], v], axis=-1)

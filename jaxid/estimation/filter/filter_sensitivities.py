@@ -1,18 +1,12 @@
 r"""Derivatives of the innovations of a filter and of their covariances with respect to parameters.
 
-The filter runs once. Along its states the equations are differentiated in parallel, in blocks of
-samples, in the directions of the parameters and of the state:
+The filter runs once. Along its states the model is differentiated in parallel, in blocks of
+samples: `update_derivatives` gives the update at a measurement, `prediction_derivatives` the step
+after it, as linear functions of the derivatives of state and covariance before. After that these
+follow a linear recursion of matrices, in which the model has no part:
 
-    dy = y_p + H dx,    dH = H_p + H_x dx,    dPhi = Phi_p + Phi_x dx,    dQ = Q_p + Q_x dx
-
-After that the derivatives follow a linear recursion of matrices, in which the model has no part:
-
-    dB = d(H P H') + dR,    dx <- dx + d(P H') w - K dB w - K dy,    w = B^-1 v
-    dP <- N dP N' - (K dH P N' + N P dH' K') + K dR K',    N = I - K H
-    dx <- Phi dx + x_p,    dP <- Phi dP Phi' + dPhi P Phi' + Phi P dPhi' + dQ
-
-The derivative of the gain does not enter that of `P`, because the optimal gain makes `P` stationary
-in Joseph's form (A.31 differentiates the gain too; the result is the same).
+    dx+ = N (dx + dP V' w) + Z_x dx + Z_p,    dP+ = N dP N' + Y_x dx + Y_p
+    dx <- Phi dx+ + G,    dP <- Phi dP+ Phi' + C_x dx+ + C_p
 """
 
 from typing import NamedTuple
@@ -20,21 +14,22 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ..._foundation.types import Array, Bool, Float
+from ..._foundation.types import Array, Float
 from ...data.record import Record
 from ...models.free_model import FreeModel
 from ...models.stochastic import StochasticModel
 from ...sensitivity.jacobian import value_and_jacobian
+from ...sensitivity.linearisation import Trajectory, input_derivatives
 from ...simulation.hold import AbstractHold
-from .kalman import (
-    Filtered,
-    Sample,
-    Steps,
-    filter_signals,
-    initial_moments,
-    inverse_cholesky,
-    kalman_filter,
-    predicted,
+from ...simulation.steppers import RK4
+from .kalman import filter_signals, initial_moments, kalman_filter
+from .prediction_derivatives import Prediction, PredictionModel, differentiate_prediction
+from .update_derivatives import (
+    Measured,
+    Update,
+    differentiate_update,
+    output_derivatives,
+    white_rows,
 )
 
 SAMPLES_TOGETHER = 32  # samples differentiated at once; chosen: some megabytes for 40 parameters
@@ -44,37 +39,14 @@ class FilterSensitivities(NamedTuple):
     """Result of a filter, with derivatives by the parameters.
 
     Attributes:
-        filtered: the filter's states and innovations.
-        innovation: derivatives of the innovations.
-        covariance: derivatives of their covariances.
+        v: innovations.
+        B: their covariances.
+        rows: derivatives of the rows of the information, from `white_rows`.
     """
 
-    filtered: Filtered
-    innovation: Float[Array, "time output parameter"]
-    covariance: Float[Array, "time output output parameter"]
-
-
-class Moments(NamedTuple):
-    """Values of the equations at one sample and over the step after it.
-
-    The last axis of their derivatives counts directions: first the parameters, then the states.
-    """
-
-    y: Float[Array, "..."]
-    H: Float[Array, "..."]
-    x: Float[Array, "..."]
-    Phi: Float[Array, "..."]
-    Q: Float[Array, "..."]
-
-
-class Nominal(NamedTuple):
-    """Values of the filter at a sample, before (`P`) and after (`P_after`) its measurement."""
-
-    v: Float[Array, " output"]
-    B: Float[Array, "output output"]
-    P: Float[Array, "state state"]
-    P_after: Float[Array, "state state"]
-    mask: Bool[Array, " output"]
+    v: Float[Array, "time output"]
+    B: Float[Array, "time output output"]
+    rows: Float[Array, "time row parameter"]
 
 
 def filter_sensitivities(
@@ -93,143 +65,82 @@ def filter_sensitivities(
         theta: values of the parameters.
         record, hold, substeps, steady: as in `kalman_filter`.
     """
-
-    def built(theta) -> tuple[StochasticModel, Float[Array, " state"]]:
-        model, x0 = family(theta)
-        assert isinstance(model, StochasticModel), "a model from `prepared`"
-        return model, x0
-
-    model, x0 = built(theta)
+    model, x0 = _built(family, theta)
     filtered = kalman_filter(model, record, x0, hold, substeps, steady=steady)
-
-    def begin(theta):
-        model, x0 = built(theta)
-        return jnp.concatenate(
-            [
-                part.reshape(-1)
-                for part in initial_moments(model, record, x0, hold, substeps, steady)
-            ]
-        )
-
-    n, p = x0.size, theta.size
-    start = value_and_jacobian(begin, theta)[1]
-    dR = value_and_jacobian(lambda theta: built(theta)[0].sensor_deviations() ** 2, theta)[1]
-
-    def inputs(theta):
-        samples, steps = filter_signals(built(theta)[0], record, hold, substeps)
-        return samples.u, steps.u
-
+    start, dR = _start(family, theta, record, hold, substeps, steady)
+    leaves = family.leaves(theta)
+    trajectory = Trajectory(record.t, record.u, filtered.x, hold, RK4(substeps))
+    acting, inputs = input_derivatives(family, leaves, trajectory)
     samples, steps = filter_signals(model, record, hold, substeps)
-    tangents = jax.vmap(lambda e: jax.jvp(inputs, (theta,), (e,))[1], out_axes=1)(jnp.eye(p))
-    nominal = Nominal(filtered.v, filtered.B, filtered.P_predicted, filtered.P, record.mask)
-    states = (filtered.x_predicted, filtered.x)
+    at = record.t[0], x0, samples.u[0]
+    outputs = output_derivatives(family, leaves, at, acting)
+    moving = PredictionModel.of(family, leaves, at, acting)
+    measured = Measured(
+        *(samples.t, samples.u, record.mask, filtered.v, filtered.B),
+        *(filtered.x_predicted, filtered.P_predicted, filtered.P),
+    )
 
     def block(carry, now):
-        at, tangents, states, nominal = now
-        value, derivative = _moments(family, theta, at, tangents, states)
-        return jax.lax.scan(
-            lambda carry, now: _sample(carry, *now, dR), carry, (nominal, value, derivative)
-        )
+        measured, d_samples, x, steps, d_stages = now
+        update = differentiate_update(outputs, leaves, acting, measured, d_samples, dR)
+        prediction = differentiate_prediction(moving, x, measured.P_after, steps, d_stages)
+        return jax.lax.scan(_sample, carry, (update, prediction))
 
-    rows = jax.tree.map(_in_blocks, ((samples, steps), tangents, states, nominal))
-    begin_at = (start[:n], start[n:].reshape(n, n, p))
-    _, (dv, dB) = jax.lax.scan(block, begin_at, rows)
-    count = record.t.size
-    dv, dB = (part.reshape(-1, *part.shape[2:])[:count] for part in (dv, dB))
-    return FilterSensitivities(filtered, dv, dB)
+    now = (measured, inputs.d_samples, filtered.x, steps, inputs.d_stages)
+    _, rows = jax.lax.scan(block, start, jax.tree.map(_in_blocks, now))
+    rows = rows.reshape(-1, *rows.shape[2:])[: record.t.size]
+    return FilterSensitivities(filtered.v, filtered.B, rows)
+
+
+def _built(family: FreeModel, theta) -> tuple[StochasticModel, Float[Array, " state"]]:
+    model, x0 = family(theta)
+    assert isinstance(model, StochasticModel), "a model from `prepared`"
+    return model, x0
+
+
+def _start(family, theta, record, hold, substeps, steady):
+    """Return the derivatives of the state and of the covariance before the first sample, and of the
+    variances of the sensors.
+    """
+
+    def begin(theta):
+        model, x0 = _built(family, theta)
+        moments = initial_moments(model, record, x0, hold, substeps, steady)
+        return jnp.concatenate([part.reshape(-1) for part in moments])
+
+    n = len(family.model.states)
+    start = value_and_jacobian(begin, theta)[1]
+    dR = value_and_jacobian(lambda theta: _built(family, theta)[0].sensor_deviations() ** 2, theta)
+    return (start[:n], start[n:].reshape(n, n, theta.size)), dR[1]
 
 
 def _in_blocks(leaf: Array) -> Array:
     """Return an array over time in blocks, the last one filled with the last sample."""
     fill = -leaf.shape[0] % SAMPLES_TOGETHER
     padded = jnp.concatenate([leaf, jnp.repeat(leaf[-1:], fill, axis=0)])
-    return padded.reshape(-1, SAMPLES_TOGETHER, *leaf.shape[1:])
+    return padded.reshape(padded.shape[0] // SAMPLES_TOGETHER, SAMPLES_TOGETHER, *leaf.shape[1:])
 
 
-def _moments(
-    family: FreeModel,
-    theta: Float[Array, " parameter"],
-    at: tuple[Sample, Steps],
-    tangents: tuple[Float[Array, "time parameter input"], Float[Array, "time parameter ..."]],
-    states: tuple[Float[Array, "time state"], Float[Array, "time state"]],
-) -> tuple[Moments, Moments]:
-    """Return the moments of a block of samples, and their derivatives.
-
-    Args:
-        family, theta: as in `filter_sensitivities`.
-        at: signals of the block.
-        tangents: derivatives of the inputs at the samples and in the steps.
-        states: states before and after each measurement.
-    """
-    n, p = states[0].shape[-1], theta.size
-
-    def moments(theta, sample_inputs, step_inputs, before, after):
-        model, _ = family(theta)
-        assert isinstance(model, StochasticModel), "a model from `prepared`"
-        samples, steps = at[0]._replace(u=sample_inputs), at[1]._replace(u=step_inputs)
-
-        def one(sample, steps, before, after):
-            t, u, _, mask = sample
-            y, H = value_and_jacobian(lambda x: model.output(t, x, u), before)
-            return Moments(y, jnp.where(mask[:, None], H, 0.0), *predicted(model, after, steps))
-
-        return jax.vmap(one)(samples, steps, before, after)
-
-    still = jnp.zeros((n, p))
-    by_theta, by_state = (
-        jnp.concatenate([jnp.eye(p), still]),
-        jnp.concatenate([still.T, jnp.eye(n)]),
-    )
-    by_sample, by_step = (_with_states(jnp.moveaxis(tangent, 1, 0), n) for tangent in tangents)
-
-    def push(dtheta, dsample, dstep, dx):
-        dx = jnp.broadcast_to(dx, states[0].shape)
-        point = (theta, at[0].u, at[1].u, *states)
-        return jax.jvp(moments, point, (dtheta, dsample, dstep, dx, dx))
-
-    return jax.vmap(push, out_axes=(None, -1))(by_theta, by_sample, by_step, by_state)
-
-
-def _with_states(tangent: Array, n: int) -> Array:
-    """Return derivatives of a signal with those by the n states, which are zero."""
-    return jnp.concatenate([tangent, jnp.zeros((n, *tangent.shape[1:]))])
-
-
-def _sample(carry, nominal: Nominal, value: Moments, derivative: Moments, dR):
-    """Return the derivatives after a sample and a step, and those of the innovation."""
+def _sample(carry, now: tuple[Update, Prediction]):
+    """Return the derivatives after a sample and a step, and those of its rows."""
     dx, dP = carry
-    p = dx.shape[-1]
-    (v, B, P, P_after, mask), (_, H, _, Phi, _) = nominal, value
-    by_parameter = jax.tree.map(lambda leaf: leaf[..., :p], derivative)
-    by_state = jax.tree.map(lambda leaf: leaf[..., p:], derivative)
-    dR = jnp.where(mask[:, None], dR, 0.0)
-    inverse = inverse_cholesky(B)
-    weight = inverse.T @ inverse
-    w, PH = weight @ v, P @ H.T
-    K = PH @ weight
-    N = jnp.eye(H.shape[1]) - K @ H
-    dy = by_parameter.y + H @ dx
-    dH = by_parameter.H + by_state.H @ dx
-    dPH = _right(dP, H.T) + _left(P, jnp.swapaxes(dH, 0, 1))
-    at = jnp.arange(mask.size)
-    dB = (_left(H, dPH) + _right(dH, PH)).at[at, at].add(dR)
-    dv = jnp.where(mask[:, None], -dy, 0.0)
-    dx = dx + jnp.einsum("imp,m->ip", dPH, w) - K @ jnp.einsum("mlp,l->mp", dB, w) + K @ dv
-    turned = _right(_left(K, dH), P @ N.T)
-    noise = jnp.einsum("im,mp,jm->ijp", K, dR, K)
-    dP = _left(N, _right(dP, N.T)) - turned - jnp.swapaxes(turned, 0, 1) + noise
-    dPhi = by_parameter.Phi + by_state.Phi @ dx
-    dQ = by_parameter.Q + by_state.Q @ dx
-    moved = _right(dPhi, P_after @ Phi.T)
-    dP = _left(Phi, _right(dP, Phi.T)) + moved + jnp.swapaxes(moved, 0, 1) + dQ
-    return (Phi @ dx + by_parameter.x, dP), (dv, dB)
+    update, prediction = now
+    n, Phi = dx.shape[0], prediction.x.x
+    dB = _congruence(update.V, dP)
+    rows = update.rows.along(dx) + white_rows(jnp.zeros_like(dB[0]), dB)
+    own = update.moments.along(dx)
+    turned = _left(update.N, dP)
+    dx = update.N[:n] @ (dx + turned[n]) + own[:n, n]
+    dP = _left(update.N[:n], jnp.swapaxes(turned[:n], 0, 1)) + own[:n, :n]
+    dP = _congruence(Phi, dP) + prediction.P.along(dx)
+    return (prediction.x.along(dx), dP), rows
+
+
+def _congruence(a: Float[Array, "i j"], dP: Float[Array, "j j p"]) -> Float[Array, "i i p"]:
+    """Return `a dP a'` for each parameter."""
+    return _left(a, jnp.swapaxes(_left(a, dP), 0, 1))
 
 
 def _left(a: Float[Array, "i j"], d: Float[Array, "j k p"]) -> Float[Array, "i k p"]:
     """Return `a d` for each parameter."""
     return (a @ d.reshape(d.shape[0], -1)).reshape(a.shape[0], *d.shape[1:])
-
-
-def _right(d: Float[Array, "i j p"], b: Float[Array, "j k"]) -> Float[Array, "i k p"]:
-    """Return `d b` for each parameter."""
-    return jnp.einsum("ijp,jk->ikp", d, b)

@@ -34,6 +34,7 @@ from ...data.record import Record
 from ...models.base import AbstractModel
 from ...models.stochastic import StochasticModel
 from ...sensitivity.jacobian import value_and_jacobian
+from ...sensitivity.linearisation import INPUTS, NODES, WEIGHTS
 from ...simulation.hold import AbstractHold
 from ...simulation.input_signal import substeps_of
 from ...simulation.simulate import effective_input
@@ -41,7 +42,7 @@ from ...simulation.simulate import effective_input
 SERIES_TERMS = 8  # derived: relative error of Qd below 1e-12 for h |A| = 0.1
 _ORDERS = np.add.outer(np.arange(SERIES_TERMS), np.arange(SERIES_TERMS))
 SERIES_WEIGHTS = np.where(_ORDERS < SERIES_TERMS, 1.0 / (_ORDERS + 1.0), 0.0)
-RK4_STAGES = ((0.0, 1.0, 0), (0.5, 2.0, 1), (0.5, 2.0, 1), (1.0, 1.0, 2))
+MIDDLE = 2  # the stage at which the covariance of the noise is formed
 
 
 class Filtered(NamedTuple):
@@ -213,20 +214,20 @@ def predicted(model: StochasticModel, x: Float[Array, " state"], steps: Steps):
     def substep(carry, now):
         x, Phi, Q = carry
         begin, h, u = now
-        k, K = jnp.zeros_like(x), jnp.zeros((x.size, x.size))
-        slope, own = k, K
+        k, slope, points = jnp.zeros_like(x), jnp.zeros_like(x), []
+        for node, weight, column in zip(NODES, WEIGHTS, INPUTS, strict=True):
+            points.append(x + node * h * k)
+            k = model.rhs(begin + node * h, points[-1], u[column])
+            slope = slope + weight * k
+        t, at = begin + np.array(NODES) * h, jnp.stack(points)
+        A = jax.vmap(partial(_rate_jacobian, model))(t, at, u[INPUTS])
         eye = jnp.eye(x.size)
-        at, A = x, K
-        for node, weight, column in RK4_STAGES:
-            t, at = begin + node * h, x + node * h * k
-            k, A = value_and_jacobian(partial(_rate, model, t, u[column]), at)
-            K = product(A, eye + node * h * K)
-            slope, own = slope + weight * k, own + weight * K
-            if column == 1:
-                middle = t, at, u[1], A
-        t, at, u_middle, A = middle
-        own = eye + h / 6 * own
-        Q = congruence(own, Q) + _integral(A, model.diffusion(t, at, u_middle), h)
+        K, own = jnp.zeros_like(eye), eye
+        for stage, (node, weight) in enumerate(zip(NODES, WEIGHTS, strict=True)):
+            K = product(A[stage], eye + node * h * K)
+            own = own + h / 6 * weight * K
+        G = model.diffusion(t[MIDDLE], at[MIDDLE], u[1])
+        Q = congruence(own, Q) + _integral(A[MIDDLE], G, h)
         return (x + h / 6 * slope, product(own, Phi), (Q + Q.T) / 2), None
 
     begin = (x, jnp.eye(x.size), jnp.zeros((x.size, x.size)))
@@ -235,8 +236,8 @@ def predicted(model: StochasticModel, x: Float[Array, " state"], steps: Steps):
     return jax.lax.scan(substep, begin, steps)[0]
 
 
-def _rate(model, t, u, x):
-    return model.rhs(t, x, u)
+def _rate_jacobian(model, t, x, u):
+    return value_and_jacobian(lambda x: model.rhs(t, x, u), x)[1]
 
 
 def _integral(A, G, h):

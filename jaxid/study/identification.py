@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.json_text import json_text
 from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float
 from ..data.record import Record
@@ -210,6 +211,10 @@ class Identification:
             "start_cost": float(self.start.cost),
             "estimate": self.estimate.to_dict(),
         }
+
+    def to_json(self) -> str:
+        """Return the results as a JSON object; a number that is not finite is null."""
+        return json_text(self.to_dict())
 
     def _repr_html_(self) -> str:
         return preformatted(str(self))

@@ -1,0 +1,1 @@
+"""The first stage of `identify`: regressions of the responses."""

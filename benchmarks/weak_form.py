@@ -24,7 +24,7 @@ from jaxid.aircraft.flight.report_cases import CASES
 from jaxid.data.smoothing import Fourier, SmoothingSpline, differentiate
 from jaxid.structure import columns
 from jaxid.study import IdentifyOptions
-from jaxid.study.regression.regressions import equations_of, regressions
+from jaxid.study.terms.regressions import equations_of, regressions
 
 RATES = {"p": "pdot", "q": "qdot", "r": "rdot"}
 SMOOTHERS = {"Fourier": Fourier(), "spline": SmoothingSpline()}
@@ -73,11 +73,11 @@ def ratios(results: Sequence[Row]) -> dict[str, dict[str, float]]:
     case, of the moments; "all" are all cases.
     """
     moments = [row for row in results if row.coefficient in MOMENTS]
-    base = {row[:2] + (row.coefficient,): row.error for row in moments if row.variant == "Fourier"}
+    base = {(*row[:2], row.coefficient): row.error for row in moments if row.variant == "Fourier"}
     table: dict[str, dict[str, float]] = {}
     for variant, case in itertools.product({row.variant: 0 for row in moments}, (*CASES, "all")):
         logs = [
-            np.log(row.error / base[row[:2] + (row.coefficient,)])
+            np.log(row.error / base[(*row[:2], row.coefficient)])
             for row in moments
             if row.variant == variant and case in (row.case, "all")
         ]

@@ -24,8 +24,9 @@ from ..models.replace import polynomials_of, with_polynomials, with_terms
 from ..structure import Regression
 from .identification import Equation, Identification, Start, a_priori
 from .identify_options import IdentifyOptions
-from .regression.reduction import AS_SELECTED, REDUCTIONS, Reduction
-from .regression.regressions import Measured, equations_of, regressions
+from .terms.adaptation import Adaptation, adapted
+from .terms.reduction import AS_SELECTED, REDUCTIONS, Reduction
+from .terms.regressions import Measured, equations_of, regressions
 
 Records = Record | Sequence[Record]
 
@@ -55,6 +56,10 @@ def identify(
     4. **Maximum likelihood**, started at the values of the regression. If the simulation diverges
        there, the regression is repeated with lower powers, then with fewer terms, until one starts
        (`REDUCTIONS`); `reduced` of the result has the limits. Terms given by name are kept.
+
+    5. With `options.adapt`, **changes of the terms**, one at a time with an estimate after each:
+       terms that the records do not determine are held, terms of small F deleted, candidates of
+       large score added, until none changes (`study.terms.adaptation.adapted`).
 
     All records are regressed together, about their common mean, and estimated together. The model
     is simulated with all candidates, the absent ones with the value zero, so that calls for records
@@ -92,8 +97,14 @@ def identify(
     if not np.isfinite(first.cost):
         chosen, first, reduction = _reduced(build, measured, options, chosen)
         reduced = f"{reduction}, because the terms as selected diverge at the start"
-    fit = estimate_case(chosen.case, solver)
+    adaptation = Adaptation(estimate_case(chosen.case, solver), ())
+    if options.adapt:
+        adaptation = adapted(
+            chosen.case, adaptation.estimate, chosen.admitted, likelihood, options, solver
+        )
+    fit = adaptation.estimate
     own_terms = {name: one.terms for name, one in polynomials_of(chosen.model).items()}
+    own_terms |= adaptation.terms({name: own_terms[name] for name in chosen.terms})
     return Identification(
         chosen.equations,
         chosen.centre,
@@ -104,6 +115,7 @@ def identify(
         likelihood,
         chosen.candidates,
         reduced,
+        tuple(map(str, adaptation.changes)),
     )
 
 
@@ -127,6 +139,11 @@ class _Structure(NamedTuple):
     def terms(self) -> dict[str, tuple[str, ...]]:
         """Terms of the equations kept, by response."""
         return {name: one.regression.names for name, one in self.equations.items() if one.kept}
+
+    @property
+    def admitted(self) -> dict[str, tuple[str, ...]]:
+        """Terms of the equations kept that the simulated model has, by response."""
+        return {name: self.candidates.get(name, own) for name, own in self.terms.items()}
 
 
 def _structure(

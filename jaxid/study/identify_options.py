@@ -28,6 +28,8 @@ class IdentifyOptions:
         share: terms whose F is at least this share of the largest in their equation are estimated;
             the others keep the values of the regression (the 4 % rule, section 6.2.3.1).
         constants: True if the constant of each equation is estimated too (Table 6.4).
+        adapt: True to add, delete and hold terms after the first estimate, by the levels of
+            `subset`, with an estimate after each change (sections 1.3, 4.3.2).
         add: further parameters to estimate, by their dotted name in the model, such as a bias; a
             parameter of an instrument that the final model does not have is refused.
         keep: responses whose equation is kept, whatever its F.
@@ -48,6 +50,7 @@ class IdentifyOptions:
     least_R2: float = 0.0  # noqa: N815
     share: float = 0.04
     constants: bool = True
+    adapt: bool = False
     add: Sequence[str] = ()
     keep: Sequence[str] = ()
     leave_out: Sequence[str] = ()

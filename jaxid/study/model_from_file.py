@@ -18,7 +18,7 @@ from ..models.replace import with_polynomials
 from ..simulation.hold import AbstractHold, BandLimited, Cubic, Linear, ZeroOrder
 from ..simulation.steppers import RK4
 from ..structure import columns
-from .regression.regressions import equations_of
+from .terms.regressions import equations_of
 
 MODEL = Product(AbstractModel, is_collection=False, description="a model")
 HOLDS: dict[str, Callable[[], AbstractHold]] = {

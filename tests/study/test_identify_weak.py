@@ -14,8 +14,8 @@ from jaxid.models import AbstractModel, Polynomial
 from jaxid.models.pseudo_measurements import PseudoMeasurements, WeakMeasurements
 from jaxid.structure import least_squares
 from jaxid.study import IdentifyOptions
-from jaxid.study.regression.regressions import regressions
-from jaxid.study.regression.weak_rows import WeakRecords, weak_rows
+from jaxid.study.terms.regressions import regressions
+from jaxid.study.terms.weak_rows import WeakRecords, weak_rows
 
 TRUE = {"x": -2.0, "force": 1.0, "x^3": -0.5}
 CANDIDATES = (("stiffness", ("x", "force", "x^2", "x^3")),)

@@ -79,10 +79,7 @@ def weak_measurements(
     Raises:
         InputError: if a channel is missing.
     """
-    measured, known = (
-        {name: value for name, value in each.items() if name not in ANGULAR}
-        for each in histories(readings, record)
-    )
+    measured, known = map(_without_angular, histories(readings, record))
     _require_needed(_needed(motion), record, (*measured, *known, *motion.held))
     *equations, signals = _weak_parts(motion, readings, measured, known)
     signals = {name: signals[name] for name in REGRESSION_SIGNALS}
@@ -98,6 +95,11 @@ def weak_measurements(
         candidates=tuple((name, candidates.get(name, ())) for name in responses),
         centred=("alpha", "beta"),
     )
+
+
+def _without_angular(histories: Histories) -> Histories:
+    """Return the histories without angular accelerations."""
+    return {name: value for name, value in histories.items() if name not in ANGULAR}
 
 
 def _finite(*histories: Histories) -> Bool[Array, " time"]:

@@ -148,7 +148,13 @@ SECTIONS: dict[str, dict[str, Kind]] = {
     "library": {"effects": TEXTS, "leave_out": TEXTS, "general": SWITCH},
     "identify": {
         **{"weak_radius": NUMBER, "rule": TEXT, "candidates": TEXTS_BY_NAME},
-        **{"least_F": NUMBER, "least_R2": NUMBER, "share": NUMBER, "constants": SWITCH},
+        **{
+            "least_F": NUMBER,
+            "least_R2": NUMBER,
+            "share": NUMBER,
+            "constants": SWITCH,
+            "adapt": SWITCH,
+        },
         **{"add": TEXTS, "keep": TEXTS, "leave_out": TEXTS},
         **{"estimate": TEXTS_BY_NAME, "fix": TEXTS_BY_NAME},
     },

@@ -174,12 +174,12 @@ def _departure(estimate: Estimate, movable: Movable, options: IdentifyOptions) -
     with np.errstate(divide="ignore"):
         F = (np.asarray(estimate.values) / corrected) ** 2
     dof = _dof(estimate)
-    weak = [
+    small = [
         k for k in inside if F[k] < options.subset_of(movable[estimate.names[k]][0]).F_to_stay(dof)
     ]
-    if not weak:
+    if not small:
         return None
-    least = min(weak, key=lambda k: F[k])
+    least = min(small, key=lambda k: F[k])
     return Change(Kind.DELETE, *movable[estimate.names[least]], f"F {F[least]:.3g}")
 
 

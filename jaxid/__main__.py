@@ -1,12 +1,10 @@
-"""Command line: find the effect that a model lacks, add it, and report the errors; estimate many
-records; design the next one.
+"""Command line: find the effect that a model lacks, add it, and report the errors; select terms;
+estimate many records; design the next one.
 """
 
 import dataclasses
 import sys
-import time
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +16,6 @@ from rich.text import Text
 
 from ._foundation.checks import InputError
 from ._foundation.configuration import configure
-from ._foundation.progress import terminal_bar
 from ._foundation.types import Array
 from .aircraft import model_of
 from .aircraft.flight.coupled_flight import coupled_flight
@@ -49,9 +46,12 @@ except ModuleNotFoundError as missing:
         file=sys.stderr,
     )
     raise SystemExit(2) from None
+from .report.progress import show_progress
 from .study import Study, close_loop, next_record
 from .study.design_from_file import design_section, informative_input
-from .study.from_file import BuiltIn, Case, case_of
+from .study.from_file import Case, case_of
+from .study.identify_from_file import identified
+from .study.model_from_file import BuiltIn
 
 app = typer.Typer(add_completion=False, no_args_is_help=False, pretty_exceptions_enable=False)
 console = Console(stderr=True)
@@ -89,6 +89,10 @@ class Set(StrEnum):
     tanks = "tanks"
 
 
+StudyPath = Annotated[
+    Path,
+    typer.Argument(metavar="STUDY.toml", help="The study file; docs/study_file.md has its keys."),
+]
 Json = Annotated[
     Path | None,
     typer.Option("--json", help="Also write the results to this JSON file, which must not exist."),
@@ -144,7 +148,7 @@ def _fly(
 ) -> None:
     """Close the loop on a simulated flight, whose noise is known."""
     _require_output(json, out)
-    with _show_progress() as progress:
+    with show_progress(console) as progress:
         progress("simulated flight")
         case = make(jax.random.key(seed))
         study = close_loop(
@@ -175,7 +179,7 @@ def dataset(
 ) -> None:
     """Find the effects that a simple physical model of a measured data set lacks."""
     _require_output(json, out)
-    with _show_progress() as progress:
+    with show_progress(console) as progress:
         progress("reading")
         case = {Set.silverbox: silverbox, Set.emps: emps, Set.tanks: tanks}[name](path)
         study = close_loop(**case.parts, progress=progress)
@@ -184,18 +188,13 @@ def dataset(
 
 @app.command("close-loop")
 def study_file(
-    path: Annotated[
-        Path,
-        typer.Argument(
-            metavar="STUDY.toml", help="The study file; docs/study_file.md has its keys."
-        ),
-    ],
+    path: StudyPath,
     json: Json = None,
     out: Out = None,
 ) -> None:
     """Find the effects that your own model lacks; a study file names the model and the records."""
     _require_output(json, out)
-    with _show_progress() as progress:
+    with show_progress(console) as progress:
         progress("reading")
         file = read_study(path)
         study = _study_of(case_of(file, BUILT_IN, progress), progress)
@@ -218,14 +217,36 @@ def _study_of(case: Case, progress: Callable[[str], None]) -> Study:
     )
 
 
+@app.command("identify")
+def identify_file(
+    path: StudyPath,
+    json: Json = None,
+    weak_radius: Annotated[
+        float | None,
+        typer.Option(
+            help="Regress integrals over test functions of this half length [s], in place of "
+            "samples and their derivatives."
+        ),
+    ] = None,
+) -> None:
+    """Select the terms of a study file's model by regression; estimate them by maximum likelihood.
+
+    Parameters in [free] and the sections for checks, tests, candidates and the loop have no effect.
+    """
+    if json is not None:
+        _require_output(json, None)
+    with show_progress(console) as progress:
+        progress("reading")
+        file = read_study(path)
+        result = identified(file, BUILT_IN, weak_radius=weak_radius, progress=progress)
+    print(result)
+    if json is not None:
+        write_json(result, json)
+
+
 @app.command()
 def batch(
-    path: Annotated[
-        Path,
-        typer.Argument(
-            metavar="STUDY.toml", help="The study file; docs/study_file.md has its keys."
-        ),
-    ],
+    path: StudyPath,
     store: Annotated[
         Path | None,
         typer.Option(help="Zarr store of the results, by default STUDY.zarr here; continued."),
@@ -241,7 +262,7 @@ def batch(
 
     The sections for checks, tests and candidates of the file have no effect here.
     """
-    with _show_progress() as progress:
+    with show_progress(console) as progress:
         progress("reading")
         case = case_of(read_study(path), BUILT_IN, progress)
         devices = jax.local_devices()
@@ -285,7 +306,7 @@ def design(
     folder = out or DESIGN_FOLDER
     require_new(folder)
     require_writable(folder)
-    with _show_progress() as progress:
+    with show_progress(console) as progress:
         progress("reading")
         file = read_study(path)
         case = case_of(file, BUILT_IN, progress)
@@ -323,26 +344,6 @@ def _require_output(json: Path | None, out: Path | None) -> None:
     for path in (json, out or STUDY_FOLDER):
         if path is not None:
             require_writable(path)
-
-
-@contextmanager
-def _show_progress():
-    """Show progress on standard error, so that standard output can be piped.
-
-    A terminal shows a moving bar with a description. Otherwise each description is a line with the
-    elapsed time.
-    """
-    if not console.is_terminal:
-        begin = time.monotonic()
-        yield lambda words: console.print(
-            f"{time.monotonic() - begin:6.0f} s  {words}",
-            soft_wrap=True,
-            highlight=False,
-            markup=False,
-        )
-        return
-    with terminal_bar(console) as show:
-        yield show
 
 
 def _deliver(

@@ -10,6 +10,7 @@ from jaxid import __main__ as command
 from jaxid._foundation.checks import InputError
 from jaxid.report import folder
 from jaxid.report.folder import require_writable, write_or_elsewhere
+from jaxid.report.progress import show_progress
 from jaxid.study import Study
 
 FULL = OSError(errno.ENOSPC, "No space left on device")
@@ -54,10 +55,9 @@ def test_error_of_file_is_one_message(printed):
 
 
 @pytest.mark.parametrize("is_terminal", [False, True])
-def test_progress_prints_brackets_unchanged(is_terminal, monkeypatch, capsys):
+def test_progress_prints_brackets_unchanged(is_terminal, capsys):
     console = Console(stderr=True, force_terminal=is_terminal, width=100)
-    monkeypatch.setattr(command, "console", console)
-    with command._show_progress() as progress:
+    with show_progress(console) as progress:
         progress("refit with [/b] in [free]")
     assert "refit with [/b] in [free]" in capsys.readouterr().err
 

@@ -115,18 +115,24 @@ def part_errors(identified: Identification, flight: Flight) -> list[Error]:
 
 def motion_errors(identified: Identification, flight: Flight) -> list[Error]:
     """Return errors of the whole coefficients at a flight's true motion, controls and rates."""
-    true = {
-        name: np.asarray(flight.truth.channel(name)) for name in ("alpha", "beta", *AT_REST[:3])
-    }
-    V, lengths = np.asarray(flight.truth.channel("V")), np.asarray(flight.aircraft.airframe.lengths)
-    for rate, length in zip("pqr", lengths, strict=True):
-        true[f"{rate}hat"] = np.asarray(flight.truth.channel(rate)) * length / (2.0 * V)
+    true = motion_signals(flight)
     rows = []
     for name in kept(identified):
         value, deviation = estimated(identified, name, true)
         history = Estimated(value, deviation, np.asarray(flight.truth.channel(name)))
         rows.append(error_of(name, "at the true motion", history))
     return rows
+
+
+def motion_signals(flight: Flight) -> dict[str, np.ndarray]:
+    """The signals of the coefficients along the true motion of a flight, each of shape (time,)."""
+    true = {
+        name: np.asarray(flight.truth.channel(name)) for name in ("alpha", "beta", *AT_REST[:3])
+    }
+    V, lengths = np.asarray(flight.truth.channel("V")), np.asarray(flight.aircraft.airframe.lengths)
+    for rate, length in zip("pqr", lengths, strict=True):
+        true[f"{rate}hat"] = np.asarray(flight.truth.channel(rate)) * length / (2.0 * V)
+    return true
 
 
 def angles(flight: Flight) -> dict[str, np.ndarray]:

@@ -1,6 +1,13 @@
 """Enumeration of the outcomes of a solve, each with a sentence on the cause and the remedy."""
 
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
 import optimistix as optx
+
+from .host import on_host
+from .types import Array, Bool, Float
 
 
 # Equinox enumerations are extended by subclassing, which pyright does not accept.
@@ -43,3 +50,28 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     refused = (
         "The case was not estimated, because its records or its model did not pass the checks."
     )
+
+
+CONVERGED = (RESULTS.successful, RESULTS.at_bound)
+
+
+def is_one_of(result: RESULTS, options: Sequence[RESULTS]) -> Bool[Array, "*batch"]:
+    """True for results that are equal to one of the options."""
+    (codes,) = jax.tree.leaves(result)
+    return _equals_one_of(codes, jax.tree.leaves(options))
+
+
+def with_undetermined(result: RESULTS, deviations: Float[Array, "*batch parameter"]) -> RESULTS:
+    """Return the result, "undetermined" where it converged with an infinite standard error.
+
+    Args:
+        result: result of an estimate, or one for each case.
+        deviations: standard errors of its parameters.
+    """
+    infinite = jnp.any(jnp.isinf(deviations), axis=-1)
+    return RESULTS.where(is_one_of(result, CONVERGED) & infinite, RESULTS.undetermined, result)
+
+
+@on_host
+def _equals_one_of(xp, codes, options):
+    return xp.any(xp.stack([codes == option for option in options]), axis=0)

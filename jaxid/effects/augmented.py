@@ -280,6 +280,9 @@ class Augmented(AbstractModel):
     def pseudo_measurements(self, record: Record):
         return self.model.pseudo_measurements(record)
 
+    def weak_measurements(self, record: Record):
+        return self.model.weak_measurements(record)
+
     def with_disturbance_inputs(self):
         return Augmented(self.model.with_disturbance_inputs(), self.effects_in, self.present)
 

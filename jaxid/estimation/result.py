@@ -3,13 +3,12 @@
 from typing import Any
 
 import equinox as eqx
-import jax
 import numpy as np
 
 from .._foundation.checks import require
 from .._foundation.host import on_host
 from .._foundation.notebook import preformatted
-from .._foundation.results import RESULTS
+from .._foundation.results import CONVERGED, RESULTS, is_one_of, with_undetermined
 from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
 from ..models.base import AbstractModel
@@ -121,7 +120,7 @@ class Estimate(eqx.Module):
             spectrum=fit.spectrum,
             residuals=fit.residuals,
             mask=records.mask,
-            result=fit.result,
+            result=with_undetermined(fit.result, deviation),
             iterations=fit.iterations,
             costs=fit.costs,
             decrements=fit.decrements,
@@ -131,9 +130,10 @@ class Estimate(eqx.Module):
 
     @property
     def successful(self) -> Bool[Array, "*batch"]:
-        """True where the iteration converged, on a bound or not."""
-        (codes,) = jax.tree.leaves(self.result)
-        return _is_one_of(codes, jax.tree.leaves((RESULTS.successful, RESULTS.at_bound)))
+        """True where the iteration converged, on a bound or not, all parameters determined or
+        not.
+        """
+        return is_one_of(self.result, (*CONVERGED, RESULTS.undetermined))
 
     @property
     def status(self) -> str:
@@ -357,12 +357,6 @@ def _near_bound(xp, values, lower, upper, deviation, on_bound):
     """True for parameters inside their bounds within `NEAR_BOUND` standard errors of one."""
     distance = xp.minimum(values - lower, upper - values)
     return ~on_bound & (distance < NEAR_BOUND * deviation)
-
-
-@on_host
-def _is_one_of(xp, codes, options):
-    """True for codes that are equal to one of the options."""
-    return xp.any(xp.stack([codes == option for option in options]), axis=0)
 
 
 @on_host

@@ -19,26 +19,29 @@ from .solver import GaussNewton
 WIDTH_STEP = 16
 
 
-def evaluate_start(case: Case) -> tuple[Float[Array, ""], Linearised]:
-    """Return the cost and the linearised problem at the initial parameters of a case."""
+def evaluate(case: Case, parameters: Parameters) -> tuple[Float[Array, ""], Linearised]:
+    """Return the cost and the linearised problem of a case at some parameters."""
     if not _kept(case.problem):
-        return _evaluate(case.problem, case.begin)
-    return evaluate_by_programs(case.problem, case.begin, _padding(case.problem))
+        return _evaluate(case.problem, parameters)
+    return evaluate_by_programs(case.problem, parameters, _padding(case.problem))
 
 
-def estimate_case(case: Case, solver: GaussNewton | None = None) -> Estimate:
+def estimate_case(
+    case: Case, solver: GaussNewton | None = None, begin: Parameters | None = None
+) -> Estimate:
     """Return the estimate of a case, the same as by `estimate`.
 
     Args:
         case: from `checked_case`.
         solver: options of the iteration.
+        begin: initial parameters, by default those of the case.
     """
-    solver, problem = solver or GaussNewton(), case.problem
+    solver, problem, begin = solver or GaussNewton(), case.problem, begin or case.begin
     # on the host a chord needs residuals as rows
     by_steps = not solver.chord or isinstance(problem.likelihood, OutputError)
     if not (by_steps and _kept(problem)):
-        return case.estimate(fit_problem(problem, case.begin, solver), solver)
-    fit = fit_by_steps(problem, case.begin, solver, padding=_padding(problem))
+        return case.estimate(fit_problem(problem, begin, solver), solver)
+    fit = fit_by_steps(problem, begin, solver, padding=_padding(problem))
     return case.estimate(fit, solver)
 
 

@@ -14,7 +14,7 @@ from .._foundation.host import is_integer_array
 from .._foundation.types import Array, Float
 from ..data.arguments import OTHER_NAMES
 from ..data.record import Record
-from .pseudo_measurements import PseudoMeasurements
+from .pseudo_measurements import PseudoMeasurements, WeakMeasurements
 
 
 class AbstractModel(eqx.Module):
@@ -204,6 +204,20 @@ class AbstractModel(eqx.Module):
         raise InputError(
             f"{type(self).__name__} has no pseudo-measurements, which a regression needs. "
             "Write its method `pseudo_measurements(record)`."
+        )
+
+    def weak_measurements(self, record: Record) -> WeakMeasurements:
+        """The model's equations for a regression in weak form, which differentiates no channel.
+
+        Args:
+            record: a single record, with all measured channels.
+
+        Raises:
+            InputError: by default, because the model defines no such equations.
+        """
+        raise InputError(
+            f"{type(self).__name__} has no equations in weak form. Write its method "
+            "`weak_measurements(record)`, or leave `weak_radius` out."
         )
 
     def without(self, responses: tuple[str, ...]) -> "AbstractModel":

@@ -1,4 +1,4 @@
-"""Data of a regression from one record: the equations of a model, solved for the responses."""
+"""Data of a regression from one record: the equations of a model, pointwise or in weak form."""
 
 import equinox as eqx
 
@@ -24,6 +24,32 @@ class PseudoMeasurements(eqx.Module):
 
     t: Float[Array, " time"]
     responses: dict[str, Float[Array, " time"]]
+    signals: dict[str, Float[Array, " time"]]
+    valid: Bool[Array, " time"]
+    candidates: Terms = eqx.field(static=True)
+    centred: tuple[str, ...] = eqx.field(static=True, default=())
+
+
+class WeakMeasurements(eqx.Module):
+    """Equations of a record for a regression in weak form, without derivatives of its channels.
+
+        multiplier_c c = sum_d (d/dt)^d part_cd      for each response c
+
+    Args:
+        t: time, shape (time,) [s].
+        multipliers: multiplier of each response, shape (time,).
+        parts: signals by order of the derivative, from zero, of each response; each of shape
+            (time,). For a pitching moment: all moments but that of the angular acceleration, and
+            the angular momentum.
+        signals: the factors of the terms by name, each of shape (time,).
+        valid: True where all required channels were measured, shape (time,).
+        candidates: candidate terms by response.
+        centred: signals that enter the terms as differences from their mean over the records.
+    """
+
+    t: Float[Array, " time"]
+    multipliers: dict[str, Float[Array, " time"]]
+    parts: dict[str, tuple[Float[Array, " time"], ...]]
     signals: dict[str, Float[Array, " time"]]
     valid: Bool[Array, " time"]
     candidates: Terms = eqx.field(static=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .._foundation.checks import InputError, require
+from ..study.identification import Identification
 from ..study.study import Study
 from .gallery import gallery
 from .html import html
@@ -56,11 +57,11 @@ def write_study(
         return _rename_to_free_name(complete, folder, exist)
 
 
-def write_json(study: Study, path: str | Path) -> Path:
-    """Write the numbers of a study to a new JSON file.
+def write_json(result: Study | Identification, path: str | Path) -> Path:
+    """Write the numbers of a result to a new JSON file.
 
     Args:
-        study: the study.
+        result: a study or an identification.
         path: path of the file, in an existing folder.
 
     Returns:
@@ -77,7 +78,7 @@ def write_json(study: Study, path: str | Path) -> Path:
     )
     with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as temporary:
         complete = Path(temporary) / "study.json"
-        complete.write_text(study.to_json() + "\n", encoding="utf-8")
+        complete.write_text(result.to_json() + "\n", encoding="utf-8")
         try:
             os.link(complete, path)  # a link fails if the name exists, a rename does not
         except FileExistsError:

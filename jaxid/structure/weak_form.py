@@ -13,6 +13,7 @@ from .._foundation.types import Float, Numbers
 DEFAULT_POWER = 6  # smooth enough for second derivatives at forty samples in a support (chosen)
 DEFAULT_OVERLAP = 4  # test functions in a radius (chosen): twice as many lower no standard error
 MIN_SAMPLES = 8  # of a support (chosen): fewer do not resolve the test function
+TIME_ROUNDING = 1e-9  # relative rounding of sample times (chosen)
 
 Coefficients = Sequence[float | Numbers]
 
@@ -142,7 +143,7 @@ def _check(t: np.ndarray, radius: float, spacing: float) -> None:
     )
     shortest, longest = MIN_SAMPLES / 2 * float(np.max(np.diff(t))), float(t[-1] - t[0]) / 2
     require(
-        shortest <= radius <= longest,
+        shortest * (1 - TIME_ROUNDING) <= radius <= longest * (1 + TIME_ROUNDING),
         f"The radius is {radius:.4g} s. It must be at least {shortest:.4g} s, so that a test "
         f"function has {MIN_SAMPLES} samples, and at most half of the record, {longest:.4g} s.",
     )

@@ -3,54 +3,33 @@ against the model.
 """
 
 import dataclasses
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
-
-from .._foundation.checks import InputError, require, require_known
+from .._foundation.checks import require, require_known
 from ..data.io.named_objects import Product, call, named_object
 from ..data.io.study import StudyFile
 from ..data.record import Record
 from ..data.stack import stack
-from ..data.units import convert, to_si
 from ..effects.base import Effect
 from ..estimation.likelihoods import OutputError
 from ..loop.options import LoopOptions
 from ..models.base import AbstractModel
 from ..models.free import Free, free
-from ..models.noise import FixedNoise
-from ..models.polynomial import Polynomial
-from ..models.replace import with_polynomials
-from ..simulation.hold import AbstractHold, BandLimited, Cubic, Linear, ZeroOrder
-from ..simulation.steppers import RK4
-from ..structure import columns
 from .close_loop import candidates
 from .identify import identify
 from .identify_options import IdentifyOptions
+from .model_from_file import (
+    BuiltIn,
+    given_terms,
+    likelihood_of,
+    model_of_module,
+    model_with_terms,
+    weak_radius_of,
+    with_constant,
+)
 
-MODEL = Product(AbstractModel, is_collection=False, description="a model")
-HOLDS: dict[str, Callable[[], AbstractHold]] = {
-    "linear": Linear,
-    "zero_order": ZeroOrder,
-    "cubic": Cubic,
-    "band_limited": BandLimited,
-}
 EFFECTS = Product(Effect, is_collection=True, description="effects")
-
-
-class BuiltIn(NamedTuple):
-    """A model built from a record, with polynomials whose terms the study file names.
-
-    Attributes:
-        make: function of the first training record and the settings; returns a model with
-            pseudo-measurements.
-        settings: names of the settings.
-    """
-
-    make: Callable[..., AbstractModel]
-    settings: tuple[str, ...]
 
 
 class Case(NamedTuple):
@@ -97,11 +76,11 @@ def case_of(
     window, options = _loop(file)
     use = file.model["use"]
     if use not in built_in:
-        model = _of_module(file, tuple(built_in))
-        likelihood = _likelihood(file, model)
+        model = model_of_module(file, tuple(built_in))
+        likelihood = likelihood_of(file, model)
     else:
-        blank = _of_record(file, built_in[use])
-        likelihood = _likelihood(file, blank)
+        blank = model_with_terms(file, built_in[use])
+        likelihood = likelihood_of(file, blank)
         _names(file, blank, bounded=False)  # wrong names are refused before the regression
         progress("regression on the chosen terms, and a first estimate")
         model = _regressed(file, blank, likelihood)
@@ -173,124 +152,17 @@ def _loop_value(file: StudyFile, name: str, is_count: bool) -> int | float:
     return value
 
 
-def _of_module(file: StudyFile, built_in: tuple[str, ...]) -> AbstractModel:
-    """Model from a class, or from a function that returns one, with its parameters."""
-    for key in ("aircraft", "terms"):
-        with file.at("model", key):
-            require(
-                key not in file.model,
-                f"it belongs to a built-in model (use = {' or '.join(built_in)}). Leave it out.",
-            )
-    with file.at("model", "use"):
-        make = named_object(
-            file.model["use"],
-            file.path.parent,
-            MODEL,
-            f" A built-in model is named without a module: {', '.join(built_in)}.",
-        )
-    given = file.model.get("parameters", {})
-    with file.at("model", "parameters"):
-        known = inspect.signature(make).parameters.values()
-        names = [
-            argument.name
-            for argument in known
-            if argument.kind in (argument.POSITIONAL_OR_KEYWORD, argument.KEYWORD_ONLY)
-        ]
-        require_known(f"parameter of {file.model['use']}", given, names)
-        missing = [
-            argument.name
-            for argument in known
-            if argument.name in names
-            and argument.default is argument.empty
-            and argument.name not in given
-        ]
-        require(
-            not missing,
-            f"{', '.join(missing)} must have a starting value. Give "
-            f"{' and '.join(f'{n} = 1.0' for n in missing)}.",
-        )
-        values = {name: _leaf(value) for name, value in given.items()}
-        model = call(file.model["use"], make, **values)
-    with file.at("model", "use"):
-        require(
-            isinstance(model, AbstractModel),
-            f"{file.model['use']} gives a {type(model).__name__}, which is no jaxid.AbstractModel. "
-            "Make it a subclass.",
-        )
-    return model
-
-
-def _of_record(file: StudyFile, built_in: BuiltIn) -> AbstractModel:
-    """Built-in model with the terms that the file names, with zero coefficients.
-
-    A response without terms is left out: its state takes its measured history.
-    """
-    use, terms = file.model["use"], file.model.get("terms", {})
-    with file.at("model", "parameters"):
-        require(
-            "parameters" not in file.model,
-            f"{use} takes settings from [model.{use}] and terms from [model.terms].",
-        )
-    with file.at("model", use):
-        settings = file.model.get(use, {})
-        require_known("setting", settings, built_in.settings)
-        model = built_in.make(
-            file.train[0], **{name: _float(value) for name, value in settings.items()}
-        )
-    with file.at("model", "terms"):
-        require(
-            bool(terms),
-            'it is missing. Name the terms of each coefficient, such as Cm = ["alpha", "qhat"].',
-        )
-        measured = model.pseudo_measurements(file.train[0])
-        require_known("coefficient", terms, measured.responses)
-        for products in terms.values():
-            # raises an error if a term cannot be parsed or occurs twice
-            columns(products, measured.signals)
-        blank = {
-            name: Polynomial(dict.fromkeys(with_constant(products), 0.0))
-            for name, products in terms.items()
-        }
-        others = tuple(name for name in measured.responses if name not in terms)
-        return with_polynomials(model.without(others), blank)
-
-
-def with_constant(products: Sequence[str]) -> tuple[str, ...]:
-    """Return the terms of a coefficient, the constant first, even if it is not among `products`."""
-    return tuple(dict.fromkeys(("1", *products)))
-
-
 def _regressed(file: StudyFile, blank: AbstractModel, likelihood: OutputError) -> AbstractModel:
     """Model with the values of a regression and a first estimate."""
-    terms = {name: with_constant(products)[1:] for name, products in file.model["terms"].items()}
-    options = IdentifyOptions(terms=terms, keep=tuple(terms), share=0.0)
+    options = IdentifyOptions(**given_terms(file), weak_radius=weak_radius_of(file))
     with file.at("model", "terms"):
         return identify(
-            blank, file.train, options=options, likelihood=likelihood, per_record=_per_record(file)
+            blank,
+            file.train,
+            options=options,
+            likelihood=likelihood,
+            per_record=per_record_of(file),
         ).model
-
-
-def _likelihood(file: StudyFile, model: AbstractModel) -> OutputError:
-    """Output error, with known noise if the file states it."""
-    stepper, name = RK4(substeps=file.model.get("substeps", 1)), file.model.get("hold", "linear")
-    with file.at("model", "hold"):
-        require_known("hold of the inputs", [name], HOLDS)
-    hold = HOLDS[name]()
-    if not file.noise:
-        return OutputError(hold=hold, stepper=stepper)
-    with file.at("noise"):
-        require_known("output", file.noise, model.outputs)
-        missing = [name for name in model.outputs if name not in file.noise]
-        require(
-            not missing,
-            f"{', '.join(missing)} has no standard deviation. Give one for every output, "
-            "or leave [noise] out.",
-        )
-        units = dict(zip(file.train[0].outputs, file.train[0].output_units, strict=True))
-        deviations = [
-            _deviation(file.noise[name], units.get(name, ""), name) for name in model.outputs
-        ]
-    return OutputError(FixedNoise([deviation**2 for deviation in deviations]), hold, stepper)
 
 
 def _prepared(model: AbstractModel, records: tuple[Record, ...]) -> tuple[Record, ...]:
@@ -315,13 +187,13 @@ def _free(file: StudyFile, model: AbstractModel, bounded: bool) -> Free:
             "`parameters` is missing or empty. Name the parameters that the data shall determine.",
         )
         chosen = free(
-            model, *names, per_record=_per_record(file), bounds=bounds if bounded else None
+            model, *names, per_record=per_record_of(file), bounds=bounds if bounded else None
         )
         require_known("free parameter (in `bounds`)", bounds, chosen.shared + chosen.per_record)
     return chosen
 
 
-def _per_record(file: StudyFile) -> tuple[str, ...]:
+def per_record_of(file: StudyFile) -> tuple[str, ...]:
     return tuple(file.free.get("per_record", ("initial_state",)))
 
 
@@ -354,40 +226,3 @@ def _library(
             len(effects) > 0, "no candidate is left. Name some by `effects`, or leave out fewer."
         )
     return effects
-
-
-def _leaf(value: Any) -> Any:
-    """Return a number or a list of numbers as an array; any other value unchanged."""
-    if isinstance(value, bool | str | dict):
-        return value
-    try:
-        return jnp.asarray(value, float)
-    except (OverflowError, TypeError, ValueError) as error:
-        raise InputError(
-            f"found {str(value)[:40]!r}, and a number or a list of numbers is wanted. Correct it."
-        ) from error
-
-
-def _float(value: Any) -> Any:
-    """Return an integer as a float (TOML files may write 5000 kg without a point)."""
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
-def _deviation(entry: float | str, unit: str, name: str) -> float:
-    """Return a standard deviation in SI; in a text the unit follows the number."""
-    value = entry
-    if isinstance(entry, str):
-        number, given = entry.split(maxsplit=1)
-        try:
-            values = [float(number), 0.0]
-            target = unit or to_si(0.0, given, name)[1]
-            converted, zero = convert(values, given, target, name)
-        except ValueError as error:
-            raise InputError(
-                f"{name} = {entry!r} is no number with a unit of this channel: {error}"
-            ) from error
-        value = converted - zero  # a difference of 1 degC is 1 K
-    require(
-        float(value) > 0, f"the standard deviation of {name} is {entry}. Give one that is positive."
-    )
-    return float(value)

@@ -9,16 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.json_text import json_text
 from .._foundation.notebook import Table
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from ..data.stack import stack
+from ..data.stack import stack, unstack
 from ..diagnosis.bands import Bands, prediction_bands
+from ..diagnosis.combined_bands import CombinedBand, combined_bands
 from ..diagnosis.validation import Prediction, predict
 from ..estimation import Estimate
-from ..estimation.estimate import Case
+from ..estimation.estimate import Case, as_stack
 from ..estimation.likelihoods import AbstractLikelihood
-from ..estimation.shared_programs import evaluate_start
+from ..estimation.shared_programs import evaluate
 from ..models.base import AbstractModel
 from ..models.noise import FixedNoise
 from ..models.replace import with_terms
@@ -102,6 +104,7 @@ class Identification:
             with the value zero; none where the model has its own terms only.
         reduced: reason and limits of a structure that was reduced, because the selected one
             diverges at the values of the regression; empty if it starts.
+        changes: changes of the terms after the first estimate, in words.
     """
 
     equations: dict[str, Equation]
@@ -113,6 +116,7 @@ class Identification:
     likelihood: AbstractLikelihood
     candidates: Mapping[str, tuple[str, ...]]
     reduced: str = ""
+    changes: tuple[str, ...] = ()
 
     @property
     def model(self) -> AbstractModel:
@@ -165,6 +169,23 @@ class Identification:
             self.estimate, self.records, self.likelihood, signals, coloured=True
         )
 
+    def combined_bands(
+        self,
+        records: Record | Sequence[Record],
+        deviations: Mapping[str, float] | None = None,
+    ) -> dict[str, CombinedBand]:
+        """Return the kept responses with bands for their true values along the records.
+
+        They include the misfit of the polynomials and the errors of instruments; see
+        `jaxid.diagnosis.combined_bands`.
+
+        Args:
+            records: the records of `identify`, in the same order.
+            deviations: standard deviations of constants of the model that are not estimated.
+        """
+        single = unstack(as_stack(records)) if isinstance(records, Record) else list(records)
+        return combined_bands(self.estimate, single, self.likelihood, deviations)
+
     def predict(
         self,
         records: Record | Sequence[Record],
@@ -207,6 +228,7 @@ class Identification:
             "centre": {name: float(value) for name, value in self.centre.items()},
             "parameters": {row.name: _without_name(row) for row in self.parameters},
             "reduced": self.reduced,
+            "changes": list(self.changes),
             "start_cost": float(self.start.cost),
             "estimate": self.estimate.to_dict(),
         }
@@ -231,6 +253,10 @@ class Identification:
             },
             attrs={"model": type(self.model).__name__, "reduced": self.reduced},
         )
+
+    def to_json(self) -> str:
+        """Return the results as a JSON object; a number that is not finite is null."""
+        return json_text(self.to_dict())
 
     def _repr_html_(self) -> str:
         return self._table().html(above=self._equation_lines(), below=self._notes())
@@ -264,12 +290,14 @@ class Identification:
         return Table(("parameter", *stages, "unit"), (9,) + (11,) * 7, tuple(rows))
 
     def _notes(self) -> list[str]:
-        """Weak directions and status."""
+        """Changes of the terms and weak directions in words, and the status."""
+        lines = [f"change: {words}" for words in self.changes]
+        lines += [f"weak: {sentence}" for sentence in self.estimate.weak_directions]
         status = (
             f"status: {self.estimate.status} ({int(self.estimate.iterations)} iterations, cost "
             f"{self.start.cost:.6g} to {float(self.estimate.cost):.6g})"
         )
-        return [*(f"weak: {sentence}" for sentence in self.estimate.weak_directions), status]
+        return [*lines, status]
 
 
 def a_priori(case: Case) -> Start:
@@ -278,7 +306,7 @@ def a_priori(case: Case) -> Start:
     Args:
         case: the second stage, with the values of the regression.
     """
-    cost, linearised = evaluate_start(case)
+    cost, linearised = evaluate(case, case.begin)
     values, limits = case.begin.shared, case.problem.limits
     F = _F(values, linearised.information, limits.scale)
     return Start(case.free.shared, np.asarray(values), np.asarray(F), float(cost))

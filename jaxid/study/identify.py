@@ -9,8 +9,7 @@ from typing import NamedTuple
 import equinox as eqx
 import numpy as np
 
-from .._foundation.checks import InputError, require, require_float64, require_known
-from .._foundation.types import Float
+from .._foundation.checks import InputError, require, require_float64
 from ..data.record import Record
 from ..data.stack import unstack
 from ..estimation.estimate import Case, as_stack, checked_case, divergence
@@ -21,12 +20,13 @@ from ..models.base import AbstractModel
 from ..models.equation_shapes import check_equations
 from ..models.free import Free, free
 from ..models.polynomial import Polynomial
-from ..models.pseudo_measurements import PseudoMeasurements
 from ..models.replace import polynomials_of, with_polynomials, with_terms
-from ..structure import Regression, choose, columns, least_squares, stepwise_each, strong_terms
+from ..structure import Regression
 from .identification import Equation, Identification, Start, a_priori
 from .identify_options import IdentifyOptions
-from .reduction import AS_SELECTED, REDUCTIONS, Reduction
+from .terms.adaptation import Adaptation, adapted
+from .terms.reduction import AS_SELECTED, REDUCTIONS, Reduction
+from .terms.regressions import Measured, equations_of, regressions
 
 Records = Record | Sequence[Record]
 
@@ -45,7 +45,9 @@ def identify(
 
     1. **Regression.** The model's equations are solved for their responses
        (`model.pseudo_measurements`, Table 3.2). Each response is regressed stepwise on the terms
-       that it admits (Table 6.1), and the step of the largest overall F is taken.
+       that it admits (Table 6.1), and the step of the largest overall F is taken. With
+       `options.weak_radius` the regression takes integrals of the equations in place of samples
+       (`model.weak_measurements`), which needs no angular accelerations and no other derivatives.
     2. **Equations.** An equation that the regression hardly explains (overall F below 100, and, if
        `least_R2` is given, a smaller share) is left out; its state takes its measured history.
     3. **Terms.** Terms with at least 4 % of their equation's largest F are estimated, with the
@@ -54,6 +56,10 @@ def identify(
     4. **Maximum likelihood**, started at the values of the regression. If the simulation diverges
        there, the regression is repeated with lower powers, then with fewer terms, until one starts
        (`REDUCTIONS`); `reduced` of the result has the limits. Terms given by name are kept.
+
+    5. With `options.adapt`, **changes of the terms**, one at a time with an estimate after each:
+       terms that the records do not determine are held, terms of small F deleted, candidates of
+       large score added, until none changes (`study.terms.adaptation.adapted`).
 
     All records are regressed together, about their common mean, and estimated together. The model
     is simulated with all candidates, the absent ones with the value zero, so that calls for records
@@ -83,16 +89,22 @@ def identify(
     options, likelihood = options or IdentifyOptions(), likelihood or OutputError()
     single = unstack(as_stack(records)) if isinstance(records, Record) else list(records)
     require(len(single) > 0, "There is no record to identify from. Give at least one.")
-    measured = [model.pseudo_measurements(record) for record in single]
+    measured = list(map(equations_of(model, options.weak_radius), single))
     candidates = dict(measured[0].candidates)
     build = partial(_structure, model, single, likelihood, options, per_record, candidates)
-    chosen, reduced = build(*_regressions(measured, options)), ""
+    chosen, reduced = build(*regressions(measured, options)), ""
     first = a_priori(chosen.case)
     if not np.isfinite(first.cost):
         chosen, first, reduction = _reduced(build, measured, options, chosen)
         reduced = f"{reduction}, because the terms as selected diverge at the start"
-    fit = estimate_case(chosen.case, solver)
+    adaptation = Adaptation(estimate_case(chosen.case, solver), ())
+    if options.adapt:
+        adaptation = adapted(
+            chosen.case, adaptation.estimate, chosen.admitted, likelihood, options, solver
+        )
+    fit = adaptation.estimate
     own_terms = {name: one.terms for name, one in polynomials_of(chosen.model).items()}
+    own_terms |= adaptation.terms({name: own_terms[name] for name in chosen.terms})
     return Identification(
         chosen.equations,
         chosen.centre,
@@ -103,6 +115,7 @@ def identify(
         likelihood,
         chosen.candidates,
         reduced,
+        tuple(map(str, adaptation.changes)),
     )
 
 
@@ -126,6 +139,11 @@ class _Structure(NamedTuple):
     def terms(self) -> dict[str, tuple[str, ...]]:
         """Terms of the equations kept, by response."""
         return {name: one.regression.names for name, one in self.equations.items() if one.kept}
+
+    @property
+    def admitted(self) -> dict[str, tuple[str, ...]]:
+        """Terms of the equations kept that the simulated model has, by response."""
+        return {name: self.candidates.get(name, own) for name, own in self.terms.items()}
 
 
 def _structure(
@@ -175,7 +193,7 @@ def _simulated_terms(
 
 def _reduced(
     build: Callable[..., _Structure],
-    measured: Sequence[PseudoMeasurements],
+    measured: Sequence[Measured],
     options: IdentifyOptions,
     diverging: _Structure,
 ) -> tuple[_Structure, Start, Reduction]:
@@ -186,7 +204,7 @@ def _reduced(
     """
     structures = [AS_SELECTED]
     for reduction in REDUCTIONS:
-        equations, centre = _regressions(measured, options, reduction)
+        equations, centre = regressions(measured, options, reduction)
         if not any(one.kept for one in equations.values()):
             break
         chosen = build(equations, centre)
@@ -205,97 +223,6 @@ def _reduced(
         + "; ".join(f"{name} = {', '.join(terms)}" for name, terms in diverging.terms.items())
         + "."
     )
-
-
-def _regressions(
-    measured: Sequence[PseudoMeasurements],
-    options: IdentifyOptions,
-    reduction: Reduction = AS_SELECTED,
-) -> tuple[dict[str, Equation], dict[str, float]]:
-    """Regression of each response on the valid samples of all records, and the means about which
-    the terms are written.
-    """
-    responses, signals = _gathered(measured)
-    candidates = reduction.admitted(dict(measured[0].candidates))
-    require_known("response (in `options`)", options.named, responses)
-    centre = {name: float(np.mean(signals[name])) for name in measured[0].centred}
-    chosen = {name: y for name, y in responses.items() if name not in options.terms}
-    subsets = {name: options.subset_of(name) for name in chosen}
-    selections = (
-        stepwise_each(chosen, candidates, signals, centre=centre, options=subsets) if chosen else {}
-    )
-    equations = {}
-    for name, y in responses.items():
-        selection = selections.get(name)
-        terms = tuple(options.terms.get(name, ()))
-        regression = (
-            least_squares(columns(terms, signals, centre), y, terms, response=name)
-            if selection is None
-            else choose(selection, options.rule)
-        )
-        terms = reduction.kept(regression)
-        if selection is not None and terms != regression.names:
-            regression = least_squares(columns(terms, signals, centre), y, terms, response=name)
-        kept, reason = _decision(name, regression, options)
-        named = reduction == AS_SELECTED
-        estimated = _estimated(name, regression, options, named) if kept else ()
-        equations[name] = Equation(selection, regression, kept, reason, estimated)
-    return equations, centre
-
-
-def _gathered(measured: Sequence[PseudoMeasurements]):
-    """Responses and signals over the valid samples of all records."""
-    valid = [np.asarray(record.valid) for record in measured]
-    count = int(sum(map(np.sum, valid)))
-    require(
-        count > 0,
-        "No sample has valid values of all channels of the regression. Look at the gaps of the "
-        "records.",
-    )
-
-    def joined(kind: str, name: str) -> Float[np.ndarray, " sample"]:
-        parts = [
-            np.asarray(getattr(record, kind)[name])[keep]
-            for record, keep in zip(measured, valid, strict=True)
-        ]
-        return np.concatenate(parts)
-
-    return tuple(
-        {name: joined(kind, name) for name in getattr(measured[0], kind)}
-        for kind in ("responses", "signals")
-    )
-
-
-def _decision(name: str, regression: Regression, options: IdentifyOptions) -> tuple[bool, str]:
-    """True if an equation is kept, and the reason."""
-    F = regression.overall_F if regression.names else 0.0
-    if name in options.keep:
-        return True, "kept by name"
-    if name in options.leave_out:
-        return False, "left out by name"
-    if options.least_F > F:
-        return False, f"left out: overall F {F:.4g}, below {options.least_F:g}"
-    if options.least_R2 > regression.R2:
-        return False, f"left out: overall F {F:.4g}, and R2 below {options.least_R2:g}"
-    return True, f"overall F {F:.4g}"
-
-
-def _estimated(
-    name: str, regression: Regression, options: IdentifyOptions, named: bool
-) -> tuple[str, ...]:
-    """Terms of a response that are estimated; with `named`, terms that an option names and the
-    regression lacks are refused.
-    """
-    for kind in ("estimate", "fix") if named else ():
-        require_known(
-            f"term of {name} (in `options.{kind}`)",
-            getattr(options, kind).get(name, ()),
-            regression.names,
-        )
-    chosen = {*strong_terms(regression, options.share), *options.estimate.get(name, ())} - {
-        *options.fix.get(name, ())
-    }
-    return tuple(term for term in regression.names if term in chosen)
 
 
 def _polynomials(

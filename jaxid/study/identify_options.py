@@ -16,6 +16,9 @@ class IdentifyOptions:
         rule: selects the step of a regression; by default the step of the largest overall F
             (section 6.2.2.2, rule 4). `FirstMaximumF` (section 3.3.2) stops at the first decrease,
             which may come after one term.
+        weak_radius: half of the length of the test functions of a regression in weak form [s], see
+            `jaxid.structure.weak_form`; about half a period of the motion suits. By default the
+            regression takes the samples themselves, and needs recorded or computed derivatives.
         least_F: an equation whose overall F is below this is left out, and its state takes its
             measured history (section 6.2.3.1). F grows with the number of samples: the report's
             records of some hundred samples reach 100 with a regression that explains more than half
@@ -25,6 +28,8 @@ class IdentifyOptions:
         share: terms whose F is at least this share of the largest in their equation are estimated;
             the others keep the values of the regression (the 4 % rule, section 6.2.3.1).
         constants: True if the constant of each equation is estimated too (Table 6.4).
+        adapt: True to add, delete and hold terms after the first estimate, by the levels of
+            `subset`, with an estimate after each change (sections 1.3, 4.3.2).
         add: further parameters to estimate, by their dotted name in the model, such as a bias; a
             parameter of an instrument that the final model does not have is refused.
         keep: responses whose equation is kept, whatever its F.
@@ -40,10 +45,12 @@ class IdentifyOptions:
 
     subset: SubsetOptions | Mapping[str, SubsetOptions] = REPORT
     rule: AbstractRule = field(default_factory=MaximumF)
+    weak_radius: float | None = None
     least_F: float = 100.0  # noqa: N815
     least_R2: float = 0.0  # noqa: N815
     share: float = 0.04
     constants: bool = True
+    adapt: bool = False
     add: Sequence[str] = ()
     keep: Sequence[str] = ()
     leave_out: Sequence[str] = ()
@@ -52,6 +59,10 @@ class IdentifyOptions:
     fix: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def __post_init__(self):
+        require(
+            self.weak_radius is None or self.weak_radius > 0,
+            f"weak_radius is {self.weak_radius} s; it must be positive.",
+        )
         require(self.least_F >= 0, f"least_F is {self.least_F}; an F is not negative.")
         require(
             0 <= self.least_R2 < 1,

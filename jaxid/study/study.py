@@ -3,12 +3,12 @@ records.
 """
 
 import dataclasses
-import json
 from typing import Any
 
 import numpy as np
 
 from .._foundation.checks import require_known
+from .._foundation.json_text import json_text
 from .._foundation.notebook import Table, paragraphs
 from ..data.record import Record
 from ..diagnosis.localise import LocalisationResult
@@ -157,7 +157,7 @@ class Study:
 
     def to_json(self) -> str:
         """Return the results as a JSON object; a number that is not finite is null."""
-        return json.dumps(_finite(self.to_dict()), indent=2)
+        return json_text(self.to_dict())
 
     def to_xarray(self, test: str | None = None) -> Any:
         """Return the predictions of a test set as an `xarray.Dataset` with the axis `side`, the
@@ -301,12 +301,3 @@ def _parameters(estimate: Estimate) -> dict[str, dict[str, float]]:
     return {
         name: {"value": float(value), "standard_error": float(error)} for name, value, error in rows
     }
-
-
-def _finite(value):
-    """Return the value with None in place of numbers that JSON cannot represent."""
-    if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,6 +1,8 @@
 """Polynomial of a coefficient through local estimates at many trims (C.4.2.2 of the report)."""
 
+import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,31 +22,39 @@ SYMMETRY_RTOL = 1e-6
 
 
 class TrimPolynomial(eqx.Module):
-    """A coefficient as a polynomial through local estimates.
+    """A coefficient as a polynomial of one signal or more through local estimates.
 
     Attributes:
-        table: coefficients of the powers with their covariance, and the test of agreement.
-        powers: power of each coefficient.
-        centre: value about which the polynomial is written [unit of the signal].
-        low, high: smallest and largest trim; outside the polynomial is extrapolated.
+        table: coefficients of the products of powers with their covariance, and the test of
+            agreement.
+        powers: powers of the signals of each coefficient.
+        centre: values about which the polynomial is written, by signal [unit of the signal].
+        low, high: smallest and largest trim by signal; outside the polynomial is extrapolated.
     """
 
     table: ParameterTable
-    powers: tuple[int, ...] = eqx.field(static=True)
-    centre: float = eqx.field(static=True)
-    low: float = eqx.field(static=True)
-    high: float = eqx.field(static=True)
+    powers: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    centre: tuple[float, ...] = eqx.field(static=True)
+    low: tuple[float, ...] = eqx.field(static=True)
+    high: tuple[float, ...] = eqx.field(static=True)
 
-    def curve(self, points: Float[Numbers, " point"], derivative: int = 0) -> Curve:
+    def curve(self, points: Float[Numbers, "point *signal"], derivative: int = 0) -> Curve:
         """Return the polynomial or its derivative over points, with its standard errors (6.4).
 
         Args:
-            points: values of the signal; those outside of the trims are not valid.
-            derivative: order of the derivative. The value of a polynomial through slopes alone is
-                its difference from the value at the centre.
+            points: values of the signal, or rows of values of several signals; those outside of the
+                trims are not valid.
+            derivative: order of the derivative by the first signal. The value of a polynomial
+                through slopes alone is its difference from the value at the centre.
         """
         points = np.asarray(points, float)
-        rows = _rows(points - self.centre, self.powers, derivative)
+        columns = _columns(points)
+        require(
+            columns.shape[1:] == (len(self.centre),),
+            f"The points have shape {points.shape}, and the polynomial has {len(self.centre)} "
+            "signals. Give one column for each.",
+        )
+        rows = _rows(columns - np.array(self.centre), self.powers, derivative)
         covariance = rows @ np.asarray(self.table.covariance) @ rows.T
         errors = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
         return Curve(
@@ -52,76 +62,134 @@ class TrimPolynomial(eqx.Module):
             jnp.asarray(rows @ np.asarray(self.table.values)),
             jnp.asarray(errors),
             jnp.asarray(covariance),
-            jnp.asarray((points >= self.low) & (points <= self.high)),
+            jnp.asarray(np.all((columns >= self.low) & (columns <= self.high), axis=1)),
         )
 
     def _repr_html_(self) -> str:
         return preformatted(str(self))
 
     def __str__(self) -> str:
-        return f"about {self.centre:g}, from {self.low:g} to {self.high:g}\n{self.table}"
+        ranges = zip(self.centre, self.low, self.high, strict=True)
+        lines = [f"about {centre:g}, from {low:g} to {high:g}" for centre, low, high in ranges]
+        return "\n".join([*lines, str(self.table)])
 
 
 def combine_trims(
-    trims: Float[Numbers, " trim"],
+    trims: Float[Numbers, "trim *signal"],
     estimates: Float[Numbers, "trim derivative"],
     covariances: Float[Numbers, "trim derivative derivative"],
-    degree: int,
+    degree: int | Sequence[int],
     *,
     derivatives: Sequence[int] = (0, 1),
-    centre: float = 0.0,
-    signal: str = "alpha",
-    units: tuple[str, str] = ("", "rad"),
+    centre: float | Sequence[float] = 0.0,
+    signal: str | Sequence[str] = "alpha",
+    units: tuple[str, ...] = ("", "rad"),
 ) -> TrimPolynomial:
     """Return the weighted least-squares polynomial through local estimates at trims.
 
         C^ = M^-1 sum_i X_i' P_i^-1 c_i,    M = sum_i X_i' P_i^-1 X_i,    cov(C^) = M^-1
 
     (C.69 to C.72, with a matrix P_i in place of `r / t_i`). X_i has one row for each local
-    estimate: the powers of `x = trim - centre` for a value, their derivatives for a slope. The
-    flights are independent of each other. A small p-value of the table means that the local
-    estimates differ from every polynomial of this degree by more than their errors: the degree is
-    too low, or a motion about a trim was so large that its slope is an average over a curved part.
+    estimate: the powers of `x = trim - centre` for a value, their derivatives for a slope. With
+    further signals, such as the Mach number, it has all products of their powers up to the degrees
+    (C.42, C.43), and derivatives are by the first signal. The flights are independent of each
+    other. A small p-value of the table means that the local estimates differ from every polynomial
+    of this degree by more than their errors: the degree is too low, or a motion about a trim was so
+    large that its slope is an average over a curved part.
 
     Args:
-        trims: values of the signal at which the local models were estimated.
+        trims: values of the signal at which the local models were estimated, or rows of values of
+            several signals, such as alpha and mach.
         estimates: at each trim the value of the coefficient, its slope, and so on, such as `Cm` and
             `Cm.alpha` of a local linear model about the trim.
         covariances: of the estimates of each trim, such as parts of `fit.covariance`.
-        degree: of the polynomial.
+        degree: of the polynomial, by signal.
         derivatives: order of the derivative in each column of the estimates; `(1,)` for slopes
             alone, from which the constant is not determined and left out.
-        centre: value about which the polynomial is written.
-        signal: name of the signal, for the table.
-        units: units of the coefficient and of the signal, for the table.
+        centre: value about which the polynomial is written, the same for all signals or by signal.
+        signal: name of the signal, or names, for the table.
+        units: units of the coefficient and of the signals, for the table.
 
     Raises:
         InputError: for shapes that do not match, values that are not finite, a covariance that is
             not positive definite, and trims that do not determine the polynomial.
     """
     trims, estimates, P = (np.asarray(one, float) for one in (trims, estimates, covariances))
-    derivatives = tuple(derivatives)
+    derivatives, trims = tuple(derivatives), _columns(trims)
+    axes = _axes(trims, degree, centre, signal, units)
     _check(trims, estimates, P, derivatives)
+    first = axes.degrees[0]
     require(
-        degree >= min(derivatives),
-        f"The degree is {degree}, and derivatives of order {min(derivatives)} determine nothing of "
+        first >= min(derivatives),
+        f"The degree is {first}, and derivatives of order {min(derivatives)} determine nothing of "
         "such a polynomial. Give a higher degree.",
     )
-    powers = tuple(range(min(derivatives), degree + 1))
-    rows = np.stack([_rows(trims - centre, powers, order) for order in derivatives], axis=1)
+    ranges = (range(min(derivatives), first + 1), *(range(k + 1) for k in axes.degrees[1:]))
+    powers = tuple(itertools.product(*ranges))
+    x = trims - np.array(axes.centre)
+    rows = np.stack([_rows(x, powers, order) for order in derivatives], axis=1)
     whiten = np.linalg.inv(np.linalg.cholesky(P))
     X = (whiten @ rows).reshape(-1, len(powers))
     y = np.einsum("tij,tj->ti", whiten, estimates).ravel()
-    names = tuple(_name(signal, centre, power) for power in powers)
-    table = _table(Rows(X, y), names, tuple(_unit(units, power) for power in powers))
-    return TrimPolynomial(table, powers, float(centre), float(np.min(trims)), float(np.max(trims)))
+    names = tuple(axes.name(own) for own in powers)
+    table = _table(Rows(X, y), names, tuple(axes.unit(own) for own in powers))
+    low, high = (tuple(map(float, limit(trims, axis=0))) for limit in (np.min, np.max))
+    return TrimPolynomial(table, powers, axes.centre, low, high)
 
 
-def _rows(x: np.ndarray, powers: tuple[int, ...], derivative: int) -> np.ndarray:
-    """Return the derivative of each power at each point, shape (point, power)."""
+class _Axes(NamedTuple):
+    """Degree, centre, name and unit of each signal, and the unit of the coefficient."""
+
+    degrees: tuple[int, ...]
+    centre: tuple[float, ...]
+    signals: tuple[str, ...]
+    units: tuple[str, ...]
+    own: str
+
+    def name(self, powers: tuple[int, ...]) -> str:
+        """Return the name of a product, such as `alpha (mach-0.6)^2`."""
+        axes = zip(self.signals, self.centre, powers, strict=True)
+        factors = [_factor(signal, centre, power) for signal, centre, power in axes if power]
+        return " ".join(factors) or "1"
+
+    def unit(self, powers: tuple[int, ...]) -> str:
+        """Return the unit of the coefficient of a product, such as `1/rad^2`."""
+        below = [
+            unit if power == 1 else f"{unit}^{power}"
+            for unit, power in zip(self.units, powers, strict=True)
+            if power and unit
+        ]
+        return f"{self.own or 1}/{' '.join(below)}" if below else self.own
+
+
+def _axes(trims: np.ndarray, degree, centre, signal, units: tuple[str, ...]) -> _Axes:
+    """Return degree, centre, name and unit of each signal, after checks."""
+    count = trims.shape[1]
+    degrees = tuple(np.atleast_1d(degree).tolist())
+    signals = (signal,) if isinstance(signal, str) else tuple(signal)
+    given = (centre,) * count if np.ndim(centre) == 0 else centre
+    centres = tuple(map(float, given))
+    sizes = {"degree": len(degrees), "signal": len(signals), "centre": len(centres)}
+    for name, size in {**sizes, "units": len(units) - 1}.items():
+        require(
+            size == count,
+            f"The trims have {count} signals, and `{name}` is for {size}. Give one for each"
+            f"{', after the unit of the coefficient' if name == 'units' else ''}.",
+        )
+    return _Axes(degrees, centres, signals, tuple(units[1:]), units[0])
+
+
+def _columns(points: np.ndarray) -> np.ndarray:
+    """Return points as rows, also those of one signal."""
+    return points[:, None] if points.ndim == 1 else points
+
+
+def _rows(x: np.ndarray, powers: tuple[tuple[int, ...], ...], derivative: int) -> np.ndarray:
+    """Return the derivative of each product by the first signal at each point, (point, product)."""
     p = np.array(powers)
-    factor = np.prod([p - k for k in range(derivative)], axis=0)  # zero for lower powers
-    return factor * x[:, None] ** np.maximum(p - derivative, 0)
+    factor = np.prod([p[:, 0] - k for k in range(derivative)], axis=0)  # zero for lower powers
+    lowered = np.column_stack([np.maximum(p[:, 0] - derivative, 0), p[:, 1:]])
+    return factor * np.prod(x[:, None, :] ** lowered, axis=2)
 
 
 def _check(
@@ -153,15 +221,9 @@ def _check(
         )
 
 
-def _name(signal: str, centre: float, power: int) -> str:
+def _factor(signal: str, centre: float, power: int) -> str:
     about = signal if centre == 0 else f"({signal}-{centre:g})"
-    return "1" if power == 0 else about if power == 1 else f"{about}^{power}"
-
-
-def _unit(units: tuple[str, str], power: int) -> str:
-    own, signal = units
-    below = signal if power == 1 else f"{signal}^{power}"
-    return f"{own or 1}/{below}" if power and signal else own
+    return about if power == 1 else f"{about}^{power}"
 
 
 def _table(rows: Rows, names: tuple[str, ...], units: tuple[str, ...]) -> ParameterTable:

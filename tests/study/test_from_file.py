@@ -20,7 +20,8 @@ from jaxid.data.io.study import read_study
 from jaxid.models import DiagonalNoise
 from jaxid.models.names import read_parameters
 from jaxid.simulation.hold import BandLimited, Cubic, Linear, ZeroOrder
-from jaxid.study.from_file import BuiltIn, case_of
+from jaxid.study.from_file import case_of
+from jaxid.study.model_from_file import BuiltIn
 
 GUIDE = Path(__file__).resolve().parent.parent.parent / "docs" / "study_file.md"
 SETTINGS = ("mass", "Iy", "S", "b", "cbar", "states", "held")

@@ -19,7 +19,7 @@ from jaxid.models import AbstractModel, Polynomial
 from jaxid.models.pseudo_measurements import PseudoMeasurements
 from jaxid.structure import least_squares
 from jaxid.study import IdentifyOptions
-from jaxid.study.reduction import Reduction, power
+from jaxid.study.terms.reduction import Reduction, power
 
 CANDIDATES = ("x", "v", "force", "x^2", "x v", "x^3", "x^2 v", "v^2", "v^3", "|v| v")
 TRUE = {"x": -2.0, "v": -0.3, "force": 1.0, "x^3": -1.5}

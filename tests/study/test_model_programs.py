@@ -15,7 +15,7 @@ from jaxid.estimation.estimate import as_stack, checked_case, fit_problem
 from jaxid.estimation.host_iteration import fit_by_steps
 from jaxid.estimation.model_programs import PROGRAMS
 from jaxid.estimation.problem import Problem
-from jaxid.estimation.shared_programs import estimate_case, evaluate_start
+from jaxid.estimation.shared_programs import estimate_case, evaluate
 from jaxid.estimation.solver import GaussNewton
 from jaxid.models import FixedNoise, Parameters
 from jaxid.models.base import canonical
@@ -58,7 +58,7 @@ def test_case_by_shared_programs_equals_estimate(records, monkeypatch, kept_byte
     model = Spring(jnp.array(1.5), jnp.array(0.2))
     chosen = free(model, "k", "c", per_record=["initial_state"], prior={"k": (1.2, 0.5)})
     case = checked_case(model, chosen, records[:2], OutputError())
-    cost, linearised = evaluate_start(case)
+    cost, linearised = evaluate(case, case.begin)
     whole, expected = case.problem.evaluate(case.begin)
     np.testing.assert_allclose(cost, whole, rtol=1e-12)
     np.testing.assert_allclose(

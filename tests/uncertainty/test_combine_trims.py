@@ -130,3 +130,66 @@ def test_wrong_arguments_are_refused(seed, change, words):
     given = {"trims": TRIMS, "estimates": estimates, "covariances": P, "degree": 3} | change
     with pytest.raises(InputError, match=words):
         combine_trims(**given)
+
+
+# Over alpha and Mach number: values and slopes of Cm at twelve trims.
+GRID = np.array([(alpha, mach) for alpha in (0.0, 0.1, 0.2, 0.3) for mach in (0.4, 0.6, 0.9)])
+
+
+def over_both(alpha, mach):
+    return 0.02 - 0.6 * alpha + 0.5 * alpha**2 + (mach - 0.6) * (0.03 - 0.2 * alpha)
+
+
+def slope_over_alpha(alpha, mach):
+    return -0.6 + alpha - 0.2 * (mach - 0.6)
+
+
+def with_mach(estimates, P, degree=(2, 1), **options):
+    options = {"centre": (0.0, 0.6), "signal": ("alpha", "mach")} | options
+    return combine_trims(GRID, estimates, P, degree, units=("", "rad", ""), **options)
+
+
+def test_two_signals_recover_the_surface():
+    exact = np.stack([over_both(*GRID.T), slope_over_alpha(*GRID.T)], axis=1)
+    result = with_mach(exact, np.tile(np.diag([1e-6, 1e-4]), (len(GRID), 1, 1)))
+    names = ("1", "(mach-0.6)", "alpha", "alpha (mach-0.6)", "alpha^2", "alpha^2 (mach-0.6)")
+    assert result.table.names == names
+    assert result.table.units[3:5] == ("1/rad", "1/rad^2")
+    expected = (0.02, 0.03, -0.6, -0.2, 0.5, 0.0)
+    np.testing.assert_allclose(result.table.values, expected, atol=1e-10)
+    points = np.array([(0.05, 0.5), (0.15, 0.8), (0.15, 1.0), (0.4, 0.5)])
+    curve, slope = result.curve(points), result.curve(points, 1)
+    np.testing.assert_allclose(curve.value, over_both(*points.T), atol=1e-10)
+    np.testing.assert_allclose(slope.value, slope_over_alpha(*points.T), atol=1e-9)
+    np.testing.assert_array_equal(curve.valid, [True, True, False, False])
+
+
+def test_two_signals_equal_dense_least_squares(seed):
+    """Against the normal equations of the stacked rows, with a covariance of each trim."""
+    rng = np.random.default_rng(seed)
+    half = rng.normal(size=(len(GRID), 2, 2))
+    P = half @ half.transpose(0, 2, 1) + 0.1 * np.eye(2)
+    y = rng.normal(size=(len(GRID), 2))
+    alpha, mach = GRID[:, 0], GRID[:, 1] - 0.6
+    powers = [(i, j) for i in range(3) for j in range(2)]
+    value = np.stack([alpha**i * mach**j for i, j in powers], axis=1)
+    slope = np.stack([i * alpha ** max(i - 1, 0) * mach**j for i, j in powers], axis=1)
+    X = np.stack([value, slope], axis=1).reshape(-1, len(powers))
+    W = np.zeros((X.shape[0], X.shape[0]))
+    for k in range(len(GRID)):
+        W[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.linalg.inv(P[k])
+    covariance = np.linalg.inv(X.T @ W @ X)
+    result = with_mach(y, P)
+    np.testing.assert_allclose(result.table.values, covariance @ X.T @ W @ y.ravel(), rtol=1e-8)
+    np.testing.assert_allclose(result.table.covariance, covariance, rtol=1e-7, atol=1e-10)
+
+
+def test_numbers_of_signals_agree():
+    y, P = np.zeros((len(GRID), 2)), np.tile(np.eye(2), (len(GRID), 1, 1))
+    with pytest.raises(InputError, match="trims have 2 signals, and `degree` is for 1"):
+        with_mach(y, P, degree=2)
+    with pytest.raises(InputError, match="`centre` is for 3"):
+        with_mach(y, P, centre=(0.0, 0.6, 0.0))
+    exact = np.stack([over_both(*GRID.T), slope_over_alpha(*GRID.T)], axis=1)
+    with pytest.raises(InputError, match="polynomial has 2 signals"):
+        with_mach(exact, P).curve(np.array([0.1, 0.2]))

@@ -1,4 +1,6 @@
-"""Pseudo-measurements: coefficients from accelerations and rates, for regression (Table 3.2)."""
+"""Pseudo-measurements: coefficients from accelerations and rates (Table 3.2), and their equations
+in weak form.
+"""
 
 from collections.abc import Mapping
 
@@ -7,11 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._foundation.types import Array, Bool
 from ...data.record import Record
-from ...models.pseudo_measurements import PseudoMeasurements
+from ...models.pseudo_measurements import PseudoMeasurements, WeakMeasurements
 from ..instruments.channels import ANGULAR, FORCE, RATES
+from ..vehicle.aerodynamics import COEFFICIENTS
 from ..vehicle.controls import SURFACES
-from .motion import RigidMotion
+from .motion import RigidMotion, Signals
 from .readings import AIR_DATA, Readings
 from .records import Histories, histories, missing
 
@@ -41,11 +45,11 @@ def pseudo_measurements(
         InputError: if a channel is missing.
     """
     measured, known = histories(readings, record)
-    _require_needed(motion, record, (*measured, *known, *motion.held))
+    _require_needed((*_needed(motion), *ANGULAR), record, (*measured, *known, *motion.held))
     coefficients, signals = _coefficients(motion, readings, measured, known)
     responses = {name: coefficients[name] for name in motion.channels.responses}
     signals = {name: signals[name] for name in REGRESSION_SIGNALS}
-    valid = jnp.all(jnp.isfinite(jnp.stack([*responses.values(), *signals.values()])), axis=0)
+    valid = _finite(responses, signals)
     return PseudoMeasurements(
         t=record.t,
         responses={name: jnp.where(valid, value, 0.0) for name, value in responses.items()},
@@ -56,9 +60,57 @@ def pseudo_measurements(
     )
 
 
-def _require_needed(motion: RigidMotion, record: Record, available: tuple[str, ...]) -> None:
+def weak_measurements(
+    motion: RigidMotion,
+    readings: Readings,
+    record: Record,
+    candidates: Mapping[str, tuple[str, ...]],
+) -> WeakMeasurements:
+    """Return the coefficients' equations without angular accelerations.
+
+    This implements `IdentificationModel.weak_measurements`.
+
+    Args:
+        motion: equations of the model.
+        readings: instruments and channels of the model.
+        record: a single record.
+        candidates: terms by coefficient.
+
+    Raises:
+        InputError: if a channel is missing.
+    """
+    measured, known = map(_without_angular, histories(readings, record))
+    _require_needed(_needed(motion), record, (*measured, *known, *motion.held))
+    *equations, signals = _weak_parts(motion, readings, measured, known)
+    signals = {name: signals[name] for name in REGRESSION_SIGNALS}
+    responses = motion.channels.responses
+    multipliers, *parts = ({name: each[name] for name in responses} for each in equations)
+    valid = _finite(signals, multipliers, *parts)
+    return WeakMeasurements(
+        t=record.t,
+        multipliers=multipliers,
+        parts={name: tuple(part[name] for part in parts) for name in responses},
+        signals={name: jnp.where(valid, value, 0.0) for name, value in signals.items()},
+        valid=valid,
+        candidates=tuple((name, candidates.get(name, ())) for name in responses),
+        centred=("alpha", "beta"),
+    )
+
+
+def _without_angular(histories: Histories) -> Histories:
+    """Return the histories without angular accelerations."""
+    return {name: value for name, value in histories.items() if name not in ANGULAR}
+
+
+def _finite(*histories: Histories) -> Bool[Array, " time"]:
+    """Return True for each sample with finite values of all histories."""
+    values = [value for each in histories for value in each.values()]
+    return jnp.all(jnp.isfinite(jnp.stack(values)), axis=0)
+
+
+def _require_needed(needed: tuple[str, ...], record: Record, available: tuple[str, ...]) -> None:
     """Refuse a record without a channel that the coefficients need."""
-    for name in _needed(motion):
+    for name in needed:
         if name not in available:
             raise missing(record, name, "for the coefficients")
     for name in ("u", "v", "w"):
@@ -67,7 +119,7 @@ def _require_needed(motion: RigidMotion, record: Record, available: tuple[str, .
 
 
 def _needed(motion: RigidMotion) -> tuple[str, ...]:
-    """Return the channels that the coefficients of the propagated equations need."""
+    """Return the channels that the coefficients need, without angular accelerations."""
     channels = motion.channels
     forces = zip(("CX", "CY", "CZ"), FORCE, strict=True)
     accelerometers = tuple(name for force, name in forces if force in channels.responses)
@@ -75,7 +127,7 @@ def _needed(motion: RigidMotion) -> tuple[str, ...]:
         accelerometers = FORCE
     measured = tuple(name for name in channels.measured if name not in ANGULAR)
     altitude = ("altitude",) if "altitude" in channels.states else ()
-    return (*RATES, *ANGULAR, *accelerometers, *SURFACES, *measured, *altitude)
+    return (*RATES, *accelerometers, *SURFACES, *measured, *altitude)
 
 
 @eqx.filter_jit
@@ -86,3 +138,30 @@ def _coefficients(
     return jax.vmap(lambda measured, known: motion.coefficients(readings.motion(measured, known)))(
         measured, known
     )
+
+
+@eqx.filter_jit
+def _weak_parts(
+    motion: RigidMotion, readings: Readings, measured: Histories, known: Histories
+) -> tuple[Histories, Histories, Histories, Histories]:
+    """Return multipliers, parts of order zero and one, and signals at each sample.
+
+    The forces and moments are linear in the angular acceleration with constant slopes:
+    `N(omegadot) = N(0) + A omegadot`. The part of order one is `A omega = N(omega) - N(0)`.
+    """
+
+    def at(measured: Signals, known: Signals) -> tuple[Signals, Signals, Signals, Signals]:
+        at_rest = readings.motion(measured, known | dict.fromkeys(ANGULAR, jnp.zeros(())))
+        coefficients, signals = motion.coefficients(at_rest)
+        rates = {dot: at_rest[rate] for dot, rate in zip(ANGULAR, RATES, strict=True)}
+        moving, _ = motion.coefficients(readings.motion(measured, known | rates))
+        lengths = (1.0, 1.0, 1.0, *motion.airframe.lengths)
+        pressure_area = signals["qbar"] * motion.airframe.S
+        multipliers = {
+            name: pressure_area * length for name, length in zip(COEFFICIENTS, lengths, strict=True)
+        }
+        static = {name: multipliers[name] * coefficients[name] for name in COEFFICIENTS}
+        momenta = {name: multipliers[name] * moving[name] - static[name] for name in COEFFICIENTS}
+        return multipliers, static, momenta, signals
+
+    return jax.vmap(at)(measured, known)

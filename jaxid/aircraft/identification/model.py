@@ -13,14 +13,14 @@ from ..._foundation.checks import require, require_known
 from ..._foundation.types import Array, Float
 from ...data.record import Record
 from ...models.base import AbstractModel, selected
-from ...models.pseudo_measurements import PseudoMeasurements
+from ...models.pseudo_measurements import PseudoMeasurements, WeakMeasurements
 from ..air.atmosphere import AbstractAtmosphere, StandardAtmosphere
 from ..instruments.instruments import Instruments
 from ..vehicle.aerodynamics import COEFFICIENTS
 from ..vehicle.airframe import Airframe
 from ..vehicle.engine import ConstantThrust, Engine
 from .channels import EULER_ANGLES, Channels, Choice, arrange_channels
-from .coefficients import pseudo_measurements
+from .coefficients import pseudo_measurements, weak_measurements
 from .effects import effects_of
 from .motion import RigidMotion
 from .readings import Readings
@@ -258,6 +258,22 @@ class IdentificationModel(AbstractModel):
         """
         model = at_constants(self, record)
         return pseudo_measurements(model.motion, model.readings, record, dict(self.candidates))
+
+    def weak_measurements(self, record: Record) -> WeakMeasurements:
+        """Return the equations of `pseudo_measurements` without angular accelerations.
+
+            qbar S (b Cl, cbar Cm, b Cn) = (I omega)' + omega x (I omega + h) - M_engines - ...
+
+        The accelerometers off the centre of gravity are corrected in the same way.
+
+        Args:
+            record: a single record, with V, alpha, beta, the rates, the surfaces, ax, ay, az.
+
+        Raises:
+            InputError: if a channel is missing.
+        """
+        model = at_constants(self, record)
+        return weak_measurements(model.motion, model.readings, record, dict(self.candidates))
 
     def without(self, responses: tuple[str, ...]) -> "IdentificationModel":
         """Return the model without the equations of some coefficients.

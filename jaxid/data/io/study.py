@@ -33,6 +33,7 @@ class StudyFile(NamedTuple):
         loop: the section [loop].
         library: the section [library].
         design: the section [design].
+        identify: the section [identify].
     """
 
     path: Path
@@ -47,6 +48,7 @@ class StudyFile(NamedTuple):
     loop: dict[str, Any]
     library: dict[str, Any]
     design: dict[str, Any]
+    identify: dict[str, Any]
 
     def at(self, section: str, key: str = ""):
         """Return a context whose error messages name this file, the section and the key."""
@@ -144,6 +146,18 @@ SECTIONS: dict[str, dict[str, Kind]] = {
         **{"constants": NUMBERS_BY_NAME, "derivatives": TEXT_BY_NAME, "cut": NUMBER},
     },
     "library": {"effects": TEXTS, "leave_out": TEXTS, "general": SWITCH},
+    "identify": {
+        **{"weak_radius": NUMBER, "rule": TEXT, "candidates": TEXTS_BY_NAME},
+        **{
+            "least_F": NUMBER,
+            "least_R2": NUMBER,
+            "share": NUMBER,
+            "constants": SWITCH,
+            "adapt": SWITCH,
+        },
+        **{"add": TEXTS, "keep": TEXTS, "leave_out": TEXTS},
+        **{"estimate": TEXTS_BY_NAME, "fix": TEXTS_BY_NAME},
+    },
     "design": {
         **{"duration": NUMBER, "sample_time": NUMBER, "knots": COUNT, "axes": TEXTS},
         **{"amplitude": NUMBERS_BY_NAME, "rate": NUMBERS_BY_NAME, "energy": NUMBER},

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..models.polynomial import factors
-from ..structure import Regression
+from ...models.polynomial import factors
+from ...structure import Regression
 
 
 class Reduction(NamedTuple):

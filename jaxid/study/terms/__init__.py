@@ -1,0 +1,1 @@
+"""Terms of `identify`: regressions, reduced structures, adaptation."""

@@ -84,10 +84,12 @@ class Proposals:
         return sorted(moves, key=lambda move: -move.expected)
 
     def additions(self) -> list[Move]:
-        """Return the best candidates, the best of each place, and those without a score.
+        """Return the best candidates, the best of each place, the best of those with a shape, and
+        those without a score.
 
-        A place is a location of a card: many shapes at one place must not crowd out the others.
-        Candidates that the records cannot distinguish are represented by the simplest.
+        A place is a location of a card: many shapes at one place must not crowd out the others. The
+        score of a candidate with a shape holds at a guess of this shape. Candidates that the
+        records cannot distinguish are represented by the simplest.
         """
         scores, cards = np.array([*self._scores.values()]), self.problem.cards
         distinct = self._distinct([self.candidates[k] for k in np.argsort(-scores)])
@@ -97,8 +99,10 @@ class Proposals:
             best_of_place.setdefault(cards[name].location, name)
         blind = [name for name in self.candidates if self.is_blind(name)]
         blind.sort(key=lambda name: not self.problem.is_evident(name))
-        chosen = [*significant[: self.options.refits], *best_of_place.values()]
-        chosen += blind[: self.options.refits]
+        shaped = [name for name in significant if self.problem.has_shape(name)]
+        refits = self.options.refits
+        chosen = [*significant[:refits], *best_of_place.values(), *shaped[: -(-refits // 2)]]
+        chosen += blind[:refits]
         moves = []
         for name in dict.fromkeys(chosen):
             refined = (e for e in self.fit.effects if cards[e].family == cards[name].refines)

@@ -10,7 +10,8 @@ whose response in the linear model is whitened as the residual is. The fall of c
 `c_k`, orthogonal to the free parameters, has at most `COSINES` degrees of freedom.
 """
 
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import jax
@@ -26,12 +27,14 @@ from ..estimation.likelihoods import OutputError
 from .evidence import SETTLED
 from .fit import LoopFit, triangular_factor
 from .hypothesis import RandomForces
-from .linear import joint_fall, reduce
+from .linear import Triangle, joint_fall, reduce
 from .linear_motion import LinearMotion
 from .random_forces import ForceFit, force_innovations, forced_motion, predicted_states
 
-# Chosen: cosines over the range of a signal, four periods at most.
-COSINES = 8
+# Name of a candidate or a signal, and a fall of chi-square with its degrees of freedom.
+Test = tuple[str, tuple[float, int]]
+# Chosen: cosines over the range of a signal, eight periods at most.
+COSINES = 16
 
 
 class Whitened(NamedTuple):
@@ -40,13 +43,13 @@ class Whitened(NamedTuple):
     Attributes:
         motion: the motion.
         states: states at each sample, independent of the noise of this sample.
-        places: places of disturbances that may follow a signal, by kind.
+        places: places of disturbances that may follow a signal, with their kind.
         white: function from residuals and columns to white ones.
     """
 
     motion: LinearMotion
     states: Float[Array, "case time state"]
-    places: Mapping[LocationKind, tuple[str, ...]]
+    places: Sequence[tuple[LocationKind, str]]
     white: Callable[[Array, Array], tuple[Array, Array]]
 
 
@@ -61,10 +64,8 @@ def followed_signals(best: LoopFit, level: float) -> tuple[str, ...]:
     if not isinstance(best.estimation.problem.likelihood, OutputError):
         return ()  # its rows are no function of the outputs alone
     states = motion.linear.x[..., : len(problem.model.states)]
-    places = {
-        LocationKind.EQUATION: problem.equations,
-        LocationKind.SENSOR: problem.model.outputs,
-    }
+    places = [(LocationKind.EQUATION, name) for name in problem.equations]
+    places += [(LocationKind.SENSOR, name) for name in problem.model.outputs]
     return _followed(best, Whitened(motion, states, places, best.whitened), level)
 
 
@@ -88,39 +89,52 @@ def followed_by_forces(
     declared = len(fitted.problem.model.states)
     forced = forced_motion(motion, noise, *motion.sensitivities)
     states = predicted_states(forced, forces.noise)[..., :declared]
-    return _followed(fitted, Whitened(motion, states, noise.places, white), level)
+    places = [(kind, name) for kind, names in noise.places.items() for name in names]
+    return _followed(fitted, Whitened(motion, states, places, white), level)
 
 
 def _followed(fitted: LoopFit, whitened: Whitened, level: float) -> tuple[str, ...]:
-    """Return the candidates and signals with a significant fall of chi-square."""
-    motion, problem, own = whitened.motion, fitted.problem, len(fitted.problem.free.per_record)
+    """Return the candidates and signals with a significant fall of chi-square, the most
+    significant first.
+    """
+    tests = [*_candidate_tests(fitted, whitened), *_signal_tests(fitted, whitened)]
+    chances: dict[str, float] = {}
+    for name, (fall, dof) in tests:
+        # A small fall is none: the linear model is an approximation.
+        if dof and fall > max(float(chi2.isf(level / len(tests), dof)), SETTLED):
+            chances[name] = min(chances.get(name, 0.0), float(chi2.logsf(fall, dof)))
+    return tuple(sorted(chances, key=lambda name: chances[name]))
 
-    def triangle(v, S, names):
-        return fitted.triangle_of(np.asarray(triangular_factor(*whitened.white(v, S), own)), names)
 
-    every = triangle(*motion.sensitivities, problem.columns.names)
-    reduced = reduce(every)
-    tests = [(name, joint_fall(reduced, every.at([f"{name}.gain"]))) for name in problem.effects]
+def _candidate_tests(fitted: LoopFit, whitened: Whitened) -> Iterator[Test]:
+    """Yield each candidate with its fall of chi-square."""
+    names = fitted.problem.columns.names
+    triangle = _triangle(fitted, whitened, *whitened.motion.sensitivities, names)
+    reduced = reduce(triangle)
+    for name in fitted.problem.effects:
+        yield name, joint_fall(reduced, triangle.at([f"{name}.gain"]))
+
+
+def _signal_tests(fitted: LoopFit, whitened: Whitened) -> Iterator[Test]:
+    """Yield each state and input with the fall of chi-square by a function of it, at each place."""
+    problem, motion = fitted.problem, whitened.motion
     signals = jnp.concatenate([whitened.states, problem.train.u], axis=-1)
     names = (*problem.model.states, *problem.model.inputs)
     free = tuple(name for name in fitted.estimation.free.shared if name in problem.columns.index)
     v, S = motion.columns_of(free)
-    labels = tuple(f"{name} {k}" for name in names for k in range(COSINES))
-    for kind, inside in whitened.places.items():
-        for place in inside:
-            forced = probes(motion.linear_at({kind: (place,)}), signals)
-            one = triangle(v, jnp.concatenate([S, forced], axis=-1), (*free, *labels))
-            reduced = reduce(one)
-            for k, name in enumerate(names):
-                first = len(free) + COSINES * k
-                tests.append((name, joint_fall(reduced, range(first, first + COSINES))))
-    # A small fall is none: the linear model is an approximation.
-    significant = (
-        name
-        for name, (fall, dof) in tests
-        if dof and fall > max(float(chi2.isf(level / len(tests), dof)), SETTLED)
-    )
-    return tuple(dict.fromkeys(significant))
+    labels = (*free, *(f"{name} {k}" for name in names for k in range(COSINES)))
+    for kind, place in whitened.places:
+        forced = probes(motion.linear_at({kind: (place,)}), signals)
+        columns = jnp.concatenate([S, forced], axis=-1)
+        reduced = reduce(_triangle(fitted, whitened, v, columns, labels))
+        for first, name in zip(itertools.count(len(free), COSINES), names, strict=False):
+            yield name, joint_fall(reduced, range(first, first + COSINES))
+
+
+def _triangle(fitted: LoopFit, whitened: Whitened, v, S, names: tuple[str, ...]) -> Triangle:
+    """Return the triangular factor of whitened columns, the per-record ones eliminated."""
+    factor = triangular_factor(*whitened.white(v, S), len(fitted.problem.free.per_record))
+    return fitted.triangle_of(np.asarray(factor), names)
 
 
 @fast_compile_jit

@@ -18,7 +18,6 @@ import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -33,8 +32,7 @@ from ..estimation.problem import Problem
 from ..models.base import AbstractModel
 from ..models.free import Parameters
 from ..models.free_model import insert
-from ..simulation.simulate import effective_input
-from ..simulation.steppers import rate
+from ..sensitivity.disturbances import disturbed_motion
 
 # names by kind, hashable, so that programs can be compiled for them
 Places = tuple[tuple[LocationKind, tuple[str, ...]], ...]
@@ -91,53 +89,6 @@ class Linear(NamedTuple):
         )
 
 
-class DisturbedModel(AbstractModel):
-    """A model with a disturbance in each equation and on each input, linear in time over a step.
-
-    Attributes:
-        model: the disturbed model.
-        begin, length: start and length of the step [s].
-        first, last: disturbances of the equations, then of the inputs, at the start and the end of
-            the step.
-    """
-
-    model: AbstractModel
-    begin: Float[Array, ""]
-    length: Float[Array, ""]
-    first: Float[Array, " push"]
-    last: Float[Array, " push"]
-
-    states: tuple[str, ...] = eqx.field(static=True)
-    inputs: tuple[str, ...] = eqx.field(static=True)
-    outputs: tuple[str, ...] = eqx.field(static=True)
-
-    def __init__(self, model: AbstractModel, begin, length, first, last):
-        self.model, self.begin, self.length, self.first, self.last = (
-            model,
-            begin,
-            length,
-            first,
-            last,
-        )
-        self.states, self.inputs, self.outputs = model.states, model.inputs, model.outputs
-
-    def rhs(self, t, x, u):
-        force, push = self._at(t)
-        return rate(self.model, t, x, u + push) + force
-
-    def output(self, t, x, u):
-        return self.output_given(t, x, u, self.rhs(t, x, u))
-
-    def output_given(self, t, x, u, dx):
-        return self.model.output_given(t, x, u + self._at(t)[1], dx)
-
-    def _at(self, t):
-        share = jnp.where(
-            self.length > 0, (t - self.begin) / jnp.where(self.length > 0, self.length, 1.0), 0.0
-        )
-        return jnp.split(self.first + share * (self.last - self.first), [len(self.states)])
-
-
 def _linear_models(problem: Problem, parameters: Parameters, places: Places) -> Linear:
     """Return the linear model along the trajectory of each record.
 
@@ -175,27 +126,10 @@ def linear_model(problem: Problem, own, shared, case, places: Places) -> Linear:
     own_inputs = len(model.inputs)
     if dict(places).get(LocationKind.AIR):
         model = model.with_disturbance_inputs()
-    t, stepper = record.t, likelihood.stepper
+    t = record.t
     u = jnp.pad(record.u, ((0, 0), (0, len(model.inputs) - own_inputs)))
-    path, u = effective_input(model, likelihood.hold, t, u)
-    x, _ = stepper.states(model, t, path, x0)
-    # a last step of zero length gives the outputs at the last sample
-    spans = jnp.stack([t, jnp.append(t[1:], t[-1])], axis=1)
-
-    def step(span, x, u, first, last):
-        """Return the state after a step and the outputs before it, under a disturbance."""
-        pushed = DisturbedModel(model, span[0], span[1] - span[0], first, last)
-        later, rates = stepper.states(pushed, span, path, x)
-        y = pushed.output_given(span[0], x, u, rates[0])
-        return (later[1], y), y
-
-    still = jnp.zeros(x.shape[1] + u.shape[1])
-    # All three derivatives in one call, so that the model is compiled once.
-    slopes = jax.jacfwd(step, argnums=(1, 3, 4), has_aux=True)
-    (dx_later, dy), y = jax.vmap(slopes, in_axes=(0, 0, 0, None, None))(spans, x, u, still, still)
-    is_step = (jnp.diff(t) > 0)[:, None, None]
-    Phi = jnp.where(is_step, dx_later[0][:-1], jnp.eye(x.shape[1]))
-    before, after = (jnp.where(is_step, slope[:-1], 0.0) for slope in dx_later[1:])
+    motion = disturbed_motion(model, x0, t, u, likelihood.hold, likelihood.stepper)
+    x, Phi = motion.x, motion.Phi
 
     def entering(kind, names):
         """Return P, Q and D of the places of one kind."""
@@ -205,21 +139,21 @@ def linear_model(problem: Problem, own, shared, case, places: Places) -> Linear:
             return nothing, nothing, jnp.broadcast_to(D, (t.size, *D.shape))
         if kind is LocationKind.PARAMETER:
             B, D = jax.vmap(lambda t, x, u: _by_parameter(made, t, x, u, shared))(
-                t, x, u[:, :own_inputs]
+                t, x, motion.u[:, :own_inputs]
             )
             half = jnp.diff(t)[:, None, None] / 2
             return half * Phi @ B[:-1], half * B[1:], D
         pushes = [(kind is LocationKind.EQUATION, name) for name in names]
         columns = np.array([known.index(push) for push in pushes], int)
-        return before[..., columns], after[..., columns], dy[1][..., columns]
+        return motion.P[..., columns], motion.Q[..., columns], motion.D[..., columns]
 
-    # Disturbances of `DisturbedModel`; an equation and an input may have the same name.
+    # Disturbances of the motion; an equation and an input may have the same name.
     known = [(True, name) for name in model.states] + [(False, name) for name in model.inputs]
     P, Q, D = (
         jnp.concatenate(part, axis=2)
         for part in zip(*itertools.starmap(entering, places), strict=True)
     )
-    return Linear(x, y, Phi, P, Q, dy[0], D)
+    return Linear(x, motion.y, Phi, P, Q, motion.C, D)
 
 
 def gusts_of(model: AbstractModel) -> tuple[str, ...]:

@@ -13,12 +13,13 @@ from ..data.record import Record
 from ..diagnosis.heldout_error import difference_error, mean_log
 from ..diagnosis.localise import LocalisationResult
 from ..effects.base import Effect
+from .dependence import followed_signals
 from .evidence import DETERMINED, SETTLED, Decision, inflation, is_noise_like
 from .fit import LoopFit
 from .hypothesis import White
 from .linear import falls, reduce
 from .moves import MoveKind, localise_fit
-from .noise import above_known_noise, followed_signals, is_drift, memory, stands_out
+from .noise import above_known_noise, is_drift, memory, stands_out
 from .options import LoopOptions
 from .outcome import Outcome
 from .search import SearchTree
@@ -109,24 +110,25 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
     (`test_constant_sensor_error_is_not_reported_as_coloured_noise`).
     """
     best, level = tree.best, options.level
+    # The signals that forces without effects would follow, where no effect was found.
+    followed = () if best.effects else tree.followed
     if not is_noise_like(best, options) or above_known_noise(best, level):
-        # The signals that forces without effects would follow, where no effect was found.
-        return Objection(Check.NOISE_LIKE, () if best.effects else tree.followed)
+        return Objection(Check.NOISE_LIKE, followed)
     if refused := _significant_refusals(tree):
         return Objection(Check.NOISE_LIKE, refused)
     if not isinstance(best.hypothesis.noise, White):
-        return _noise_model(tree, level)
+        return _noise_model(tree, followed, level)
     if best.effects and stands_out(localise_fit(best, tree.where.splines), level):
         return Objection(Check.NOISE_LIKE)
     return None
 
 
-def _noise_model(tree: SearchTree, level: float) -> Objection | None:
+def _noise_model(tree: SearchTree, followed: tuple[str, ...], level: float) -> Objection | None:
     """Return an objection if the noise model of the best hypothesis is no noise."""
     best = tree.best
-    signals = followed_signals(best, tree.declared, level)
+    signals = followed_signals(best, level)
     more = signals or is_drift(best, memory(best))
-    return Objection(Check.NOISE_LIKE, signals) if more else None
+    return Objection(Check.NOISE_LIKE, signals or followed) if more else None
 
 
 def one_function(effects: Sequence[Effect]) -> Objection | None:

@@ -151,12 +151,17 @@ class LoopFit:
         return self._triangle(to_device(S), (*self.estimation.free.shared, *columns))
 
     def _triangle(self, S, names: tuple[str, ...]) -> Triangle:
-        own = len(self.problem.free.per_record)
-        return self.triangle_of(np.asarray(triangular_factor(*self.whitened(S), own)), names)
+        white = self.whitened(self.motion.sensitivities[0], S)
+        factor = triangular_factor(*white, len(self.problem.free.per_record))
+        return self.triangle_of(np.asarray(factor), names)
 
-    def whitened(self, S: Float[Array, "case time output column"]):
-        """Return the residuals and columns in units of the noise, with its memory removed."""
-        motion, noise, v = self.motion, self.hypothesis.noise, self.motion.sensitivities[0]
+    def whitened(
+        self, v: Float[Array, "case time output"], S: Float[Array, "case time output column"]
+    ):
+        """Return residuals and columns along the motion in units of the noise, with its memory
+        removed.
+        """
+        motion, noise = self.motion, self.hypothesis.noise
         if isinstance(noise, RandomForces):
             forces = noise.at(self.estimates, self.problem.model.outputs)
             return force_innovations(forced_motion(motion, noise, v, S), forces)

@@ -96,6 +96,17 @@ def falls(reduced: Reduced, into: Int[np.ndarray, "set member"]) -> Float[np.nda
     return np.where(determined, reduced.base + _gained(inverse, reduced.product[into]), -np.inf)
 
 
+def joint_fall(reduced: Reduced, into: Sequence[int]) -> tuple[float, int]:
+    """Return the fall of chi-square by columns that may overlap, and its degrees of freedom: the
+    directions of their span in which they are apart.
+    """
+    at = [*into]
+    apart, directions = np.linalg.eigh(reduced.correlation[np.ix_(at, at)])
+    determined = apart > LEAST_APART
+    along = directions.T[determined] @ reduced.product[at]
+    return float(np.sum(along**2 / apart[determined])), int(np.sum(determined))
+
+
 def largest_falls(
     correlation: Float[np.ndarray, "column column"],
     products: Float[np.ndarray, "side column"],

@@ -84,27 +84,35 @@ class Proposals:
         return sorted(moves, key=lambda move: -move.expected)
 
     def additions(self) -> list[Move]:
-        """Return the best candidates, the best of each place, and those without a score.
+        """Return the best candidates, the best of each place, the best of those with a shape, and
+        those without a score.
 
-        A place is a location of a card: many shapes at one place must not crowd out the others.
-        Candidates that the records cannot distinguish are represented by the simplest.
+        A place is a location of a card: many shapes at one place must not crowd out the others. The
+        score of a candidate with a shape holds at a guess of this shape. Candidates that the
+        records cannot distinguish are represented by the simplest.
         """
-        scores, cards = np.array([*self._scores.values()]), self.problem.cards
-        distinct = self._distinct([self.candidates[k] for k in np.argsort(-scores)])
+        moves = []
+        for name in self._chosen():
+            refines = self.problem.cards[name].refines
+            out = tuple(e for e in self.fit.effects if self.problem.cards[e].family == refines)
+            fall = max(self.score(name), 0.0)
+            moves.append(self._move(MoveKind.ADD, (name,), out, fall, self.reduced))
+        return moves
+
+    def _chosen(self) -> list[str]:
+        """Return the candidates to be refitted, each once."""
+        refits, cards = self.options.refits, self.problem.cards
+        distinct = self._distinct(sorted(self.candidates, key=lambda name: -self.score(name)))
         significant = [name for name in distinct if self.score(name) > self.threshold]
         best_of_place: dict = {}
         for name in significant:
             best_of_place.setdefault(cards[name].location, name)
+        shaped = [name for name in significant if self.problem.has_shape(name)]
         blind = [name for name in self.candidates if self.is_blind(name)]
         blind.sort(key=lambda name: not self.problem.is_evident(name))
-        chosen = [*significant[: self.options.refits], *best_of_place.values()]
-        chosen += blind[: self.options.refits]
-        moves = []
-        for name in dict.fromkeys(chosen):
-            refined = (e for e in self.fit.effects if cards[e].family == cards[name].refines)
-            fall = max(self.score(name), 0.0)
-            moves.append(self._move(MoveKind.ADD, (name,), tuple(refined), fall, self.reduced))
-        return moves
+        chosen = [*significant[:refits], *best_of_place.values()]
+        chosen += [*shaped[: -(-refits // 2)], *blind[:refits]]
+        return [*dict.fromkeys(chosen)]
 
     def groups(self) -> list[Move]:
         """Return sets of terms of one signal in one place that are significant only together."""

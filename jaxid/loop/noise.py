@@ -6,22 +6,20 @@ Noise has no drift, depends on no signal, and is not in one place more than chan
 import dataclasses
 from collections.abc import Mapping
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.stats import chi2
 
 from .._foundation.grid import typical_step
 from .._foundation.location import LocationKind
 from ..diagnosis.localise import LocalisationResult
-from ..diagnosis.residual_report import analyse_residual
 from ..estimation.autoregressive_noise import AutoregressiveNoise, select_order
-from .evidence import INSEPARABLE, SETTLED
-from .fit import LoopFit, triangular_factor
+from .dependence import followed_by_forces
+from .evidence import INSEPARABLE
+from .fit import LoopFit
 from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces, White
-from .linear import falls, reduce
 from .moves import Move, MoveKind
 from .options import LoopOptions
-from .random_forces import FUNCTIONS, ForceFit, fit_forces, force_innovations, forced_motion, probes
+from .random_forces import ForceFit, fit_forces
 
 # Chosen: starting value of the correlation time of a random force [samples].
 FORCE_TIME = 5.0
@@ -59,7 +57,7 @@ def noise_moves(
         move = _forces_alone(fit, noise, best)
         if _worth(fit, move) <= INSEPARABLE or _better_with_effects(fit, noise, move):
             continue
-        names = followed_by_forces(declared, declared, best, noise, options.level)
+        names = followed_by_forces(declared, best, noise, options.level)
         followed |= dict.fromkeys(names)
         if not names and not is_drift(declared, float(np.max(np.asarray(best.noise.time)))):
             moves.append(move)
@@ -175,54 +173,3 @@ def is_drift(fitted: LoopFit, memory: float) -> bool:
     """
     t = np.asarray(fitted.problem.train.t)
     return bool(memory > LONGEST_MEMORY * float(np.max(t[:, -1] - t[:, 0])))
-
-
-def followed_signals(best: LoopFit, declared: LoopFit, level: float) -> tuple[str, ...]:
-    """Return the candidates and signals on which the noise of a fit depends; noise depends on none.
-
-    The signals are states, inputs and time of the declared fit; `level` is the probability of a
-    false alarm over all of them.
-    """
-    noise, mask, outputs = (
-        best.hypothesis.noise,
-        best.problem.train.mask,
-        best.problem.model.outputs,
-    )
-    if isinstance(noise, RandomForces):
-        forces = ForceFit(best.motion, noise.at(best.estimates, outputs), best.cost)
-        return followed_by_forces(best, declared, forces, noise, level)
-    arrays = {name: jnp.asarray(s) for name, s in declared.motion.variables.items()}
-    report = analyse_residual(jnp.asarray(best.white_residuals), mask, arrays, outputs)
-    maps, cross = np.asarray(report.maps.p_value), np.asarray(report.tests.cross_p)
-    limit = level / (maps.size + cross.size)
-    variables, lagged = report.maps.variables, report.tests.signals
-    dependent = [variables[k] for k in np.flatnonzero(np.any(maps < limit, axis=0))]
-    dependent += [lagged[k] for k in np.flatnonzero(np.any(cross < limit, axis=0))]
-    return tuple(dict.fromkeys(dependent))
-
-
-def followed_by_forces(
-    fitted: LoopFit, declared: LoopFit, forces: ForceFit, noise: RandomForces, level: float
-) -> tuple[str, ...]:
-    """Return the candidates and the signals that random forces follow, with a probability of a
-    false alarm of `level` over all of them.
-
-    A force that is a function of a signal is no random one. Each candidate, and simple functions
-    of the states and inputs of the declared fit as a force at each place, are scored in the
-    innovations of the filter, orthogonal to the free parameters of `fitted`.
-    """
-    problem, motion, signals = fitted.problem, forces.motion, declared.motion.variables
-    names = [name for name in signals if name != "t"]
-    stacked = jnp.stack([jnp.asarray(signals[name]) for name in names], axis=-1)
-    forced = probes(forced_motion(motion, noise, *motion.sensitivities), stacked)
-    white = force_innovations(forced, forces.noise)
-    factor = triangular_factor(*white, len(problem.free.per_record))
-    labels = {f"{name}.gain": name for name in problem.effects}
-    functions = [name for name in names for _ in FUNCTIONS] * len(noise.sizes)
-    columns = {f"force {k}": name for k, name in enumerate(functions)}
-    triangle = fitted.triangle_of(np.asarray(factor), (*problem.columns.names, *columns))
-    labels |= columns
-    scores = falls(reduce(triangle), np.array([[k] for k in triangle.at(list(labels))]))
-    # The linear model along the motion without forces is an approximation: a small score is none.
-    significant = scores > max(float(chi2.isf(level / len(labels), 1)), SETTLED)
-    return tuple(dict.fromkeys(np.array(list(labels.values()))[significant].tolist()))

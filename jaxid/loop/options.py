@@ -18,8 +18,9 @@ class LoopOptions(eqx.Module):
         max_check_loss: largest rise of the same error that an effect may cause on check records
             that hardly excite it.
         refits: number of best-scored candidates that are refitted from each hypothesis, in addition
-            to the best candidate of each place; and of those at most whose score does not predict
-            their fall of the cost (a stop, an overflow).
+            to the best candidate of each place; half as many of those with a shape, whose score
+            holds at a guess of the shape; and as many of those whose score does not predict their
+            fall of the cost (a stop, an overflow).
         swap_limit: number of swaps, and of pairs, that are refitted from each hypothesis; with 0
             none is tried.
         max_rounds: largest number of rounds; each adds an effect or a pair.

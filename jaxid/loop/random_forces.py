@@ -26,16 +26,13 @@ from scipy.optimize import minimize
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
 from .._foundation.types import Array, Bool, Float
-from ..diagnosis.free_form import Linear, answers
+from ..diagnosis.free_form import Linear
 from ..estimation.limits import Limits
 from ..sensitivity.information import Information, gather, record_triangles
 from .estimation_problem import free_of
 from .hypothesis import ForceNoise, RandomForces
 from .linear_motion import LinearMotion
 
-# Chosen: steepness of the function that stands for the sign of a signal, in its range.
-SIGN_STEEPNESS = 10.0
-FUNCTIONS = ("square", "cube", "signed square", "sign")
 # Chosen: factor by which a deviation or a time may differ from its starting value.
 WIDEST_RANGE = 1e4
 # Chosen: number of steps, smallest share of one, and fall of the cost below which none is made.
@@ -84,17 +81,18 @@ def force_innovations(
     motion: ForcedMotion, noise: ForceNoise
 ) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
     """Return the whitened innovations of the residuals and sensitivities along a motion."""
-    white, _ = _filtered(motion, motion.S, noise)
+    white, *_ = _filtered(motion, motion.S, noise)
     return white[..., 0], white[..., 1:]
 
 
 @fast_compile_jit
-def probes(motion: ForcedMotion, signals: Float[Array, "case time signal"]) -> ForcedMotion:
-    """Return the motion with further columns: responses to forces that follow signals, place by
-    place, signal by signal, function by function.
+def predicted_states(motion: ForcedMotion, noise: ForceNoise) -> Float[Array, "case time state"]:
+    """Return the states at each sample that the filter predicts from the samples before it.
+
+    A column made of them is independent of the innovation of its sample.
     """
-    forced = jax.vmap(answers)(motion.linear, _functions(signals)).reshape(*motion.v.shape, -1)
-    return motion._replace(S=jnp.concatenate([motion.S, forced], axis=-1))
+    *_, deviation = _filtered(motion, motion.S[..., :0], noise)
+    return motion.linear.x + deviation[..., : motion.linear.x.shape[-1]]
 
 
 def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceEstimate:
@@ -130,7 +128,7 @@ def _cost_and_slope(logarithms: ForceNoise, motion: ForcedMotion, own: int):
 
     def cost(logarithms: ForceNoise):
         noise = jax.tree.map(jnp.exp, logarithms)
-        white, scale = _filtered(motion, motion.S, jax.lax.stop_gradient(noise))
+        white, scale, _ = _filtered(motion, motion.S, jax.lax.stop_gradient(noise))
         before = 0.5 * jnp.sum(white[..., 0] ** 2) + jnp.sum(scale)
         # At the best step the derivative by the step is zero, so that it counts as constant.
         information = information_of(white[..., 0], white[..., 1:], own)
@@ -138,7 +136,7 @@ def _cost_and_slope(logarithms: ForceNoise, motion: ForcedMotion, own: int):
         every = jax.lax.stop_gradient(information.own.solve(d))
         moved = jnp.einsum("ctjp,cp->ctj", motion.S[..., :own], every) + motion.S[..., own:] @ d
         after = motion._replace(v=motion.v - moved)
-        white, scale = _filtered(after, motion.S[..., :0], noise)
+        white, scale, _ = _filtered(after, motion.S[..., :0], noise)
         return 0.5 * jnp.sum(white**2) + jnp.sum(scale), (before, every, d)
 
     return jax.value_and_grad(cost, has_aux=True)(logarithms)
@@ -152,20 +150,12 @@ def information_of(v, S, own: int) -> Information:
     return gather(triangles, jnp.zeros((1, shared + 1)), *held)
 
 
-def _functions(signals):
-    """Return functions of each signal, centred and scaled to its range."""
-    centred = signals - jnp.mean(signals, axis=(0, 1))[None, None]
-    size = jnp.max(jnp.abs(centred), axis=(0, 1))
-    s = centred / jnp.where(size > 0, size, 1.0)[None, None]
-    functions = [s**2, s**3, jnp.abs(s) * s, jnp.tanh(SIGN_STEEPNESS * s)]
-    return jnp.stack(functions, axis=-1).reshape(*s.shape[:2], -1)
-
-
 def _filtered(
     motion: ForcedMotion, columns: Float[Array, "case time output column"], noise: ForceNoise
 ):
     """Return the whitened innovations of residuals and columns, zero for samples that are not
-    valid, and the logarithm of the determinant of each innovation's factor.
+    valid, the logarithm of the determinant of each innovation's factor, and the predicted deviation
+    of the states from the motion.
     """
 
     columns = jnp.concatenate([motion.v[..., None], columns], axis=-1)
@@ -203,10 +193,11 @@ def _filtered_record(
         cross = covariance @ H.T
         L = jnp.linalg.cholesky(H @ cross + jnp.diag(R))
         white = jax.scipy.linalg.solve_triangular(L, y - H @ state, lower=True)
+        before = state[:, 0]
         K = jax.scipy.linalg.solve_triangular(L, cross.T, lower=True)
         state, covariance = state + K.T @ white, covariance - K.T @ K
         scale = jnp.sum(jnp.log(jnp.diagonal(L)))
-        return (F @ state, F @ covariance @ F.T + W), (white, scale)
+        return (F @ state, F @ covariance @ F.T + W), (white, scale, before)
 
     start = jnp.diag(jnp.concatenate([jnp.zeros(n), noise.deviation**2]))
     first = jnp.zeros((n + p, columns.shape[-1]))

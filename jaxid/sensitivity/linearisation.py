@@ -87,30 +87,32 @@ def trajectory_sensitivities(
     leaves, t = family.leaves(theta), trajectory.t
     substeps = trajectory.stepper.substeps
     size = _block_size(t.size, trajectory.x.shape[1] * family.n_columns)
-    n_blocks = -(-t.size // size)
     acting, inputs = input_derivatives(family, leaves, trajectory)
     begin, length = substeps_of(jnp.append(t, t[-1]), substeps)
     steps = (begin.reshape(-1, substeps), length.reshape(-1, substeps))
     equations = _equations(family, leaves, trajectory, acting)
     outputs = _outputs(family, leaves, trajectory, acting)
 
-    def in_blocks(leaf):
-        # the padding repeats the last sample, whose step has no length
-        padding = ((0, n_blocks * size - t.size),) + ((0, 0),) * (leaf.ndim - 1)
-        return jnp.pad(leaf, padding, mode="edge").reshape(n_blocks, size, *leaf.shape[1:])
-
     def block(X, now):
         t, x, steps, inputs = now
         Phi, G, (dx, A, B) = _transition(equations, leaves, x, steps, inputs, acting)
-        X, columns = jax.lax.scan(lambda X, step: (step[0] @ X + step[1], X), X, (Phi, G))
+        X, columns = jax.lax.scan(lambda X, now: (now[0] @ X + now[1], X), X, (Phi, G))
         states = jnp.concatenate([x, dx], axis=-1)
         columns = jnp.concatenate([columns, A @ columns + B], axis=-2)
         return X, _output_columns(outputs, leaves, (t, states, columns), inputs, acting)
 
-    now = jax.tree.map(in_blocks, (t, trajectory.x, steps, inputs))
+    # the last sample, which fills the last block, has a step of no length
+    now = jax.tree.map(lambda leaf: in_blocks(leaf, size), (t, trajectory.x, steps, inputs))
     y, S = jax.lax.scan(block, _initial(family, leaves), now)[1]
     y, S = (leaf.reshape(-1, *leaf.shape[2:])[: t.size] for leaf in (y, S))
     return _observed(family, leaves, t, y, S)
+
+
+def in_blocks(leaf: Float[Array, "time ..."], size: int) -> Float[Array, "block sample ..."]:
+    """Return an array in blocks of samples; the last sample is repeated to fill the last block."""
+    n_blocks = -(-leaf.shape[0] // size)
+    padding = ((0, n_blocks * size - leaf.shape[0]),) + ((0, 0),) * (leaf.ndim - 1)
+    return jnp.pad(leaf, padding, mode="edge").reshape(n_blocks, size, *leaf.shape[1:])
 
 
 def _block_size(samples: int, elements: int) -> int:
@@ -181,9 +183,9 @@ def _transition(equations: Differentiation, leaves: Leaves, x, steps, inputs: In
         x, dx, _, jacobians = stage_jacobians(equations, leaves, x, begin, length, u[:, INPUTS, :])
         A, B_u, B = jacobians
         if B_u is None:
-            return x, (*_step(jacobians, None, length), (dx, A[0], B[0]))
+            return x, (*step(jacobians, None, length), (dx, A[0], B[0]))
         dU = equations.family.select(jnp.moveaxis(du, 1, 0), acting)[INPUTS]
-        return x, (*_step(jacobians, dU, length), (dx, A[0], B[0] + B_u[0] @ dU[0]))
+        return x, (*step(jacobians, dU, length), (dx, A[0], B[0] + B_u[0] @ dU[0]))
 
     def then(before, after):
         return (after[0] @ before[0], after[0] @ before[1] + after[1]), None
@@ -214,7 +216,7 @@ def stage_jacobians(equations: Differentiation, leaves: Leaves, x, begin, length
     return x + length[:, None] / 6 * total, k[0], at, jax.lax.map(equations.apply, linear)
 
 
-def _step(jacobians: Jacobians, dU, length):
+def step(jacobians: Jacobians, dU, length):
     """Return `Phi` and `G` of many steps from the Jacobians at their stages.
 
     `M_s` is the derivative of the state after the step by the rate of stage s. `dU` are the

@@ -162,8 +162,9 @@ def block_products(
     problem = fit.problem
     own, at = len(problem.free.per_record), fit.triangle.at([f"{n}.gain" for n in candidates])
     free = [own + k for k, is_free in enumerate(fit.triangle.free) if is_free]
-    S = np.asarray(fit.motion.sensitivities[1])[..., [*range(own), *free, *(own + k for k in at)]]
-    rows = np.asarray(fit.whitened(to_device(S))[1])
+    v, S = fit.motion.sensitivities
+    chosen = np.asarray(S)[..., [*range(own), *free, *(own + k for k in at)]]
+    rows = np.asarray(fit.whitened(v, to_device(chosen))[1])
     cases, samples, outputs, _ = rows.shape
     records = rows.reshape(cases, samples * outputs, -1)
     columns = np.concatenate([_orthogonal(r[:, own:], r[:, :own]) for r in records])

@@ -11,14 +11,14 @@ from jaxid._foundation.location import LocationKind
 from jaxid.diagnosis.free_form import linear_models
 from jaxid.estimation.estimate import as_stack
 from jaxid.estimation.problem import Problem
+from jaxid.loop.dependence import COSINES, probes
 from jaxid.loop.hypothesis import ForceNoise
 from jaxid.loop.random_forces import (
-    FUNCTIONS,
     ForcedMotion,
     _cost_and_slope,
     estimate_forces,
     force_innovations,
-    probes,
+    predicted_states,
 )
 from jaxid.models.free import Parameters
 from jaxid.simulation.simulate import simulate
@@ -66,17 +66,32 @@ def test_innovations_equal_dense_gaussian():
     rng = np.random.default_rng(2)
     motion, noise, v, S, z = motion_of(rng)
     signal = jnp.asarray(rng.normal(size=(1, SAMPLES, 1)))
-    white_v, white_S = force_innovations(probes(motion, signal), noise)
+    columns = jnp.concatenate([motion.S, probes(motion.linear, signal)], axis=-1)
+    white_v, white_S = force_innovations(motion._replace(S=columns), noise)
 
     H, valid = response(), np.isfinite(z).reshape(-1)
     inverse = np.linalg.inv(covariance(H, noise)[np.ix_(valid, valid)])
-    s = np.asarray(signal)[0, :, 0] - np.mean(np.asarray(signal))
-    s = s / np.max(np.abs(s))
-    functions = np.stack([s**2, s**3, np.abs(s) * s, np.tanh(10.0 * s)], axis=1)
+    s = np.asarray(signal)[0, :, 0]
+    s = (s - np.min(s)) / np.ptp(s)
+    functions = np.cos(np.pi * s[:, None] * np.arange(1, COSINES + 1))
     dense = np.concatenate([v.reshape(-1, 1), S.reshape(-1, 3), H @ functions], axis=1)[valid]
-    white = np.concatenate([white_v[0][..., None], white_S[0]], axis=-1).reshape(-1, 8)
-    assert white_S.shape[-1] == 3 + len(FUNCTIONS)
+    white = np.concatenate([white_v[0][..., None], white_S[0]], axis=-1).reshape(-1, 4 + COSINES)
+    assert white_S.shape[-1] == 3 + COSINES
     np.testing.assert_allclose(white.T @ white, dense.T @ inverse @ dense, rtol=1e-7, atol=1e-9)
+
+
+def test_predicted_states_equal_conditional_means():
+    """Means of the states given the residuals of the samples before, by the joint covariance."""
+    motion, noise, v, _, z = motion_of(np.random.default_rng(4))
+    H, valid = response(), np.isfinite(z).reshape(-1)
+    C, residuals = covariance(H, noise), v.reshape(-1)
+    sensors = np.diag(np.tile(np.asarray(noise.sensors) ** 2, SAMPLES))
+    x = np.asarray(predicted_states(motion, noise) - motion.linear.x)[0]
+    for k in (1, 6, SAMPLES - 1):
+        known, now = np.flatnonzero(valid[: 2 * k]), slice(2 * k, 2 * k + 2)
+        joint = (C - sensors)[now][:, known]  # the outputs are the states
+        mean = joint @ np.linalg.solve(C[np.ix_(known, known)], residuals[known])
+        np.testing.assert_allclose(x[k], mean, rtol=1e-9, atol=1e-12)
 
 
 def test_cost_slope_and_step_of_forces_equal_dense_gaussian():

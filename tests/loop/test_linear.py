@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from jaxid.loop.linear import Triangle, falls, gains, largest_falls, reduce
+from jaxid.loop.linear import Triangle, falls, gains, joint_fall, largest_falls, reduce
 
 NAMES = ("a", "b", "c", "d", "e", "f")
 FREE = np.array([True, True, True, False, False, False])
@@ -45,6 +45,22 @@ def test_fall_equals_refit_of_linear_model(regression, out, into):
     refitted = v @ v - chi_square(S, z, columns)
     expected = fall(triangle, triangle.at(out), triangle.at(into))
     assert expected == pytest.approx(refitted, rel=1e-9)
+
+
+def test_joint_fall_of_overlapping_columns_equals_fall_of_their_span(regression):
+    """A column given twice adds no direction."""
+    *_, triangle = regression
+    names = triangle.names
+    double = triangle._replace(
+        names=(*names, "e again"),
+        factor=np.insert(triangle.factor, -1, 2.0 * triangle.factor[:, names.index("e")], axis=1),
+        free=np.append(triangle.free, False),
+        values=np.append(triangle.values, 0.0),
+    )
+    expected = fall(triangle, [], triangle.at("de"))
+    found, dof = joint_fall(reduce(double), double.at([*"de", "e again"]))
+    assert found == pytest.approx(expected, rel=1e-9)
+    assert dof == 2
 
 
 def test_gains_equal_refit_of_linear_model(regression):

@@ -5,7 +5,17 @@ import numpy as np
 import pytest
 from searched_spring import fly, problem
 
-from jaxid.effects import SensorBias, SensorDelay, SensorScale, Term
+from jaxid._foundation.types import Array
+from jaxid.effects import (
+    Effect,
+    EffectCard,
+    Location,
+    LocationKind,
+    SensorBias,
+    SensorDelay,
+    SensorScale,
+    Term,
+)
 from jaxid.loop import Coloured, Hypothesis, Outcome, RandomForces, White, search_effects
 from jaxid.loop.assess import Check
 from jaxid.loop.fit import fit
@@ -76,6 +86,28 @@ def test_constant_force_is_not_taken_for_noise():
     """No candidate is constant; a random force that never changes is no noise."""
     found = search_effects(problem(9, Term("v", "1", jnp.array(0.1))))
     assert found.outcome in (Outcome.UNEXPLAINED, Outcome.PROXIES)
+
+
+class Magnets(Effect):
+    """Magnets that pull towards their poles: `dv/dt -= gain sin(2 pi x / 0.8)`."""
+
+    gain: Array
+    card = EffectCard(
+        name="magnets",
+        description="magnets",
+        location=Location(LocationKind.EQUATION, "v"),
+    )
+
+    def equations(self, dx, signals):
+        return {"v": -self.gain * jnp.sin(2 * jnp.pi * signals["x"] / 0.8)}
+
+
+def test_force_that_follows_a_signal_is_not_random():
+    """No candidate has the shape of the force, which random forces without effects would fit."""
+    found = search_effects(problem(12, Magnets(jnp.array(0.4))))
+    assert (found.outcome, found.effects) == (Outcome.UNEXPLAINED, ())
+    assert "x" in found.assessment.objections[0].names
+    assert "depends on x" in str(found)
 
 
 def test_effect_under_coloured_noise_is_named():

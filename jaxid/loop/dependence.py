@@ -1,0 +1,156 @@
+"""Dependence of a noise on signals: noise depends on none.
+
+An error that is a function of a signal is no random one, whatever its shape. At each place of a
+disturbance, a smooth function of each state and each input is scored as a whole: cosines over the
+range of the signal,
+
+    d_i = sum_k c_k cos(k pi (s_i - min s) / (max s - min s)),    k = 1 ... COSINES
+
+whose response in the linear model is whitened as the residual is. The fall of chi-square by all
+`c_k`, orthogonal to the free parameters, has at most `COSINES` degrees of freedom.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.stats import chi2
+
+from .._foundation.compiler import fast_compile_jit
+from .._foundation.location import LocationKind
+from .._foundation.types import Array, Float
+from ..diagnosis.free_form import Linear, answers
+from ..estimation.likelihoods import OutputError
+from .evidence import SETTLED
+from .fit import LoopFit, triangular_factor
+from .hypothesis import RandomForces
+from .linear import Triangle, joint_fall, reduce
+from .linear_motion import LinearMotion
+from .random_forces import ForceFit, force_innovations, forced_motion, predicted_states
+
+# Name of a candidate or a signal, and a fall of chi-square with its degrees of freedom.
+Test = tuple[str, tuple[float, int]]
+# Chosen: cosines over the range of a signal, eight periods at most.
+COSINES = 16
+
+
+class Whitened(NamedTuple):
+    """A motion whose residual a noise should explain.
+
+    Attributes:
+        motion: the motion.
+        states: states at each sample, independent of the noise of this sample.
+        places: places of disturbances that may follow a signal, with their kind.
+        white: function from residuals and columns to white ones.
+    """
+
+    motion: LinearMotion
+    states: Float[Array, "case time state"]
+    places: Sequence[tuple[LocationKind, str]]
+    white: Callable[[Array, Array], tuple[Array, Array]]
+
+
+def followed_signals(best: LoopFit, level: float) -> tuple[str, ...]:
+    """Return the candidates and signals on which the noise of a fit depends, with a probability of
+    a false alarm of `level` over all of them.
+    """
+    problem, noise, motion = best.problem, best.hypothesis.noise, best.motion
+    if isinstance(noise, RandomForces):
+        forces = ForceFit(motion, noise.at(best.estimates, problem.model.outputs), best.cost)
+        return followed_by_forces(best, forces, noise, level)
+    if not isinstance(best.estimation.problem.likelihood, OutputError):
+        return ()  # its rows are no function of the outputs alone
+    states = motion.linear.x[..., : len(problem.model.states)]
+    places = [(LocationKind.EQUATION, name) for name in problem.equations]
+    places += [(LocationKind.SENSOR, name) for name in problem.model.outputs]
+    return _followed(best, Whitened(motion, states, places, best.whitened), level)
+
+
+def followed_by_forces(
+    fitted: LoopFit, forces: ForceFit, noise: RandomForces, level: float
+) -> tuple[str, ...]:
+    """Return the candidates and the signals that random forces follow, with a probability of a
+    false alarm of `level` over all of them.
+
+    Args:
+        fitted: fit whose free parameters may explain the innovations.
+        forces: the most probable forces.
+        noise: their places.
+        level: the probability.
+    """
+    motion = forces.motion
+
+    def white(v, S):
+        return force_innovations(forced_motion(motion, noise, v, S), forces.noise)
+
+    declared = len(fitted.problem.model.states)
+    forced = forced_motion(motion, noise, *motion.sensitivities)
+    states = predicted_states(forced, forces.noise)[..., :declared]
+    places = [(kind, name) for kind, names in noise.places.items() for name in names]
+    return _followed(fitted, Whitened(motion, states, places, white), level)
+
+
+def _followed(fitted: LoopFit, whitened: Whitened, level: float) -> tuple[str, ...]:
+    """Return the candidates and signals with a significant fall of chi-square, the most
+    significant first.
+    """
+    tests = [*_candidate_tests(fitted, whitened), *_signal_tests(fitted, whitened)]
+    chances: dict[str, float] = {}
+    for name, (fall, dof) in tests:
+        # A small fall is none: the linear model is an approximation.
+        if dof and fall > max(float(chi2.isf(level / len(tests), dof)), SETTLED):
+            chances[name] = min(chances.get(name, 0.0), float(chi2.logsf(fall, dof)))
+    return tuple(sorted(chances, key=lambda name: chances[name]))
+
+
+def _candidate_tests(fitted: LoopFit, whitened: Whitened) -> Iterator[Test]:
+    """Yield each candidate with its fall of chi-square."""
+    names = fitted.problem.columns.names
+    triangle = _triangle(fitted, whitened, *whitened.motion.sensitivities, names)
+    reduced = reduce(triangle)
+    for name in fitted.problem.effects:
+        yield name, joint_fall(reduced, triangle.at([f"{name}.gain"]))
+
+
+def _signal_tests(fitted: LoopFit, whitened: Whitened) -> Iterator[Test]:
+    """Yield each state and input with the fall of chi-square by a function of it, at each place."""
+    problem, motion = fitted.problem, whitened.motion
+    signals = jnp.concatenate([whitened.states, problem.train.u], axis=-1)
+    names = (*problem.model.states, *problem.model.inputs)
+    free = tuple(name for name in fitted.estimation.free.shared if name in problem.columns.index)
+    v, S = motion.columns_of(free)
+    labels = (*free, *(f"{name} {k}" for name in names for k in range(COSINES)))
+    for kind, place in whitened.places:
+        forced = probes(motion.linear_at({kind: (place,)}), signals)
+        columns = jnp.concatenate([S, forced], axis=-1)
+        reduced = reduce(_triangle(fitted, whitened, v, columns, labels))
+        for first, name in zip(itertools.count(len(free), COSINES), names, strict=False):
+            yield name, joint_fall(reduced, range(first, first + COSINES))
+
+
+def _triangle(fitted: LoopFit, whitened: Whitened, v, S, names: tuple[str, ...]) -> Triangle:
+    """Return the triangular factor of whitened columns, the per-record ones eliminated."""
+    factor = triangular_factor(*whitened.white(v, S), len(fitted.problem.free.per_record))
+    return fitted.triangle_of(np.asarray(factor), names)
+
+
+@fast_compile_jit
+def probes(
+    linear: Linear, signals: Float[Array, "case time signal"]
+) -> Float[Array, "case time output column"]:
+    """Return the responses to disturbances that are cosines of signals, place by place, signal by
+    signal.
+    """
+    forced = jax.vmap(answers)(linear, _cosines(signals))
+    return forced.reshape(*forced.shape[:3], -1)
+
+
+def _cosines(signals):
+    """Return the cosines over the range of each signal."""
+    least, most = jnp.min(signals, axis=(0, 1)), jnp.max(signals, axis=(0, 1))
+    share = (signals - least[None, None]) / jnp.where(most > least, most - least, 1.0)[None, None]
+    half_periods = jnp.arange(1, COSINES + 1)[None, None, None]
+    return jnp.cos(jnp.pi * share[..., None] * half_periods).reshape(*signals.shape[:2], -1)

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 
 import jax
-import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
+from jax.core import Tracer
 
 from .host import on_host
 from .types import Array, Bool, Float
@@ -68,8 +69,15 @@ def with_undetermined(result: RESULTS, deviations: Float[Array, "*batch paramete
         result: result of an estimate, or one for each case.
         deviations: standard errors of its parameters.
     """
-    infinite = jnp.any(jnp.isinf(deviations), axis=-1)
-    return RESULTS.where(is_one_of(result, CONVERGED) & infinite, RESULTS.undetermined, result)
+    drifting = _drifting(is_one_of(result, CONVERGED), deviations)
+    if not isinstance(drifting, Tracer) and not np.any(drifting):
+        return result  # `where` would compile a program
+    return RESULTS.where(drifting, RESULTS.undetermined, result)
+
+
+@on_host
+def _drifting(xp, converged, deviations):
+    return converged & xp.any(xp.isinf(deviations), axis=-1)
 
 
 @on_host

@@ -14,12 +14,12 @@ from ..diagnosis.heldout_error import difference_error, mean_log
 from ..diagnosis.localise import LocalisationResult
 from ..effects.base import Effect
 from .dependence import followed_signals
-from .evidence import DETERMINED, SETTLED, Decision, inflation, is_noise_like
+from .evidence import DETERMINED, SETTLED, Decision, inflation, is_drift, is_noise_like, memory
 from .fit import LoopFit
 from .hypothesis import White
 from .linear import falls, reduce
 from .moves import MoveKind, localise_fit
-from .noise import above_known_noise, is_drift, memory, stands_out
+from .noise import above_known_noise, stands_out
 from .options import LoopOptions
 from .outcome import Outcome
 from .search import SearchTree

@@ -5,12 +5,14 @@ import enum
 
 import equinox as eqx
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
+from .._foundation.grid import typical_step
 from .._foundation.types import Array, Float
 from ..diagnosis.autoregression import chance_level
 from ..diagnosis.heldout_error import difference_error, mean_log, uncertainty
 from ..diagnosis.validation import Prediction
+from ..estimation.autoregressive_noise import AutoregressiveNoise
 from ..models.noise import AbstractNoise
 from .fit import LoopFit
 from .hypothesis import White
@@ -24,6 +26,9 @@ INSEPARABLE = 6.0
 SETTLED = 25.0
 # Chosen: standard errors by which a gain must differ from zero to be determined.
 DETERMINED = 2.0
+# Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
+# five times in a record, and is as well a constant or a drift.
+LONGEST_MEMORY = 0.1
 
 
 class Decision(enum.Enum):
@@ -35,6 +40,7 @@ class Decision(enum.Enum):
         UNDETERMINED: the gain of an added effect is within two standard errors of zero.
         DEGENERATE: an added effect is on a bound where it has no effect.
         NOT_SIGNIFICANT: the decrease of the cost may be due to chance.
+        DRIFT: a noise has so long a memory that it is as well a constant or a drift.
     """
 
     BETTER = "better"
@@ -42,6 +48,7 @@ class Decision(enum.Enum):
     UNDETERMINED = "its gain is not determined"
     DEGENERATE = "on a bound where it has no effect"
     NOT_SIGNIFICANT = "not significant"
+    DRIFT = "a noise as slow as a drift"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +80,9 @@ def compare(old: LoopFit, new: LoopFit, options: LoopOptions, count: int) -> Com
     Added parameters must lower twice the cost by more than chance would with as many candidates
     (chi-square, Bonferroni), multiplied by the variance inflation of the new residual. A removal
     must raise it by less; a swap is priced by the number of parameters. Where the residual is still
-    predictable, significance is inaccurate: the check records must gain as well.
+    predictable, train and check records decide together, by the probability of both improvements
+    (`improvement_chance`), and the check records must gain materially. A noise must not be as slow
+    as a drift.
 
     Args:
         count: number of candidates among which the change was selected.
@@ -82,15 +91,21 @@ def compare(old: LoopFit, new: LoopFit, options: LoopOptions, count: int) -> Com
     if type(old.hypothesis.noise) is not type(new.hypothesis.noise):
         required = new.problem.price * (new.count - old.count) + INSEPARABLE
         decision = Decision.BETTER if fall > required else Decision.NOT_SIGNIFICANT
+        if decision is Decision.BETTER and is_drift(new, memory(new)):
+            decision = Decision.DRIFT
         return Comparison(decision, fall, required, float("nan"))
-    required = _required(old, new, options.level / max(count, 1))
+    level = options.level / max(count, 1)
+    required = _required(old, new, level)
     check_fall = mean_log(old.check_prediction) - mean_log(new.check_prediction)
-    decision = _decide(old, new, options, fall - required, check_fall)
-    return Comparison(decision, fall, required, check_fall)
+    numbers = Comparison(Decision.BETTER, fall, required, check_fall)
+    return dataclasses.replace(numbers, decision=_decide(old, new, numbers, options, level))
 
 
-def _decide(old: LoopFit, new: LoopFit, options: LoopOptions, excess, check_fall) -> Decision:
+def _decide(
+    old: LoopFit, new: LoopFit, numbers: Comparison, options: LoopOptions, level: float
+) -> Decision:
     """Return the decision between two fits of one noise."""
+    check_fall = numbers.check_fall
     added = [name for name in new.effects if name not in old.effects]
     if not check_fall >= -_tolerated_loss(old, new, options):  # also if it is not a number
         return Decision.CHECK_WORSE
@@ -98,20 +113,30 @@ def _decide(old: LoopFit, new: LoopFit, options: LoopOptions, excess, check_fall
         return Decision.UNDETERMINED
     if is_degenerate(new, added):
         return Decision.DEGENERATE
-    better = excess > 0 and _is_supported(old, new, options, check_fall)
+    accurate = not added or _is_swap(old, new) or any(map(new.problem.is_evident, added))
+    if accurate or is_noise_like(new, options):
+        better = numbers.fall > numbers.required
+    else:
+        gain = check_fall > options.min_check_gain
+        better = gain and improvement_chance(old, new, numbers.fall, check_fall) < level
     return Decision.BETTER if better else Decision.NOT_SIGNIFICANT
 
 
-def _is_supported(old: LoopFit, new: LoopFit, options: LoopOptions, check_fall: float) -> bool:
-    """Return True if the significance of a change is accurate, or the check records support it.
+def improvement_chance(old: LoopFit, new: LoopFit, fall: float, check_fall: float) -> float:
+    """Return the probability that chance alone improves train and check records as much.
 
-    An addition needs a material gain on the check records while the residual is predictable.
+    The fall of chi-square of the training records, divided by the inflation, and the fall of the
+    check records' error, divided by its standard error, are independent. Their probabilities are
+    combined by Fisher's method (Statistical Methods for Research Workers, 1932, section 21.1).
     """
     added = set(new.effects) - set(old.effects)
-    if not added or _is_swap(old, new) or any(map(new.problem.is_evident, added)):
-        return True
+    of_train = chi2.logsf(max(fall, 0.0) / inflation(new, added), new.count - old.count)
     scatter = difference_error(old.check_prediction, new.check_prediction)
-    return check_fall > max(options.min_check_gain, scatter) or is_noise_like(new, options)
+    if scatter > 0:
+        of_check = norm.logsf(check_fall / scatter)
+    else:  # no difference, or one of the simulations fails
+        of_check = -np.inf if check_fall > 0 else 0.0
+    return float(chi2.sf(-2.0 * (of_train + of_check), 4))
 
 
 def _tolerated_loss(old: LoopFit, new: LoopFit, options: LoopOptions) -> float:
@@ -180,6 +205,30 @@ def is_noise_like(fit: LoopFit, options: LoopOptions) -> bool:
     mask = np.asarray(fit.problem.train.mask)
     allowed = options.max_predictable_share + chance_level(int(np.min(np.sum(mask, axis=(0, 1)))))
     return all(share <= allowed for share in fit.predictable.values())
+
+
+def memory(fitted: LoopFit) -> float:
+    """Return the longest correlation time of the noise of a fit [s]; zero for white noise.
+
+    Autoregressive noise with coefficients of characteristic roots `z` decays as `max |z|^i`.
+    """
+    noise = fitted.estimation.problem.likelihood.noise
+    times = [v for n, (v, _) in fitted.estimates.items() if n.startswith("correlation_time.")]
+    if isinstance(noise, AutoregressiveNoise):
+        mask = fitted.problem.train.mask
+        step = float(typical_step(fitted.problem.train.t))
+        for coefficients in np.asarray(noise.coefficients(fitted.solution.residuals, mask)):
+            largest = float(np.max(np.abs(np.roots(np.r_[1.0, -coefficients])), initial=0.0))
+            times.append(step / max(-np.log(max(largest, 1e-300)), 1e-300))
+    return max(times, default=0.0)
+
+
+def is_drift(fitted: LoopFit, memory: float) -> bool:
+    """Return True if a noise of some memory [s] is so slow in the records of a fit that it is as
+    well a constant or a drift.
+    """
+    t = np.asarray(fitted.problem.train.t)
+    return bool(memory > LONGEST_MEMORY * float(np.max(t[:, -1] - t[:, 0])))
 
 
 def worth(fit: LoopFit) -> float:

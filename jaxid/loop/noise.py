@@ -12,9 +12,9 @@ from scipy.stats import chi2
 from .._foundation.grid import typical_step
 from .._foundation.location import LocationKind
 from ..diagnosis.localise import LocalisationResult
-from ..estimation.autoregressive_noise import AutoregressiveNoise, select_order
+from ..estimation.autoregressive_noise import select_order
 from .dependence import followed_by_forces
-from .evidence import INSEPARABLE
+from .evidence import INSEPARABLE, is_drift
 from .fit import LoopFit
 from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces, White
 from .moves import Move, MoveKind
@@ -23,9 +23,6 @@ from .random_forces import ForceFit, fit_forces
 
 # Chosen: starting value of the correlation time of a random force [samples].
 FORCE_TIME = 5.0
-# Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
-# five times in a record, and is as well a constant or a drift.
-LONGEST_MEMORY = 0.1
 
 
 def noise_moves(
@@ -149,27 +146,3 @@ def above_known_noise(fitted: LoopFit, level: float) -> bool:
     squares = float(np.sum(np.where(mask, np.asarray(fitted.white_residuals), 0.0) ** 2))
     unknown = len(fitted.estimation.free.shared) + fitted.solution.parameters.rows.size
     return bool(chi2.sf(squares, max(int(np.sum(mask)) - unknown, 1)) < level)
-
-
-def memory(fitted: LoopFit) -> float:
-    """Return the longest correlation time of the noise of a fit [s]; zero for white noise.
-
-    Autoregressive noise with coefficients of characteristic roots `z` decays as `max |z|^i`.
-    """
-    noise = fitted.estimation.problem.likelihood.noise
-    times = [v for n, (v, _) in fitted.estimates.items() if n.startswith("correlation_time.")]
-    if isinstance(noise, AutoregressiveNoise):
-        mask = fitted.problem.train.mask
-        step = float(typical_step(fitted.problem.train.t))
-        for coefficients in np.asarray(noise.coefficients(fitted.solution.residuals, mask)):
-            largest = float(np.max(np.abs(np.roots(np.r_[1.0, -coefficients])), initial=0.0))
-            times.append(step / max(-np.log(max(largest, 1e-300)), 1e-300))
-    return max(times, default=0.0)
-
-
-def is_drift(fitted: LoopFit, memory: float) -> bool:
-    """Return True if a noise of some memory [s] is so slow in the records of a fit that it is as
-    well a constant or a drift.
-    """
-    t = np.asarray(fitted.problem.train.t)
-    return bool(memory > LONGEST_MEMORY * float(np.max(t[:, -1] - t[:, 0])))

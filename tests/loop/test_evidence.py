@@ -1,0 +1,36 @@
+"""Decisions between two fits: train and check records together, and noises as slow as a drift."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, norm
+from searched_spring import problem
+
+from jaxid.loop import Coloured, Hypothesis, LoopOptions, evidence
+from jaxid.loop.evidence import Decision, compare, improvement_chance
+from jaxid.loop.fit import fit
+
+
+@pytest.fixture(scope="module")
+def declared():
+    return fit(problem(31, memory=0.98), Hypothesis())
+
+
+@pytest.mark.parametrize(("fall", "check_fall"), [(9.0, 0.02), (20.0, 0.0), (3.0, 0.3)])
+def test_chance_of_both_improvements_is_that_of_a_product(monkeypatch, declared, fall, check_fall):
+    """The product c of two uniform numbers is smaller with a probability of c (1 - log c)."""
+    monkeypatch.setattr(evidence, "inflation", lambda *_: 2.0)
+    monkeypatch.setattr(evidence, "difference_error", lambda *_: 0.1)
+    added = fit(declared.problem, Hypothesis(("x^2 in v",)), declared)
+    product = chi2.sf(fall / 2.0, 1) * norm.sf(check_fall / 0.1)
+    expected = product * (1.0 - np.log(product))
+    assert improvement_chance(declared, added, fall, check_fall) == pytest.approx(
+        expected, rel=1e-9
+    )
+
+
+def test_noise_as_slow_as_a_drift_is_refused(declared):
+    """Its correlation time of 50 samples is a quarter of a record."""
+    slow = fit(declared.problem, Hypothesis((), Coloured(1)), declared)
+    comparison = compare(declared, slow, LoopOptions(), 1)
+    assert comparison.fall > comparison.required
+    assert comparison.decision is Decision.DRIFT

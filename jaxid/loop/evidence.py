@@ -41,6 +41,7 @@ class Decision(enum.Enum):
         DEGENERATE: an added effect is on a bound where it has no effect.
         NOT_SIGNIFICANT: the decrease of the cost may be due to chance.
         DRIFT: a noise has so long a memory that it is as well a constant or a drift.
+        FOLLOWS: a noise depends on a candidate or a signal.
     """
 
     BETTER = "better"
@@ -49,6 +50,7 @@ class Decision(enum.Enum):
     DEGENERATE = "on a bound where it has no effect"
     NOT_SIGNIFICANT = "not significant"
     DRIFT = "a noise as slow as a drift"
+    FOLLOWS = "a noise that depends on a signal"
 
 
 @dataclasses.dataclass(frozen=True)

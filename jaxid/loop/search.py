@@ -12,10 +12,12 @@ from ..effects.library import initialise_shapes
 from ..effects.shape_initialisation import RESIDUAL, SIMULATED
 from ..estimation.estimate import divergence
 from ..estimation.likelihoods import OutputError
+from .dependence import followed_signals
 from .evidence import (
     INSEPARABLE,
     SETTLED,
     Comparison,
+    Decision,
     compare,
     inflation,
     is_noise_like,
@@ -237,11 +239,24 @@ def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> l
             continue
         progress(f"refit with {move.hypothesis}")
         new = refit(parent, move)
-        steps.append(Step(parent, move, new, compare(parent, new, options, count)))
-        tree.steps.append(steps[-1])
+        step = Step(parent, move, new, compare(parent, new, options, count))
+        if move.kind is MoveKind.NOISE and step.comparison.accepted:
+            step = _without_dependence(tree, step, options)
+        steps.append(step)
+        tree.steps.append(step)
         if steps[-1].comparison.accepted:
             best = max(best, steps[-1].comparison.fall)
     return steps
+
+
+def _without_dependence(tree: SearchTree, step: Step, options: LoopOptions) -> Step:
+    """Return a step to another noise, refused if that noise depends on a signal."""
+    followed = followed_signals(step.fit, options.level)
+    if not followed:
+        return step
+    tree.followed = tuple(dict.fromkeys((*tree.followed, *followed)))
+    refused = dataclasses.replace(step.comparison, decision=Decision.FOLLOWS)
+    return dataclasses.replace(step, comparison=refused)
 
 
 def refit(parent: LoopFit, move: Move) -> LoopFit:

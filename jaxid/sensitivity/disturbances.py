@@ -164,4 +164,4 @@ def _blockwise(function, samples):
     size = min(SAMPLES_AT_ONCE, count)
     blocks = jax.tree.map(lambda leaf: in_blocks(leaf, size), samples)
     values = jax.lax.map(lambda block: jax.vmap(function)(*block), blocks)
-    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:])[:count], values)
+    return jax.tree.map(lambda leaf: jax.lax.collapse(leaf, 0, 2)[:count], values)

@@ -16,7 +16,7 @@ from ..estimation.estimate import Fit
 from ..estimation.likelihoods import OutputError
 from ..estimation.result import Estimate
 from ..loop.assess import Assessment, Check, Objection
-from ..loop.evidence import INSEPARABLE
+from ..loop.evidence import INSEPARABLE, compare
 from ..loop.fit import LoopFit, fit
 from ..loop.moves import Proposals, localise_fit
 from ..loop.options import LoopOptions
@@ -126,8 +126,11 @@ def _fitted_on(records: Record, declared: LoopFit, best: LoopFit, options: LoopO
     declared = fit(problem, declared.hypothesis, declared)
     best, dropped = declared if is_declared else fit(problem, best.hypothesis, best), []
     while best.effects and (moves := Proposals(best, options).drops()):
-        dropped += [name for name in best.effects if name not in moves[0].hypothesis.effects]
-        best = fit(problem, moves[0].hypothesis, best)
+        fewer = fit(problem, moves[0].hypothesis, best)
+        if not compare(best, fewer, options, len(problem.effects)).accepted:
+            break
+        dropped += [name for name in best.effects if name not in fewer.effects]
+        best = fewer
     return declared, best, tuple(dropped)
 
 

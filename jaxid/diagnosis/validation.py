@@ -219,12 +219,16 @@ class Predictor(eqx.Module):
         states: states whose initial value is fitted; the others start at `model.initial_state`.
         n_cases: number of records that are simulated at once, that of the training records of a
             study.
+        prior: mean and standard deviation of a Gaussian prior on each fitted initial value. It
+            holds back a value that a short window does not determine, such as a level that no
+            instrument measures.
     """
 
     likelihood: AbstractLikelihood
     window: int | None = eqx.field(static=True)
     states: tuple[str, ...] = eqx.field(static=True)
     n_cases: int = eqx.field(static=True)
+    prior: Float[Array, "2 start"] | None = None
 
     def predict(self, model: AbstractModel, records: Record) -> Prediction:
         """Return the prediction of records.
@@ -253,9 +257,8 @@ class Predictor(eqx.Module):
             (PROGRAMS.outputs, self._parts(*case.outputs_arguments(begin))[0])
         ]
         if self.window is not None:
-            head = self._head(problem, 0)
-            begin = Parameters(begin.shared, to_device(np.asarray(begin.rows)[:1]))
-            arguments = FlatProblem.of(head).sensitivities_arguments(begin)
+            begin = _as_shared(np.asarray(begin.rows)[0])
+            arguments = FlatProblem.of(self._head(problem, 0)).sensitivities_arguments(begin)
             programs.append((PROGRAMS.sensitivities, arguments))
         return programs
 
@@ -265,32 +268,39 @@ class Predictor(eqx.Module):
         rows = np.array(begin.rows)
         if self.window is not None:
             for k, row in enumerate(rows):
-                head = self._head(problem, k)
-                begin = Parameters(to_device(np.zeros(0)), to_device(row[None].copy()))
-                end = minimise_by_steps(head, begin, GaussNewton())
-                rows[k] = np.asarray(end.parameters.rows)[0]
+                end = minimise_by_steps(self._head(problem, k), _as_shared(row), GaussNewton())
+                rows[k] = np.asarray(end.parameters.shared)
         return to_device(rows)
 
     def _problem(self, model: AbstractModel, records: Record) -> Problem:
         """Return the problem of fitting the initial states of records."""
-        positions = self._free.positions(model)
-        limits = Limits.of(self._free, records.n_cases)
-        return Problem(model, positions, records, self.likelihood, limits)
+        chosen = Free((), self._starts)
+        limits = Limits.of(chosen, records.n_cases)
+        return Problem(model, chosen.positions(model), records, self.likelihood, limits)
 
     @property
-    def _free(self) -> Free:
-        return Free((), tuple(f"{INITIAL_STATE}.{state}" for state in self.states))
+    def _starts(self) -> tuple[str, ...]:
+        return tuple(f"{INITIAL_STATE}.{state}" for state in self.states)
 
     def _head(self, problem: Problem, case: int) -> Problem:
-        """Return the problem of the window of one record."""
+        """Return the problem of the window of one record, whose initial values are shared
+        parameters, for their priors.
+        """
 
         def cut(leaf):
             part = np.asarray(leaf)[case : case + 1]
             return to_device(part[:, : self.window] if part.ndim > 1 else part)
 
         records = _unnamed(jax.tree.map(cut, problem.records))
-        limits = Limits.of(self._free, 1)
-        return dataclasses.replace(problem, records=records, limits=limits)
+        pairs = () if self.prior is None else np.asarray(self.prior).T
+        priors = [(to_device(mean), to_device(deviation)) for mean, deviation in pairs]
+        chosen = Free(self._starts, prior=dict(zip(self._starts, priors, strict=False)))
+        return dataclasses.replace(
+            problem,
+            positions=chosen.positions(problem.model),
+            records=records,
+            limits=Limits.of(chosen, 1),
+        )
 
     def _parts(self, model, flat, records: Record, likelihood) -> list[tuple]:
         """Return the arguments of `outputs` for groups of as many records as the training has.
@@ -305,6 +315,11 @@ class Predictor(eqx.Module):
             part = _unnamed(jax.tree.map(take, records))
             parts.append((model, take(flat), part, likelihood))
         return parts
+
+
+def _as_shared(row: Float[np.ndarray, " start"]) -> Parameters:
+    """Return the initial values of one record as shared parameters."""
+    return Parameters(to_device(row.copy()), to_device(np.zeros((1, 0))))
 
 
 def _take(leaf, chosen):

@@ -213,6 +213,8 @@ class LoopFit:
         """Return the prediction of an anonymous stack that was not fitted, by simulation."""
         problem, known = self.problem, FixedNoise(regular(self.noise_covariance))
         predictor = eqx.tree_at(lambda node: node.likelihood.noise, problem.predictor, known)
+        if problem.window is not None:
+            predictor = dataclasses.replace(predictor, prior=self.motion.usual(predictor.states))
         return predictor.predict(problem.model_at(self.values, self.effects), records)
 
 

@@ -132,6 +132,16 @@ class LinearMotion:
         states = self.problem.augmented.only(self.effects).states
         return linear.of_states([self.fixed.model.states.index(name) for name in states])
 
+    def usual(self, states: Sequence[str]) -> Float[Array, "2 start"]:
+        """Return mean and standard deviation of some states along the motion; the latter is
+        infinite for a state that rests.
+        """
+        known, x = self.fixed.model.states, np.asarray(self.linear.x)
+        along = [x[..., known.index(name)] if name in known else np.zeros(1) for name in states]
+        deviation = np.array([np.std(values) for values in along])
+        mean = np.array([np.mean(values) for values in along])
+        return to_device(np.stack([mean, np.where(deviation > 0, deviation, np.inf)]))
+
     @cached_property
     def signals(self) -> dict[str, np.ndarray]:
         """All signals of the declared model along the motion, by name."""

@@ -239,7 +239,9 @@ def _output_columns(outputs: Differentiation, leaves: Leaves, samples, inputs: I
     """Return the outputs at the samples of a block, and their sensitivities."""
     t, states, X = samples
     points = (t, states, inputs.at_samples)
-    groups = jax.tree.map(lambda leaf: leaf.reshape(OUTPUT_GROUPS, -1, *leaf.shape[1:]), points)
+    groups = jax.tree.map(
+        lambda leaf: leaf.reshape(OUTPUT_GROUPS, t.size // OUTPUT_GROUPS, *leaf.shape[1:]), points
+    )
     y, linear = jax.lax.map(lambda group: outputs.linearise(leaves, *group), groups)
     y, jacobians = jax.tree.map(
         lambda leaf: leaf.reshape(t.size, *leaf.shape[2:]),

@@ -7,13 +7,34 @@ import numpy as np
 import pytest
 from reference_estimation import rk4
 
+from jaxid._foundation.types import Array
 from jaxid.data import record
 from jaxid.estimation import OutputError, estimate
-from jaxid.models import DiagonalNoise, FixedNoise, FullNoise, LinearModel, free
+from jaxid.models import (
+    AbstractModel,
+    DiagonalNoise,
+    FixedNoise,
+    FullNoise,
+    LinearModel,
+    free,
+)
 
 A = np.array([[0.0, 1.0], [-2.0, -0.5]])
 R = np.array([[0.04, 0.03], [0.03, 0.09]])
 STATES, INPUTS, OUTPUTS = ("x", "v"), ("force",), ("position", "acceleration")
+
+
+class Decay(AbstractModel):
+    """A free decay: no input."""
+
+    rate: Array
+    states, inputs, outputs = ("x",), (), ("x",)
+
+    def rhs(self, t, x, u):
+        return -self.rate * x
+
+    def output(self, t, x, u):
+        return x
 
 
 def linear(B, C, D):
@@ -143,3 +164,13 @@ def test_correlations_and_F_values_follow_from_covariance(seed):
     np.testing.assert_allclose(
         result.correlation[0, 1], C[0, 1] / np.sqrt(C[0, 0] * C[1, 1]), rtol=1e-12
     )
+
+
+def test_free_decay_without_an_input_is_estimated():
+    t, no_input = 0.1 * np.arange(40), np.zeros((40, 0))
+    x = rk4(lambda x, u, theta: -x, t, np.zeros(40), np.array([2.0]), np.zeros(1))
+    decay = record(t, no_input, x, inputs=(), outputs=("x",))
+    start = Decay(jnp.array(0.3))
+    chosen = free(start, "rate", per_record=("initial_state",))
+    found = estimate(start, chosen, decay, OutputError(FixedNoise(jnp.eye(1))))
+    assert found.value("rate") == pytest.approx(1.0, rel=1e-6)

@@ -115,13 +115,22 @@ def _decide(
         return Decision.UNDETERMINED
     if is_degenerate(new, added):
         return Decision.DEGENERATE
-    accurate = not added or _is_swap(old, new) or any(map(new.problem.is_evident, added))
-    if accurate or is_noise_like(new, options):
+    if _is_accurate(old, new, options):
         better = numbers.fall > numbers.required
     else:
         gain = check_fall > options.min_check_gain
         better = gain and improvement_chance(old, new, numbers.fall, check_fall) < level
     return Decision.BETTER if better else Decision.NOT_SIGNIFICANT
+
+
+def _is_accurate(old: LoopFit, new: LoopFit, options: LoopOptions) -> bool:
+    """Return True if the fall of the cost alone decides: of an addition only if the residual is no
+    longer predictable, or the records show the effect without a model.
+    """
+    added = set(new.effects) - set(old.effects)
+    if not added or _is_swap(old, new) or any(map(new.problem.is_evident, added)):
+        return True
+    return is_noise_like(new, options)
 
 
 def improvement_chance(old: LoopFit, new: LoopFit, fall: float, check_fall: float) -> float:

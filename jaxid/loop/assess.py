@@ -110,7 +110,7 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
     (`test_constant_sensor_error_is_not_reported_as_coloured_noise`).
     """
     best, level = tree.best, options.level
-    # The signals that forces without effects would follow, where no effect was found.
+    # The signals that refused noises depend on, where no effect was found.
     followed = () if best.effects else tree.followed
     if not is_noise_like(best, options) or above_known_noise(best, level):
         return Objection(Check.NOISE_LIKE, followed)

@@ -1,4 +1,4 @@
-"""Noise of a fit: the models that should explain its residual, and the signals that it depends on.
+"""Noise of a fit: the models that should explain its residual.
 
 Noise has no drift, depends on no signal, and is not in one place more than chance allows.
 """

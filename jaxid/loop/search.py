@@ -1,7 +1,7 @@
 """`search`: beam search over hypotheses, from the declared model."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -56,8 +56,7 @@ class SearchTree:
         best: fit of the best hypothesis.
         steps: all refits, in order.
         path: accepted steps from the declared model to the best hypothesis.
-        followed: candidates and signals that forces without effects would follow; such forces are
-            not random.
+        followed: candidates and signals that refused noises depend on.
         interrupted: True if the user stopped the search.
     """
 
@@ -72,6 +71,10 @@ class SearchTree:
     def problem(self) -> LoopProblem:
         """The problem of the search."""
         return self.declared.problem
+
+    def note_followed(self, names: Iterable[str]) -> None:
+        """Add candidates and signals that a refused noise depends on."""
+        self.followed = tuple(dict.fromkeys((*self.followed, *names)))
 
     @cached_property
     def where(self) -> LocalisationResult:
@@ -223,7 +226,7 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
         progress("location of the residual")
         where = tree.where if parent is tree.declared else localise_fit(parent, tree.where.splines)
     moves, followed = noise_moves(parent, tree.declared, where, options)
-    tree.followed = tuple(dict.fromkeys((*tree.followed, *followed)))
+    tree.note_followed(followed)
     return moves
 
 
@@ -254,7 +257,7 @@ def _without_dependence(tree: SearchTree, step: Step, options: LoopOptions) -> S
     followed = followed_signals(step.fit, options.level)
     if not followed:
         return step
-    tree.followed = tuple(dict.fromkeys((*tree.followed, *followed)))
+    tree.note_followed(followed)
     refused = dataclasses.replace(step.comparison, decision=Decision.FOLLOWS)
     return dataclasses.replace(step, comparison=refused)
 

@@ -119,7 +119,10 @@ def measure(name: str, folder: str | None, report: Callable[[str], None]) -> dic
         **declared_set.parts,
         progress=lambda words: report(f"{time.perf_counter() - start:6.0f} s  {name}: {words}"),
     )
-    return {**row(name, study), "seconds": round(time.perf_counter() - start, 1)}
+    result = {**row(name, study), "seconds": round(time.perf_counter() - start, 1)}
+    for figure in result["figures"]:
+        report(_line(name, figure))  # at once: a later set may be interrupted
+    return result
 
 
 def row(name: str, study: Study) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a long computation shows while it runs, on a terminal, in a notebook and elsewhere."""
+"""Progress of a long computation on a terminal, in a notebook and elsewhere."""
 
 import os
 import pty
@@ -21,7 +21,7 @@ print("done")
 
 
 def on_terminal(progress):
-    """Standard output, and what a terminal at standard error receives."""
+    """Standard output, and the text at standard error, which is a terminal."""
     ours, theirs = pty.openpty()
     command = [sys.executable, "-c", CODE.format(progress=progress)]
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}

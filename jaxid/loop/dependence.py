@@ -1,8 +1,8 @@
 """Dependence of a noise on signals: noise depends on none.
 
 An error that is a function of a signal is no random one, whatever its shape. At each place of a
-disturbance, a smooth function of each state and each input is scored as a whole: cosines over the
-range of the signal,
+disturbance, a smooth function of each state and each input, and of time for noise of the sensors,
+is scored as a whole: cosines over the range of the signal,
 
     d_i = sum_k c_k cos(k pi (s_i - min s) / (max s - min s)),    k = 1 ... COSINES
 
@@ -11,7 +11,7 @@ whose response in the linear model is whitened as the residual is. The fall of c
 """
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -20,6 +20,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from .._foundation.types import Array, Float
 from ..diagnosis.free_form import Linear, answers
@@ -42,13 +43,13 @@ class Whitened(NamedTuple):
 
     Attributes:
         motion: the motion.
-        states: states at each sample, independent of the noise of this sample.
+        signals: signals by name, at each sample independent of the noise of this sample.
         places: places of disturbances that may follow a signal, with their kind.
         white: function from residuals and columns to white ones.
     """
 
     motion: LinearMotion
-    states: Float[Array, "case time state"]
+    signals: Mapping[str, Float[np.ndarray, "case time"]]
     places: Sequence[tuple[LocationKind, str]]
     white: Callable[[Array, Array], tuple[Array, Array]]
 
@@ -63,10 +64,9 @@ def followed_signals(best: LoopFit, level: float) -> tuple[str, ...]:
         return followed_by_forces(best, forces, noise, level)
     if not isinstance(best.estimation.problem.likelihood, OutputError):
         return ()  # its rows are no function of the outputs alone
-    states = motion.linear.x[..., : len(problem.model.states)]
     places = [(LocationKind.EQUATION, name) for name in problem.equations]
     places += [(LocationKind.SENSOR, name) for name in problem.model.outputs]
-    return _followed(best, Whitened(motion, states, places, best.whitened), level)
+    return _followed(best, Whitened(motion, motion.variables, places, best.whitened), level)
 
 
 def followed_by_forces(
@@ -86,11 +86,12 @@ def followed_by_forces(
     def white(v, S):
         return force_innovations(forced_motion(motion, noise, v, S), forces.noise)
 
-    declared = len(fitted.problem.model.states)
     forced = forced_motion(motion, noise, *motion.sensitivities)
-    states = predicted_states(forced, forces.noise)[..., :declared]
+    states = np.moveaxis(np.asarray(predicted_states(forced, forces.noise)), -1, 0)
+    predicted = dict(zip(fitted.problem.model.states, states, strict=False))
+    inputs = {name: motion.variables[name] for name in fitted.problem.model.inputs}
     places = [(kind, name) for kind, names in noise.places.items() for name in names]
-    return _followed(fitted, Whitened(motion, states, places, white), level)
+    return _followed(fitted, Whitened(motion, predicted | inputs, places, white), level)
 
 
 def _followed(fitted: LoopFit, whitened: Whitened, level: float) -> tuple[str, ...]:
@@ -116,10 +117,10 @@ def _candidate_tests(fitted: LoopFit, whitened: Whitened) -> Iterator[Test]:
 
 
 def _signal_tests(fitted: LoopFit, whitened: Whitened) -> Iterator[Test]:
-    """Yield each state and input with the fall of chi-square by a function of it, at each place."""
+    """Yield each signal with the fall of chi-square by a function of it, at each place."""
     problem, motion = fitted.problem, whitened.motion
-    signals = jnp.concatenate([whitened.states, problem.train.u], axis=-1)
-    names = (*problem.model.states, *problem.model.inputs)
+    names = tuple(whitened.signals)
+    signals = to_device(np.stack([*whitened.signals.values()], axis=-1))
     free = tuple(name for name in fitted.estimation.free.shared if name in problem.columns.index)
     v, S = motion.columns_of(free)
     labels = (*free, *(f"{name} {k}" for name in names for k in range(COSINES)))

@@ -39,7 +39,7 @@ class WeakMeasurements(eqx.Module):
         t: time, shape (time,) [s].
         multipliers: multiplier of each response, shape (time,).
         parts: signals by order of the derivative, from zero, of each response; each of shape
-            (time,). For a pitching moment: all moments but that of the angular acceleration, and
+            (time,). For a pitching moment: all moments except the angular acceleration's, and
             the angular momentum.
         signals: the factors of the terms by name, each of shape (time,).
         valid: True where all required channels were measured, shape (time,).

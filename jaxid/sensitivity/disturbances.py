@@ -25,6 +25,7 @@ from ..models.base import AbstractModel
 from ..simulation.hold import AbstractHold
 from ..simulation.simulate import effective_input
 from ..simulation.steppers import RK4, AbstractStepper, rate, substeps_of
+from .jacobian import value_and_jacobian
 from .jacobians import Jacobians
 from .linearisation import INPUTS, NODES, SAMPLES_AT_ONCE, WEIGHTS, in_blocks, step
 
@@ -108,13 +109,11 @@ def _rate(model: AbstractModel, t, x, u):
 
 def _with_jacobians(function, *arguments):
     """Return the value of a function and its Jacobians by all arguments, in one pass."""
-    sizes = [argument.size for argument in arguments]
-
-    def push(direction):
-        return jax.jvp(function, arguments, tuple(jnp.split(direction, np.cumsum(sizes)[:-1])))
-
-    value, columns = jax.vmap(push, out_axes=(None, -1))(jnp.eye(sum(sizes)))
-    return value, jnp.split(columns, np.cumsum(sizes)[:-1], axis=-1)
+    cuts = np.cumsum([argument.size for argument in arguments])[:-1]
+    value, columns = value_and_jacobian(
+        lambda joined: function(*jnp.split(joined, cuts)), jnp.concatenate(arguments)
+    )
+    return value, jnp.split(columns, cuts, axis=-1)
 
 
 def _transition(model: AbstractModel, x, steps):

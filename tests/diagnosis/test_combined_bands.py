@@ -98,7 +98,7 @@ def test_band_with_misfit_holds_a_function_that_is_no_polynomial():
 
 
 def test_misfit_of_the_true_structure_is_small():
-    """Without a misfit the difference is white noise, of which little remains."""
+    """Without a misfit the difference is white noise, which is subtracted."""
     record, _ = flown(0)
     linear = swing({"1": 0.0, "x": -2.0, "v": -0.4, "force": 1.0})
     t, force = np.asarray(record.t), np.asarray(record.u)

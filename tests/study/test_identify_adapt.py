@@ -95,7 +95,7 @@ def test_named_terms_stay(record):
 
 
 def test_status_states_an_undetermined_parameter(record):
-    """Before the terms change, the estimate says that a parameter is not determined."""
+    """The estimate of the first terms has an undetermined parameter."""
     _, estimate = fitted(record, (*TRUE, UNSEEN))
     assert "do not determine" in estimate.status
     assert bool(estimate.successful)

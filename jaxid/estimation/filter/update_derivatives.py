@@ -8,7 +8,7 @@ the covariance `P+ = N P` after the measurement,
     dx+ = N (dx + dP V' w) - K y_p + P+ dH' L^-T w - K dH q - K dR L^-T w
     dP+ = N dP N' - (K dH P+ + P+ dH' K') + K dR K'
 
-The derivative of the gain does not enter that of `P`, because the optimal gain makes `P` stationary
+The derivative of `P` has no derivative of the gain, because the optimal gain makes `P` stationary
 in Joseph's form (A.31 differentiates the gain too; the result is the same). The last two lines are
 one symmetric form `F + F'`, `F = [-K; w' L^-1] dH [P+ q]`; its last column belongs to x.
 """

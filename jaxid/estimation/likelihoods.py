@@ -95,8 +95,12 @@ class AbstractLikelihood(eqx.Module):
         value, jacobian = value_and_jacobian(rows, theta)
         return value, -jacobian
 
-    def compact(self) -> "AbstractLikelihood":
-        """Return the same likelihood in its fastest-compiling form, for models of many effects."""
+    def compact(self, linearised: bool = False) -> "AbstractLikelihood":
+        """Return the same likelihood in a form that compiles fast, for models with many effects.
+
+        Args:
+            linearised: True for long records, on which an estimation should linearise the steps.
+        """
         return self
 
     @abc.abstractmethod
@@ -129,7 +133,7 @@ class OutputError(AbstractLikelihood):
 
     def sensitivities(self, family, theta, record):
         stepper = self.stepper
-        if not (isinstance(stepper, RK4) and stepper.unrolled):
+        if not (isinstance(stepper, RK4) and stepper.linearised):
             return forward_sensitivities(self, family, theta, record)
         if not (theta.size and family.model.states):
             return forward_sensitivities(self, family, theta, record)
@@ -138,8 +142,8 @@ class OutputError(AbstractLikelihood):
         trajectory = Trajectory(record.t, record.u, solution.x, self.hold, stepper)
         return _residuals(record, solution.y), trajectory_sensitivities(family, theta, trajectory)
 
-    def compact(self):
-        return OutputError(self.noise, self.hold, self.stepper.compact())
+    def compact(self, linearised=False):
+        return OutputError(self.noise, self.hold, self.stepper.compact(linearised))
 
     def check(self, model, records):
         self.noise.check(records.mask, records.outputs)

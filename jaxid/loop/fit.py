@@ -144,6 +144,13 @@ class LoopFit:
         """Triangular factor of the sensitivities to all columns, and of the residual."""
         return self._triangle(self.motion.sensitivities[1], self.problem.columns.names)
 
+    @cached_property
+    def own_triangle(self) -> Triangle:
+        """Triangular factor of the sensitivities to the free parameters, and of the residual."""
+        names = self.estimation.free.shared
+        factor = np.asarray(self.solution.information.factor)
+        return self.triangle_of(factor[:, [*range(len(names)), -1]], names)
+
     def triangle_with(self, columns: Mapping[str, Float[np.ndarray, "case time output"]]):
         """Return the triangular factor of the free parameters and of further columns, by name."""
         own = np.asarray(self.motion.columns_of(self.estimation.free.shared)[1])

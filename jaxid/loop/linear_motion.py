@@ -78,7 +78,8 @@ class LinearMotion:
 
     def columns_of(self, names: Sequence[str]) -> tuple[Float[Array, "case time output"], Array]:
         """Return residuals and sensitivities to the per-record parameters and to the named columns,
-        in blocks as wide as a fit.
+        in blocks as wide as a fit; in one block of all columns where steps are linearised, as
+        reverse mode costs the same for any number.
         """
         problem, columns = self.problem, self.problem.columns
         model = problem.model_at(self.values, self.effects)
@@ -86,7 +87,8 @@ class LinearMotion:
         case = FlatProblem.of(base)
         _, *others = case.outputs_arguments(Parameters(shared, self.rows))
         chosen = problem.positions[[columns.index[name] for name in names]]
-        own, width = problem.row_positions.size, case.at.size
+        own = problem.row_positions.size
+        width = own + problem.positions.size if problem.is_long else case.at.size
         at = np.r_[np.asarray(problem.row_positions), chosen]
         padded = np.r_[at, np.full(-at.size % width, len(problem.position))]
         owners = [None] * own + [columns.owners.get(name) for name in names]

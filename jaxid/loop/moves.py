@@ -4,6 +4,7 @@ import dataclasses
 import enum
 import itertools
 from collections.abc import Mapping
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2
@@ -60,11 +61,18 @@ class Proposals:
     def __init__(self, fit: LoopFit, options: LoopOptions):
         self.fit, self.options, self.problem = fit, options, fit.problem
         self.candidates = self.problem.absent(fit.effects)
-        self.reduced = reduce(fit.triangle)
-        falls = self._falls(self.reduced, [(name,) for name in self.candidates])
-        self._scores = dict(zip(self.candidates, falls.tolist(), strict=True))
         self.level = options.level / max(len(self.candidates), 1)
         self.threshold = float(chi2.isf(self.level, 1))
+
+    @cached_property
+    def reduced(self) -> Reduced:
+        """The linear model of all columns."""
+        return reduce(self.fit.triangle)
+
+    @cached_property
+    def _scores(self) -> dict[str, float]:
+        falls = self._falls(self.reduced, [(name,) for name in self.candidates])
+        return dict(zip(self.candidates, falls.tolist(), strict=True))
 
     def score(self, name: str) -> float:
         """Return the fall of chi-square by adding one candidate."""
@@ -75,12 +83,14 @@ class Proposals:
         return self._gains(self.reduced, (name,))[0]
 
     def drops(self) -> list[Move]:
-        """Return removals of effects that have become insignificant, the least harmful first."""
-        moves = []
+        """Return removals of effects that have become insignificant, the least harmful first; they
+        need no sensitivities to the candidates.
+        """
+        moves, triangle = [], self.fit.own_triangle
         for name in self._removable():
-            expected = self._without((name,)).base
-            if expected > -self.threshold:
-                moves.append(self._move(MoveKind.DROP, (), (name,), expected, self.reduced))
+            reduced = reduce(triangle, triangle.at(self.problem.columns.own[name]))
+            if reduced.base > -self.threshold:
+                moves.append(self._move(MoveKind.DROP, (), (name,), reduced.base, reduced))
         return sorted(moves, key=lambda move: -move.expected)
 
     def additions(self) -> list[Move]:
@@ -191,6 +201,8 @@ class Proposals:
 
     def _gains(self, reduced: Reduced, names: tuple[str, ...]) -> list[float]:
         """Return the gains of effects in the linear model."""
+        if not names:
+            return []
         at = self.fit.triangle.at([f"{name}.gain" for name in names])
         return gains(reduced, at).tolist()
 

@@ -37,6 +37,10 @@ COLUMN_BLOCK = 8
 # 3 s and 10 ms per operation of its model, at 0.3 us per operation and sample (0.15 to 0.6), on
 # two cores, for models of 6 to 1,435 operations.
 COMPILE_COST, COMPILE_COST_PER_OPERATION = 400_000, 1400
+# Measured: samples of the training records from which fits of reduced models, and the columns of
+# all candidates, are faster with linearised steps. On 43,375 samples of the Silverbox a refit's ten
+# passes take 1.9 s less and its compilation 0.4 s more; all 76 columns 10 and 8 s.
+LINEARISED_FROM = 10_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -97,6 +101,9 @@ class LoopProblem:
             window,
             solver=solver,
         )
+        if problem.is_long:
+            likelihood = canonical(likelihood.compact(linearised=True))
+            problem = dataclasses.replace(problem, likelihood=likelihood)
         for effect in problem.library:
             effect.check(np.asarray(train.t))
         problem.check_predicted(check)
@@ -180,6 +187,11 @@ class LoopProblem:
     def uses_reduced_model(self) -> bool:
         """True if each set of effects is fitted by a program without the absent effects."""
         return use_reduced_model(self.augmented, self.train.t.shape[1])
+
+    @cached_property
+    def is_long(self) -> bool:
+        """True if the records are so long that fits linearise their steps."""
+        return self.uses_reduced_model and self.train.t.size > LINEARISED_FROM
 
     @cached_property
     def equations(self) -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 import abc
 
 import equinox as eqx
-import interpax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -79,10 +78,7 @@ class SmoothSignal(AbstractInputSignal):
             # its first sample.
             late = jnp.where(t - delay > self.knots[0], t - delay, self.knots[0])
             late = jnp.where(late > self.end, self.end, late)
-            if slopes is None:
-                return _interpolated_linearly(late, self.knots, values)
-            with jax.numpy_rank_promotion("allow"):  # interpax promotes ranks inside
-                return interpax.interp1d(late, self.knots, values, method="cubic", fx=slopes)
+            return _interpolated(late, self.knots, values, slopes)
 
         return jax.vmap(channel, in_axes=(1, 0, 1), out_axes=-1)(
             self.values, self.delay, self.slopes
@@ -241,10 +237,14 @@ def discontinuities_of(*paths: AbstractInputSignal) -> Float[Array, " corner"] |
     return jnp.sort(jnp.concatenate(times)) if times else None
 
 
-def _interpolated_linearly(
-    t: Float[Array, " time"], knots: Float[Array, " knot"], values: Float[Array, " knot"]
+def _interpolated(
+    t: Float[Array, " time"],
+    knots: Float[Array, " knot"],
+    values: Float[Array, " knot"],
+    slopes: Float[Array, " knot"] | None,
 ):
-    """Return the linear interpolation between knots at times between the first and the last.
+    """Return the interpolation between knots at times between the first and the last, by straight
+    lines, or by cubics if slopes are given.
 
     A knot belongs to the line before it: at zero delay, the derivative by the delay is then that of
     a delayed signal, not of an advanced one.
@@ -254,7 +254,14 @@ def _interpolated_linearly(
     )
     begin, end = knots[index - 1], knots[index]
     share = (t - begin) / (end - begin)
-    return (1.0 - share) * values[index - 1] + share * values[index]
+    line = (1.0 - share) * values[index - 1] + share * values[index]
+    if slopes is None:
+        return line
+    # The cubic less the line: a Hermite polynomial of the slopes in excess of the line's.
+    rise = (values[index] - values[index - 1]) / (end - begin)
+    first, last = slopes[index - 1] - rise, slopes[index] - rise
+    bend = (1.0 - share) * first - share * last
+    return line + (t - begin) * (1.0 - share) * bend
 
 
 def _blended_band_limited(

@@ -69,8 +69,12 @@ class AbstractStepper(eqx.Module):
             names: names of the records, for the message.
         """
 
-    def compact(self) -> "AbstractStepper":
-        """Return the same method in its fastest-compiling form, for models with many effects."""
+    def compact(self, linearised: bool = False) -> "AbstractStepper":
+        """Return the same method in a form that compiles fast, for models with many effects.
+
+        Args:
+            linearised: True for long records, on which an estimation should linearise the steps.
+        """
         return self
 
 
@@ -83,13 +87,16 @@ class RK4(AbstractStepper):
 
     Args:
         substeps: steps in each interval between samples.
-        unrolled: unroll the four stages of all substeps, and let an estimation linearise the steps.
-            This runs faster than a loop over the stages that is differentiated in forward mode, but
-            compiles two to four times as long for a model with many effects.
+        unrolled: unroll the four stages of all substeps: faster than a loop over the stages for
+            small models, but slower to compile.
+        linearised: let an estimation linearise the steps: faster than forward mode through the
+            simulation by up to three times, but two to four times slower to compile for a model
+            with many effects.
     """
 
     substeps: int = eqx.field(static=True, default=1)
     unrolled: bool = eqx.field(static=True, default=True)
+    linearised: bool = eqx.field(static=True, default=True)
 
     def states(self, model, t, path, initial_state):
         # The first stage of every step is the rate at a sample; a last step of length zero adds the
@@ -115,8 +122,8 @@ class RK4(AbstractStepper):
         if gaps:
             raise InputError(_explain_holes(gaps, names, self.substeps))
 
-    def compact(self):
-        return RK4(self.substeps, unrolled=False)
+    def compact(self, linearised=False):
+        return RK4(self.substeps, unrolled=False, linearised=linearised)
 
     @staticmethod
     def _looped_step(model, x, t, h, u):

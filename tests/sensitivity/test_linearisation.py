@@ -65,7 +65,7 @@ def difference(model, names, likelihood, rec):
     theta = jnp.concatenate([jnp.array([0.3, -0.1]), flat[problem.positions.shared]])
 
     reference = dataclasses.replace(
-        problem.likelihood, stepper=RK4(likelihood.stepper.substeps, unrolled=False)
+        problem.likelihood, stepper=RK4(likelihood.stepper.substeps, linearised=False)
     )
 
     @fast_compile_jit

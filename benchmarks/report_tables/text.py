@@ -79,8 +79,7 @@ def error_table(results: Mapping[str, CaseResult], totals: bool) -> str:
     part = "total" if totals else "static"
     names = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
     lines = [
-        f"{part + ', error and share inside two sigma':<44}"
-        + "".join(f"{name:>12}" for name in names)
+        f"{part + ', error relative to the range':<44}" + "".join(f"{name:>12}" for name in names)
     ]
     for result in results.values():
         for flight, errors in zip(result.flights, result.errors, strict=True):
@@ -93,9 +92,7 @@ def error_table(results: Mapping[str, CaseResult], totals: bool) -> str:
                 else f"{result.name}: {flight.record.names[0]}"
             )
             cells = [
-                f"{100 * by_coefficient[n].relative:5.1f}% {100 * by_coefficient[n].inside:3.0f}%"
-                if n in by_coefficient
-                else ""
+                f"{100 * by_coefficient[n].relative:5.1f}%" if n in by_coefficient else ""
                 for n in names
             ]
             lines.append(f"{label:<44}" + "".join(f"{cell:>12}" for cell in cells))

@@ -17,13 +17,15 @@ from ..data.stack import stack, unstack
 from ..diagnosis.bands import Bands, prediction_bands
 from ..diagnosis.combined_bands import CombinedBand, combined_bands
 from ..diagnosis.validation import Prediction, predict
-from ..estimation import Estimate
+from ..estimation import Estimate, FilterError, OutputError
 from ..estimation.estimate import Case, as_stack
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.shared_programs import evaluate
 from ..models.base import AbstractModel
+from ..models.free import all_names, with_values
 from ..models.noise import FixedNoise
-from ..models.replace import with_terms
+from ..models.replace import polynomials_of, with_polynomials, with_terms
+from ..models.stochastic import StochasticModel
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import spectrum
 from ..structure import Regression, Selection
@@ -120,8 +122,14 @@ class Identification:
 
     @property
     def model(self) -> AbstractModel:
-        """The identified model."""
-        return self.estimate.model
+        """The identified model, without process noise."""
+        fitted, estimate = self.estimate.model, self.estimate
+        if not isinstance(fitted, StochasticModel):
+            return fitted
+        own = with_polynomials(self.start_model, polynomials_of(fitted))
+        named = [name for name in estimate.names if name in all_names(own)]
+        values = [estimate.values[estimate.names.index(name)] for name in named]
+        return with_values(own, named, jnp.stack(values))
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -184,7 +192,7 @@ class Identification:
             deviations: standard deviations of constants of the model that are not estimated.
         """
         single = unstack(as_stack(records)) if isinstance(records, Record) else list(records)
-        return combined_bands(self.estimate, single, self.likelihood, deviations)
+        return combined_bands(self.estimate, single, self.likelihood, deviations, self.model)
 
     def predict(
         self,
@@ -205,11 +213,16 @@ class Identification:
             [records] if isinstance(records, Record) and not records.is_stack else list(records)
         )
         prepared = [self.model.prepared(record) for record in single]
-        known = eqx.tree_at(
-            lambda node: node.noise, self.likelihood, FixedNoise(self.estimate.noise)
-        )
+        known = self._simulation()
         model = with_terms(self.model, self.candidates)
         return predict(model, stack(prepared), known, window=window, states=states)
+
+    def _simulation(self) -> AbstractLikelihood:
+        """Return the likelihood with the estimated noise, without a filter."""
+        noise = FixedNoise(self.estimate.noise)
+        if isinstance(self.likelihood, FilterError):
+            return OutputError(noise, self.likelihood.hold, self.likelihood.stepper)
+        return eqx.tree_at(lambda node: node.noise, self.likelihood, noise)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the results of both stages as plain numbers and words; a number that a stage does

@@ -1,0 +1,70 @@
+"""Bands of filter error: the smoother's states, and coverage of the random motion."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from reference_estimation import Lag
+from scipy.stats import binom
+
+from jaxid.data import record
+from jaxid.diagnosis import prediction_bands
+from jaxid.estimation import FilterError, estimate, smooth_states
+from jaxid.models import free
+
+P, B, SENSOR, PROCESS, X0 = 1.0, 2.0, 0.1, 0.5, 0.5
+STEP, ROWS, DRAWS, WIDTH = 0.1, 200, 400, 1.959963984540054
+AT = np.array([0, 20, 90, 199])  # the initial state, a rise, the middle, the end
+LIKELIHOOD = FilterError(process={"x": 0.3}, noise={"x": 0.2})
+
+
+def moved(rng):
+    """Times, input, and the states of all draws, exact for straight lines of the input."""
+    t = STEP * np.arange(ROWS)
+    u = np.sign(np.sin(0.7 * t)) + 0.5 * np.sign(np.sin(1.9 * t))
+    decay = np.exp(-P * STEP)
+    whole = (1.0 - decay) / P  # integral of exp(-p s) over a sample
+    late = (STEP - whole) / (P * STEP)  # the same, weighted with the share of the next input
+    deviation = PROCESS * np.sqrt((1.0 - decay**2) / (2.0 * P))
+    x = np.full((DRAWS, ROWS), X0)
+    for i in range(ROWS - 1):
+        driven = B * ((whole - late) * u[i] + late * u[i + 1])
+        x[:, i + 1] = decay * x[:, i] + driven + deviation * rng.normal(size=DRAWS)
+    return t, u, x
+
+
+def test_bands_hold_the_random_motion(seed):
+    """400 draws; the bounds belong to a right 95 % band at all places with 99.9 % probability."""
+    rng = np.random.default_rng(seed)
+    t, u, x = moved(rng)
+    z = x + SENSOR * rng.normal(size=x.shape)
+    model = Lag(p=jnp.asarray(0.8), b=jnp.asarray(1.5))
+    chosen = free(model, "p", "b", per_record=("initial_state",))
+    template = record(t, u[:, None], z[0][:, None], inputs=["u"], outputs=["x"])
+
+    def single(z):
+        known = eqx.tree_at(lambda node: node.z, template, z[:, None])
+        fit = estimate(model, chosen, known, LIKELIHOOD)
+        band = prediction_bands(fit, known, LIKELIHOOD).states["x"]
+        return band.value[0, AT], band.deviation[0, AT]
+
+    value, deviation = map(np.asarray, eqx.filter_jit(jax.vmap(single))(jnp.asarray(z)))
+    covered = np.sum(np.abs(value - x[:, AT]) < WIDTH * deviation, axis=0)
+    low, high = binom.ppf([0.0005 / AT.size, 1.0 - 0.0005 / AT.size], DRAWS, 0.95)
+    assert np.all((covered >= low) & (covered <= high)), covered / DRAWS
+
+
+def test_band_is_of_the_smoothed_state(seed):
+    """With known parameters the variance is the smoother's."""
+    rng = np.random.default_rng(seed)
+    t, u, x = moved(rng)
+    z = x[0] + SENSOR * rng.normal(size=ROWS)
+    known = record(t, u[:, None], z[:, None], inputs=["u"], outputs=["x"])
+    model = Lag(p=jnp.asarray(P), b=jnp.asarray(B))
+    fit = estimate(model, free(model), known, LIKELIHOOD)
+    smoothed = smooth_states(fit, known, LIKELIHOOD)
+    band = prediction_bands(fit, known, LIKELIHOOD, coloured=False)
+    np.testing.assert_allclose(band.states["x"].value, smoothed.values[..., 0], rtol=1e-9)
+    at_least = np.asarray(smoothed.standard_deviations[..., 0])
+    assert np.all(np.asarray(band.states["x"].deviation) >= at_least - 1e-12)
+    assert np.median(np.asarray(band.states["x"].deviation) / at_least) < 1.05  # of two noises only

@@ -28,8 +28,8 @@ def aircraft():
 
 @pytest.fixture(scope="module")
 def flight(aircraft):
-    """A minute from the stall at 12,000 m, the controls deflected in turn after 2 s."""
-    t = 0.1 * np.arange(601.0)
+    """90 s from the stall at 12,000 m, the controls deflected in turn after 2 s."""
+    t = 0.1 * np.arange(901.0)
     pilot = {
         "pilot_stabilator": np.full(t.size, SPIN["stabilator"]),
         "pilot_rudder": np.asarray(ramp(jnp.asarray(t), 2.0, 2.5, SPIN["rudder"])),

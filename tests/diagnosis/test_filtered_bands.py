@@ -9,13 +9,13 @@ from scipy.stats import binom
 
 from jaxid.data import record
 from jaxid.diagnosis import prediction_bands
-from jaxid.estimation import FilterError, estimate, smooth_states
+from jaxid.estimation import FilterError, Fixed, estimate, smooth_states
 from jaxid.models import free
 
 P, B, SENSOR, PROCESS, X0 = 1.0, 2.0, 0.1, 0.5, 0.5
 STEP, ROWS, DRAWS, WIDTH = 0.1, 200, 400, 1.959963984540054
 AT = np.array([0, 20, 90, 199])  # the initial state, a rise, the middle, the end
-LIKELIHOOD = FilterError(process={"x": 0.3}, noise={"x": 0.2})
+LIKELIHOOD = FilterError(process={"x": Fixed(PROCESS)}, noise={"x": Fixed(SENSOR)})
 
 
 def moved(rng):
@@ -54,17 +54,22 @@ def test_bands_hold_the_random_motion(seed):
     assert np.all((covered >= low) & (covered <= high)), covered / DRAWS
 
 
-def test_band_is_of_the_smoothed_state(seed):
-    """With known parameters the variance is the smoother's."""
+def test_variance_is_of_the_smoother_and_of_the_parameter(seed):
+    """The derivative by the parameter as a central difference of smoothed states."""
     rng = np.random.default_rng(seed)
     t, u, x = moved(rng)
     z = x[0] + SENSOR * rng.normal(size=ROWS)
     known = record(t, u[:, None], z[:, None], inputs=["u"], outputs=["x"])
-    model = Lag(p=jnp.asarray(P), b=jnp.asarray(B))
-    fit = estimate(model, free(model), known, LIKELIHOOD)
-    smoothed = smooth_states(fit, known, LIKELIHOOD)
-    band = prediction_bands(fit, known, LIKELIHOOD, coloured=False)
-    np.testing.assert_allclose(band.states["x"].value, smoothed.values[..., 0], rtol=1e-9)
-    at_least = np.asarray(smoothed.standard_deviations[..., 0])
-    assert np.all(np.asarray(band.states["x"].deviation) >= at_least - 1e-12)
-    assert np.median(np.asarray(band.states["x"].deviation) / at_least) < 1.05  # of two noises only
+    model = Lag(p=jnp.asarray(0.8), b=jnp.asarray(B))
+    fit = estimate(model, free(model, "p"), known, LIKELIHOOD)
+    band = prediction_bands(fit, known, LIKELIHOOD).states["x"]
+    p, step = float(fit.value("p")), 1e-5
+
+    def smoothed(p):
+        return smooth_states(Lag(p=jnp.asarray(p), b=jnp.asarray(B)), known, LIKELIHOOD)
+
+    slope = (smoothed(p + step).values - smoothed(p - step).values)[0, :, 0] / (2.0 * step)
+    here = smoothed(p)
+    np.testing.assert_allclose(band.value[0], here.values[0, :, 0], rtol=1e-9)
+    expected = np.hypot(here.standard_deviations[0, :, 0], slope * fit.standard_error("p"))
+    np.testing.assert_allclose(band.deviation[0], expected, rtol=1e-5, atol=1e-9)

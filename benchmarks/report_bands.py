@@ -21,7 +21,6 @@ from benchmarks.report_tables.settings import gust_filter
 from jaxid._foundation.memory import release_compiled_programs_if_needed
 from jaxid.aircraft.flight.report_cases import CASES
 
-
 FILTERED = "lateral 3, filter"
 
 
@@ -80,7 +79,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    import jax
+
     import jaxid
 
     jaxid.configure()
+    # short records: compiling takes longer than running
+    jax.config.update("jax_disable_most_optimizations", True)
     sys.exit(main())

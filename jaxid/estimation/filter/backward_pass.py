@@ -1,14 +1,17 @@
 r"""Backward pass of the smoother through the filter of one record.
 
-Backwards through the filter of a record (Rauch, Tung & Striebel, AIAA Journal 3, 1965), with
-triangular factors of all covariances, `P = F F'`:
+States by the adjoint `l` of the filter (Bryson & Frazier, 1963), which inverts no covariance, so
+that the states are smooth functions of the parameters also where one is singular:
+
+    x_s(i) = x(i|i) + P(i|i) Phi_i' l_(i+1),    l_i = H' B^-1 v_i + (I - K H)' Phi_i' l_(i+1)
+
+Covariances with triangular factors, `P = F F'` (Rauch, Tung & Striebel, AIAA Journal 3, 1965):
 
     C_i = P(i|i) Phi_i' P(i+1|i)^-1
-    x_s(i) = x(i|i) + C_i (x_s(i+1) - x(i+1|i))
     P_s(i) = (I - C_i Phi_i) P(i|i) (I - C_i Phi_i)' + C_i (Q_i + P_s(i+1)) C_i'
 
-The last line is a sum of squares, so that its factor is the triangle of the stacked factors, and no
-variance becomes negative. A singular `P(i+1|i)` is inverted on its range.
+a sum of squares, so that its factor is the triangle of the stacked factors, and no variance becomes
+negative. A singular `P(i+1|i)` is inverted on its range.
 """
 
 import jax
@@ -23,20 +26,31 @@ def smooth_filtered(
 ) -> tuple[Float[Array, "time state"], Float[Array, "time state state"]]:
     """Return smoothed states and the factors of their covariances for one record."""
 
-    def back(later, now):
-        x_later, F_later = later
-        x, P, Phi, Q, x_next, P_next = now
-        gain = P @ Phi.T @ _pseudoinverse(P_next)
-        x_smooth = x + gain @ (x_later - x_next)
-        parts = [(jnp.eye(x.size) - gain @ Phi) @ _factor(P), gain @ _factor(Q), gain @ F_later]
-        triangle = jnp.linalg.qr(jnp.concatenate(parts, axis=1).T, mode="r").T
-        return (x_smooth, triangle), (x_smooth, triangle)
+    return _smoothed_states(filtered), _factors(filtered)
 
-    before = (filtered.x[:-1], filtered.P[:-1], filtered.Phi[:-1], filtered.Q[:-1])
-    ahead = (filtered.x_predicted[1:], filtered.P_predicted[1:])
-    last = (filtered.x[-1], _factor(filtered.P[-1]))
-    _, (x, F) = jax.lax.scan(back, last, (*before, *ahead), reverse=True)
-    return jnp.concatenate([x, last[0][None]]), jnp.concatenate([F, last[1][None]])
+
+def _smoothed_states(filtered: Filtered) -> Float[Array, "time state"]:
+    def back(adjoint, now):
+        x, P, Phi, score, remaining = now
+        carried = Phi.T @ adjoint
+        return score + remaining.T @ carried, x + P @ carried
+
+    samples = (filtered.x, filtered.P, filtered.Phi, filtered.score, filtered.remaining)
+    return jax.lax.scan(back, jnp.zeros_like(filtered.x[0]), samples, reverse=True)[1]
+
+
+def _factors(filtered: Filtered) -> Float[Array, "time state state"]:
+    def back(F_later, now):
+        P, Phi, Q, P_next = now
+        gain = P @ Phi.T @ _pseudoinverse(P_next)
+        parts = [(jnp.eye(P.shape[0]) - gain @ Phi) @ _factor(P), gain @ _factor(Q), gain @ F_later]
+        triangle = jnp.linalg.qr(jnp.concatenate(parts, axis=1).T, mode="r").T
+        return triangle, triangle
+
+    before = (filtered.P[:-1], filtered.Phi[:-1], filtered.Q[:-1], filtered.P_predicted[1:])
+    last = _factor(filtered.P[-1])
+    _, F = jax.lax.scan(back, last, before, reverse=True)
+    return jnp.concatenate([F, last[None]])
 
 
 def _factor(P):

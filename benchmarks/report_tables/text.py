@@ -138,7 +138,7 @@ def verdict_lines(claims: Iterable[Verdict]) -> str:
 
 
 def F_table(results: Mapping[str, CaseResult]) -> str:
-    """Return the overall F of each equation, the report's, and the share of noise in the residual."""
+    """Return the overall F of each equation, ours and the report's, and the share of noise."""
     lines = [
         f"{'overall F':<16} {'':>4} {'ours':>9} {'k':>3} {'report':>9} {'k':>3} {'ratio':>6} "
         f"{'signal':>7} {'terms':>6} {'F, same k':>10} {'noise':>6}"

@@ -17,7 +17,7 @@ from .trims import ACCELERATIONS, ANGLE_LIMITS, TRIM_TOLERANCE, Trimmed
 UNKNOWN = {"V": "m/s", "alpha": "rad", "beta": "rad", "phi": "rad", "pitch": "rad"}
 UNKNOWN |= {"turn_rate": "rad/s"}
 LIMITS = ANGLE_LIMITS | {"V": (10.0, 400.0), "turn_rate": (-10.0, 10.0)}  # chosen
-STARTS_DEG = (80.0, 60.0, 45.0)  # chosen: initial angles of attack, one after the other
+SPIN_STARTS_DEG = (80.0, 60.0, 45.0)  # chosen: initial angles of attack, one after the other
 START_V = 90.0  # m/s (chosen)
 REMEDY = (
     "Start at another rate or angle of attack, or choose other surfaces: not every aircraft has a "
@@ -70,7 +70,7 @@ def steady_spin(
     require(turn_rate != 0, "The start of the turn rate is zero; a spin turns, such as at 2 rad/s.")
     known = {name: jnp.asarray(surfaces.get(name, 0.0), float) for name in SURFACES}
     spin = _Spin(aircraft, jnp.asarray(altitude, float), known, jnp.asarray(setting, float))
-    angles = np.radians(STARTS_DEG) if alpha is None else np.array([alpha])
+    angles = np.radians(SPIN_STARTS_DEG) if alpha is None else np.array([alpha])
     starts = [[START_V, angle, 0.0, 0.0, angle - np.pi / 2, turn_rate] for angle in angles]
     trim = solve_equilibrium(
         _residual,

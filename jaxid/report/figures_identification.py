@@ -118,7 +118,7 @@ def _of(band: Band | CombinedBand, case: int) -> np.ndarray:
 
 def _with_truth(histories: list[History], truth: Mapping[str, np.ndarray] | None) -> list[History]:
     truth = truth or {}
-    require_known("name (in `truth`)", truth, [one.label for one in histories])
+    require_known("history (in `truth`)", truth, [one.label for one in histories])
     for one in histories:
         size = np.shape(truth.get(one.label, one.value))
         require(

@@ -46,7 +46,7 @@ def test_slope_has_the_variances_of_both_stages(result, record):
     )
 
 
-def test_records_of_several_lengths_are_padded(record):
+def test_shorter_record_is_padded(record):
     shorter = record.window(0, 150)
     options = IdentifyOptions(terms={"stiffness": TERMS}, keep=("stiffness",), share=0.0)
     result = identify(swing({}), [record, shorter], options=options)

@@ -23,12 +23,12 @@ def moved(rng):
     t = STEP * np.arange(ROWS)
     u = np.sign(np.sin(0.7 * t)) + 0.5 * np.sign(np.sin(1.9 * t))
     decay = np.exp(-P * STEP)
-    whole = (1.0 - decay) / P  # integral of exp(-p s) over a sample
-    late = (STEP - whole) / (P * STEP)  # the same, weighted with the share of the next input
+    integral = (1.0 - decay) / P  # of exp(-p s) over a sample
+    late = (STEP - integral) / (P * STEP)  # the same, weighted with the share of the next input
     deviation = PROCESS * np.sqrt((1.0 - decay**2) / (2.0 * P))
     x = np.full((DRAWS, ROWS), X0)
     for i in range(ROWS - 1):
-        driven = B * ((whole - late) * u[i] + late * u[i + 1])
+        driven = B * ((integral - late) * u[i] + late * u[i + 1])
         x[:, i + 1] = decay * x[:, i] + driven + deviation * rng.normal(size=DRAWS)
     return t, u, x
 

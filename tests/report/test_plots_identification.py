@@ -63,7 +63,7 @@ def test_derivatives_are_drawn_in_place_of_coefficients(result, flight):
 @pytest.mark.parametrize(
     ("truth", "words"),
     [
-        ({"Cm": np.zeros(100)}, "no name 'Cm'"),
+        ({"Cm": np.zeros(100)}, "no history .* 'Cm'"),
         ({"stiffness": np.zeros(99)}, r"has shape \(99,\), and the record has 100 samples"),
     ],
 )

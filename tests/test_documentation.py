@@ -25,7 +25,7 @@ PAGES = (
     START,
     *("choose.md", "recipes.md", "from_scipy.md", "from_matlab.md", "from_sidpac.md"),
     *("from_pysindy.md", "method.md", "uncertainty.md", "input_design.md", "many_cases.md"),
-    *("advice.md", "files.md"),
+    *("advice.md", "files.md", "flights.md"),
 )
 RUN_ELSEWHERE = {  # page: test of its blocks
     "real_records.md": "study/test_identify_layouts.py",

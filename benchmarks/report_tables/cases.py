@@ -21,6 +21,7 @@ from jaxid.aircraft.instruments.noise_levels import report_instruments
 from jaxid.data.record import Record
 from jaxid.data.smoothing import SmoothingSpline, smooth
 from jaxid.estimation import GaussNewton
+from jaxid.estimation.likelihoods import AbstractLikelihood
 from jaxid.study import Identification, IdentifyOptions, identify
 
 # The tolerance is in standard errors; chosen, because with unknown noise the last steps shrink
@@ -85,15 +86,15 @@ class CaseResult(NamedTuple):
         }
 
 
-def run(case: str, seed: int = 0, **overruled: Any) -> CaseResult:
+def run(case: str, seed: int = 0, **options: Any) -> CaseResult:
     """Fly a case and identify it with its setting.
 
     Args:
         case: name in `jaxid.aircraft.flight.report_cases.CASES`.
         seed: seed of the instruments' errors, the noise and the gusts.
-        overruled: options of `IdentifyOptions` that replace those of the setting.
+        options: options of `fit`.
     """
-    return fit(case, [fly_case(case, seed)], SETTINGS[case], **overruled)
+    return fit(case, [fly_case(case, seed)], SETTINGS[case], **options)
 
 
 def fly_case(case: str, seed: int = 0, seconds: float | None = None) -> Flight:
@@ -118,6 +119,7 @@ def fit(
     *,
     seconds: float | None = None,
     totals: bool = True,
+    likelihood: AbstractLikelihood | None = None,
     **overruled: Any,
 ) -> CaseResult:
     """Identify one model from one or more flights.
@@ -128,6 +130,7 @@ def fit(
         setting: identification setting.
         seconds: used length of the records [s]; all by default.
         totals: if True, also compute the errors of whole coefficients along the fitted motion.
+        likelihood: of the second stage; output error by default.
         overruled: options of `IdentifyOptions` that replace those of the setting.
     """
     records = [record_of(one, setting, seconds) for one in flights]
@@ -137,6 +140,7 @@ def fit(
         model_of(flights[0], setting),
         records,
         options=options,
+        likelihood=likelihood,
         per_record=per_record,
         solver=SOLVER,
     )

@@ -1,7 +1,4 @@
-"""Errors of a model's coefficients against the tables: whole, static and derivatives.
-
-Each has two-sigma bands.
-"""
+"""Errors of a model's coefficients against the tables: whole, static and derivatives."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -52,7 +49,6 @@ class Error(NamedTuple):
         range: largest minus smallest true value.
         relative: the first over the second.
         shape: the same after the mean error is taken off.
-        inside: share of samples with the true value inside the band of two sigma.
     """
 
     coefficient: str
@@ -61,7 +57,6 @@ class Error(NamedTuple):
     range: float
     relative: float
     shape: float
-    inside: float
 
 
 def error_of(coefficient: str, part: str, history: Estimated) -> Error:
@@ -71,8 +66,7 @@ def error_of(coefficient: str, part: str, history: Estimated) -> Error:
     relative, shape = (
         size / span if span > 0 else float("nan") for size in (rms, float(np.std(apart)))
     )
-    inside = float(np.mean(np.abs(apart) <= 2.0 * history.deviation))
-    return Error(coefficient, part, rms, span, relative, shape, inside)
+    return Error(coefficient, part, rms, span, relative, shape)
 
 
 def kept(identified: Identification) -> tuple[str, ...]:

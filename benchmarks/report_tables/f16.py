@@ -185,10 +185,7 @@ def _words(
         for name, value in prediction.theil.items()
     )
     total = [one for one in prediction.errors if one.part == "at the true motion"]
-    errors = ", ".join(
-        f"{one.coefficient} {100 * one.relative:.1f} % ({100 * one.inside:.0f} % inside)"
-        for one in total
-    )
+    errors = ", ".join(f"{one.coefficient} {100 * one.relative:.1f} %" for one in total)
     (test,) = TEST
     return "\n".join(
         [

@@ -17,6 +17,10 @@ Our own, because the report gives no setting:
 - Surfaces, thrust and altitude are known: Table 6.6 has no errors for them. Angular accelerations
   are recorded, as in the report.
 - Each flight draws new errors of its instruments, from the seed and the number of its case.
+- Lateral 3 is also identified by filter error. The gusts of its flight are white at the samples and
+  linear between them, which has the spectrum at low frequency of a process of first order with half
+  the sample time as correlation time; their deviation is estimated. The noise of the sensors is
+  that of Table 6.6.
 """
 
 from typing import NamedTuple
@@ -24,7 +28,11 @@ from typing import NamedTuple
 import jax
 from jaxtyping import Array
 
-from jaxid.aircraft.flight.report_cases import CASES, EXAMPLES
+from jaxid.aircraft.air.turbulence import REPORT_GUST
+from jaxid.aircraft.flight.report_cases import CASES, EXAMPLES, REPORT_SAMPLE_TIME
+from jaxid.aircraft.instruments.noise_levels import BASE as BASE_LEVEL
+from jaxid.estimation import FilterError, FirstOrder, Fixed
+from jaxid.simulation import RK4
 
 BIAS = "instruments.bias."
 
@@ -66,6 +74,22 @@ SETTINGS = {
     **dict.fromkeys(("longitudinal 1", "longitudinal 2"), LONGITUDINAL),
     **dict.fromkeys(("coupled 1", "coupled 2"), COUPLED),
 }
+
+
+FILTER_SUBSTEPS = 4  # of RK4 between samples: half of the correlation time (chosen)
+
+
+def gust_filter(setting: Setting = LATERAL) -> FilterError:
+    """Return filter error with a lateral gust, for lateral 3.
+
+    Args:
+        setting: setting of the case.
+    """
+    return FilterError(
+        process={"gust_v": FirstOrder(REPORT_GUST, Fixed(REPORT_SAMPLE_TIME / 2.0))},
+        noise={name: Fixed(BASE_LEVEL.noise[name]) for name in setting.outputs},
+        stepper=RK4(FILTER_SUBSTEPS),
+    )
 
 
 def key_of(case: str, seed: int) -> Array:

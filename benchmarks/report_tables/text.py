@@ -9,6 +9,7 @@ import numpy as np
 from benchmarks import report_numbers
 from benchmarks.report_tables.cases import CaseResult
 from benchmarks.report_tables.examples import Small
+from benchmarks.report_tables.noise_share import noise_shares
 from benchmarks.report_tables.rows import overall_F, parameter_rows
 from benchmarks.report_tables.settings import SETTINGS
 from benchmarks.report_tables.verdicts import Verdict
@@ -79,8 +80,7 @@ def error_table(results: Mapping[str, CaseResult], totals: bool) -> str:
     part = "total" if totals else "static"
     names = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
     lines = [
-        f"{part + ', error and share inside two sigma':<44}"
-        + "".join(f"{name:>12}" for name in names)
+        f"{part + ', error relative to the range':<44}" + "".join(f"{name:>12}" for name in names)
     ]
     for result in results.values():
         for flight, errors in zip(result.flights, result.errors, strict=True):
@@ -93,9 +93,7 @@ def error_table(results: Mapping[str, CaseResult], totals: bool) -> str:
                 else f"{result.name}: {flight.record.names[0]}"
             )
             cells = [
-                f"{100 * by_coefficient[n].relative:5.1f}% {100 * by_coefficient[n].inside:3.0f}%"
-                if n in by_coefficient
-                else ""
+                f"{100 * by_coefficient[n].relative:5.1f}%" if n in by_coefficient else ""
                 for n in names
             ]
             lines.append(f"{label:<44}" + "".join(f"{cell:>12}" for cell in cells))
@@ -140,17 +138,20 @@ def verdict_lines(claims: Iterable[Verdict]) -> str:
 
 
 def F_table(results: Mapping[str, CaseResult]) -> str:
-    """Return the overall F of each equation beside the report's."""
+    """Return the overall F of each equation, ours and the report's, and the share of noise."""
     lines = [
         f"{'overall F':<16} {'':>4} {'ours':>9} {'k':>3} {'report':>9} {'k':>3} {'ratio':>6} "
-        f"{'signal':>7} {'terms':>6} {'F, same k':>10}"
+        f"{'signal':>7} {'terms':>6} {'F, same k':>10} {'noise':>6}"
     ]
-    for result in results.values():
-        for row in overall_F(result) if result.name in SETTINGS else ():
+    for result in (one for one in results.values() if one.name in SETTINGS):
+        rows = overall_F(result)
+        noise = noise_shares(result) if rows else {}
+        for row in rows:
             lines.append(
                 f"{result.name:<16} {row.response:>4} {row.ours:>9.4g} {row.terms:>3} "
                 f"{row.printed:>9.5g} {row.printed_terms:>3} {row.ours / row.printed:>6.2f} "
-                f"{row.signal:>7.2f} {row.form:>6.2f} {row.same_terms:>10.4g}"
+                f"{row.signal:>7.2f} {row.form:>6.2f} {row.same_terms:>10.4g} "
+                f"{noise[row.response]:>6.2f}"
             )
     return "\n".join(lines)
 

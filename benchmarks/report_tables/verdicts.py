@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import binomtest, spearmanr
 
 from benchmarks.report_numbers.claims import CLAIMS, SEPARATE
+from benchmarks.report_tables.bands import shares
 from benchmarks.report_tables.cases import CaseResult
 from benchmarks.report_tables.comparisons import combined, on_common_angles, predicted
 from benchmarks.report_tables.examples import Small
@@ -28,7 +29,7 @@ SIX = (
     *(("Cl", "static"), ("Cn", "static"), ("CY", "static")),
     *(("Cn", "d/d rudder"), ("Cn", "d/d aileron"), ("Cl", "d/d aileron")),
 )
-LATERAL, LONGITUDINAL = ("CY", "Cl", "Cn"), ("CX", "CZ", "Cm")
+LATERAL = ("CY", "Cl", "Cn")
 
 Results = Mapping[str, CaseResult]
 Examples = Mapping[str, Small]
@@ -188,12 +189,10 @@ def judge_size(numbers: Measured) -> bool:
 
 
 def measure_bands(results: Results, _: Examples) -> Measured:
-    return {
-        name: results[case].error(name).inside
-        for case, names in (("lateral 1", LATERAL), ("longitudinal 1", LONGITUDINAL))
-        for name in names
-        if has(results[case], name)
-    }
+    rows = [row for case in SEPARATE for row in shares(results[case])]
+    combined = {row.coefficient: row.inside["with instruments"] for row in rows}
+    alone = {f"{row.coefficient}, parameters": row.inside["parameters"] for row in rows}
+    return combined | alone
 
 
 def judge_bands(numbers: Measured) -> bool:

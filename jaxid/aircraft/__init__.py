@@ -41,6 +41,7 @@ from .flight.report_cases import report_flight as report_flight
 from .flight.simulate_flight import Flight as Flight
 from .flight.simulate_flight import flight_solution as flight_solution
 from .flight.simulate_flight import simulate_flight as simulate_flight
+from .flight.steady_spin import steady_spin as steady_spin
 from .flight.trims import Trimmed as Trimmed
 from .flight.trims import climb as climb
 from .flight.trims import level as level

@@ -15,7 +15,9 @@ from ..estimation.estimate import as_stack, check_channels
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..estimation.result import Estimate
+from ..models.base import AbstractModel
 from ..models.free import Parameters
+from ..models.free_model import FreeModel
 from ..sensitivity.information import Information
 from ..sensitivity.jacobian import value_and_jacobian
 
@@ -64,9 +66,10 @@ def prediction_bands(
 
     with `dc/dtheta` along the whole trajectory, so that the effect of an uncertain parameter on the
     state is included, and with the records' own unknowns (initial state, biases) among the
-    parameters. The deviations assume a correct model and, unless they are `coloured`, white
-    residuals. A direction that the data do not determine is treated as known;
-    `Estimate.weak_directions` names it.
+    parameters. With process noise (`FilterError`) the histories are those of the smoother, and
+    `dc/dx P dc/dx'` is added, with the covariance P of its states. The deviations assume a correct
+    model and, unless they are `coloured`, white residuals. A direction that the data do not
+    determine is treated as known; `Estimate.weak_directions` names it.
 
     Args:
         fit: from `estimate`, on one record or several.
@@ -117,24 +120,47 @@ def _histories(
     names: tuple[str, ...],
 ):
     """Values and deviations of all states, outputs and signals, shape (2, case, time, name)."""
-    count = problem.positions.rows.size
-    joint = _joint_covariance(information, covariance)
+    joint, likelihood = _joint_covariance(information, covariance), problem.likelihood
 
     def one_record(own, covariance, case):
+        flat, record = case
+        family = FreeModel(problem.model, flat, problem.positions)
+
         def histories(theta):
-            solution, model = problem.solve_one(theta[:count], theta[count:], case)
-            signals = jax.vmap(model.signals)(solution.t, solution.x, case[1].u)
-            others = (
-                jnp.stack([signals[name] for name in names], axis=-1)
-                if names
-                else jnp.zeros((solution.t.size, 0))
-            )
+            model, initial_state = family(theta)
+            solution, _ = likelihood.smoothed(model, record, initial_state)
+            others = _signals(model, record, solution.x, names)
             return jnp.concatenate([solution.x, solution.y, others], axis=-1)
 
-        value, S = value_and_jacobian(histories, jnp.concatenate([own, parameters.shared]))
-        return value, jnp.sqrt(jnp.maximum(jnp.einsum("tkp,pq,tkq->tk", S, covariance, S), 0.0))
+        theta = jnp.concatenate([own, parameters.shared])
+        value, S = value_and_jacobian(histories, theta)
+        variance = jnp.einsum("tkp,pq,tkq->tk", S, covariance, S)
+        model, initial_state = family(theta)
+        solution, P = likelihood.smoothed(model, record, initial_state)
+        if P is not None:
+            slopes = _slopes(model, record, solution.x, names)
+            variance = variance + jnp.einsum("tki,tij,tkj->tk", slopes, P, slopes)
+        return value, jnp.sqrt(jnp.maximum(variance, 0.0))
 
     return jnp.stack(jax.vmap(one_record)(parameters.rows, joint, problem.cases()))
+
+
+def _signals(model: AbstractModel, record: Record, x, names: tuple[str, ...]):
+    """Return the signals along the states of one record, shape (time, name)."""
+    if not names:
+        return jnp.zeros((x.shape[0], 0))
+    signals = jax.vmap(model.signals)(record.t, x, record.u)
+    return jnp.stack([signals[name] for name in names], axis=-1)
+
+
+def _slopes(model: AbstractModel, record: Record, x, names: tuple[str, ...]):
+    """Return the derivatives of all histories by the state, shape (time, name, state)."""
+
+    def histories(t, x, u):
+        signals = model.signals(t, x, u)
+        return jnp.concatenate([x, model.output(t, x, u), *(signals[name][None] for name in names)])
+
+    return jax.vmap(jax.jacfwd(histories, argnums=1))(record.t, x, record.u)
 
 
 def _joint_covariance(information: Information, shared: Float[Array, "parameter parameter"]):

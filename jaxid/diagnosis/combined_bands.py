@@ -12,6 +12,7 @@ from ..data.record import Record
 from ..estimation.estimate import as_stack
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
+from ..models.base import AbstractModel
 from ..models.free import all_names, flat_vectors, with_values
 from .autoregression import white_noise_variance
 from .bands import Band, prediction_bands
@@ -22,7 +23,8 @@ class CombinedBand(eqx.Module):
 
     Attributes:
         value: the coefficient of the model, shape (case, time).
-        parameters: deviation due to the parameters, corrected for coloured residuals.
+        parameters: deviation due to the parameters, corrected for coloured residuals; with process
+            noise, also due to the states.
         misfit: deviation due to the structure, one number for all samples.
         instruments: deviation due to the instruments' constants, shape (case, time).
     """
@@ -43,6 +45,7 @@ def combined_bands(
     records: Sequence[Record],
     likelihood: AbstractLikelihood,
     deviations: Mapping[str, float] | None = None,
+    model: AbstractModel | None = None,
 ) -> dict[str, CombinedBand]:
     r"""Return the responses of a fitted model with bands for their true values along the records.
 
@@ -57,6 +60,10 @@ def combined_bands(
     axis, bias a coefficient and its pseudo-measurement alike; the third term has the changes `c_k`
     of the pseudo-measurements by one standard deviation of each constant.
 
+    Output error takes random motion of the environment, such as gusts, as noise of the sensors, and
+    the white part of the difference is subtracted as such: no term holds the change of a
+    coefficient by gusts. With `FilterError` the coefficient is taken along the smoothed states.
+
     Args:
         fit: from `estimate`, of a model with pseudo-measurements.
         records: records of the fit, with all channels that the pseudo-measurements need.
@@ -64,6 +71,8 @@ def combined_bands(
         deviations: standard deviations of constants that are not estimated, such as
             `{"instruments.scale.V": 0.005}` [the constant's unit]; independent of each other, the
             same in all records.
+        model: the estimated model with its pseudo-measurements; by default the model of the fit. A
+            fit by `FilterError` has a model without them.
 
     Returns:
         The band of each response whose equation the model has, by name.
@@ -75,15 +84,16 @@ def combined_bands(
     Source: JCGM 100:2008 (combined standard uncertainty).
     """
     deviations = dict(deviations or {})
-    _check(fit, deviations)
-    prepared = as_stack([fit.model.prepared(record) for record in records])
-    responses, valid = _responses(fit.model, records)
+    model = fit.model if model is None else model
+    _check(fit, model, deviations)
+    prepared = as_stack([model.prepared(record) for record in records])
+    responses, valid = _responses(model, records)
     bands = prediction_bands(fit, prepared, likelihood, tuple(responses), coloured=True).signals
-    values = dict(zip(all_names(fit.model), flat_vectors(fit.model, prepared)[0], strict=True))
+    values = dict(zip(all_names(model), flat_vectors(model, prepared)[0], strict=True))
     squares = {name: jnp.zeros_like(response) for name, response in responses.items()}
     for constant, deviation in deviations.items():
         value = jnp.reshape(values[constant] + deviation, (1,))
-        changed, _ = _responses(with_values(fit.model, [constant], value), records)
+        changed, _ = _responses(with_values(model, [constant], value), records)
         squares = {
             name: square + (changed[name] - responses[name]) ** 2
             for name, square in squares.items()
@@ -99,8 +109,8 @@ def combined_bands(
     }
 
 
-def _check(fit: Estimate, deviations: Mapping[str, float]) -> None:
-    require_known("constant", deviations, all_names(fit.model))
+def _check(fit: Estimate, model: AbstractModel, deviations: Mapping[str, float]) -> None:
+    require_known("constant", deviations, all_names(model))
     for name, deviation in deviations.items():
         require(
             name not in fit.free.shared + fit.free.per_record,

@@ -40,6 +40,14 @@ class AbstractLikelihood(eqx.Module):
     ) -> Solution:
         """Return the states of one record and the model's outputs at its samples."""
 
+    def smoothed(
+        self, model: AbstractModel, record: Record, initial_state: Float[Array, " state"]
+    ) -> tuple[Solution, Float[Array, "time state state"] | None]:
+        """Return the solution of one record given all its samples, and the covariance of its
+        states for known parameters; None without process noise.
+        """
+        return self.solve(model, record, initial_state), None
+
     def prepared(
         self, model: AbstractModel, free: Free, records: Record
     ) -> tuple[AbstractModel, Free]:

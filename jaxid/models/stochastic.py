@@ -77,6 +77,11 @@ class StochasticModel(AbstractModel):
                 rates = rates.at[self.model.states.index(name)].add(force)
         return jnp.concatenate([rates, -disturbances / times])
 
+    def signals(self, t, x, u):
+        own, disturbances = self._split(x)
+        signals = self.model.signals(t, own, self._inputs(u, disturbances))
+        return signals | dict(zip(self.states, x, strict=True))
+
     def output(self, t, x, u):
         return self.output_given(t, x, u, self.rhs(t, x, u))
 

@@ -12,7 +12,17 @@ from ..diagnosis.thresholds import BAND
 from ..diagnosis.validation import Prediction
 from ..estimation.result import Estimate
 from .figures import PLOTTED_LAGS
-from .style import AFTER, MEASURED, NOISE, OTHER, canvas, channel_label, key, plain
+from .style import (
+    AFTER,
+    MEASURED,
+    NOISE,
+    OTHER,
+    canvas,
+    channel_label,
+    key,
+    plain,
+    require_case,
+)
 from .words import display_unit, unit_words
 
 
@@ -29,7 +39,7 @@ def signals(record: Record, case: int = 0) -> Figure:
     Raises:
         InputError: when there is no such record.
     """
-    _require_case(case, record.n_cases)
+    require_case(case, record.n_cases)
     single = record[case] if record.is_stack else record
     entries = [("inputs", NOISE)] * bool(single.inputs) + [("measured outputs", MEASURED)]
     names = (*single.inputs, *single.outputs)
@@ -64,7 +74,7 @@ def fit_residuals(estimate: Estimate, case: int = 0) -> Figure:
         np.ndim(estimate.values) == 1,
         "A figure is of one estimate, and this is a batch of them. Select one of them.",
     )
-    _require_case(case, estimate.mask.shape[0])
+    require_case(case, estimate.mask.shape[0])
     mask, v = np.asarray(estimate.mask), np.asarray(estimate.residuals)
     names, units = estimate.model.outputs, estimate.model.units()
     lags = max(min(PLOTTED_LAGS, v.shape[1] // 5), 1)
@@ -104,7 +114,7 @@ def predicted_outputs(prediction: Prediction, case: int = 0) -> Figure:
         InputError: when there is no such record.
     """
     cases, _, channels = prediction.z.shape
-    _require_case(case, cases)
+    require_case(case, cases)
     t = np.asarray(prediction.t)[case]
     rows = 1 + int(np.sum(np.diff(t) > 0))
     z, y, scored = (
@@ -122,10 +132,6 @@ def predicted_outputs(prediction: Prediction, case: int = 0) -> Figure:
     _limit(panels, t[:rows])
     key(figure, [("measured", MEASURED), ("predicted", AFTER)], title=prediction.names[case])
     return figure
-
-
-def _require_case(case: int, count: int) -> None:
-    require(0 <= case < count, f"There is no record {case} among {count}. Give 0 to {count - 1}.")
 
 
 def _limit(panels: list[list[Axes]], t: np.ndarray) -> None:

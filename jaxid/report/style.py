@@ -6,6 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from .._foundation.checks import require
+
 # Okabe & Ito, Color Universal Design, 2008.
 MEASURED, BEFORE, AFTER, NOISE, OTHER = (
     "#8c8c8c",
@@ -117,3 +119,16 @@ def lay_out(figure: Figure) -> None:
 def channel_label(name: str, unit: str) -> str:
     """Return name and unit of a channel for an axis."""
     return f"{name} [{unit}]" if unit else name
+
+
+def require_case(case: int, count: int) -> None:
+    """Refuse a number of a record that does not exist.
+
+    Args:
+        case: number of the record.
+        count: number of records.
+
+    Raises:
+        InputError: when there is no such record.
+    """
+    require(0 <= case < count, f"There is no record {case} among {count}. Give 0 to {count - 1}.")

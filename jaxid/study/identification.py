@@ -14,16 +14,19 @@ from .._foundation.notebook import Table
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..data.stack import stack, unstack
-from ..diagnosis.bands import Bands, prediction_bands
+from ..diagnosis.bands import Band, Bands, prediction_bands
 from ..diagnosis.combined_bands import CombinedBand, combined_bands
+from ..diagnosis.derivative_bands import derivative_bands
 from ..diagnosis.validation import Prediction, predict
-from ..estimation import Estimate
+from ..estimation import Estimate, FilterError, OutputError
 from ..estimation.estimate import Case, as_stack
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.shared_programs import evaluate
 from ..models.base import AbstractModel
+from ..models.free import all_names, with_values
 from ..models.noise import FixedNoise
-from ..models.replace import with_terms
+from ..models.replace import polynomials_of, with_polynomials, with_terms
+from ..models.stochastic import StochasticModel
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import spectrum
 from ..structure import Regression, Selection
@@ -120,8 +123,14 @@ class Identification:
 
     @property
     def model(self) -> AbstractModel:
-        """The identified model."""
-        return self.estimate.model
+        """The identified model, without process noise."""
+        fitted, estimate = self.estimate.model, self.estimate
+        if not isinstance(fitted, StochasticModel):
+            return fitted
+        own = with_polynomials(self.start_model, polynomials_of(fitted))
+        named = [name for name in estimate.names if name in all_names(own)]
+        values = [estimate.values[estimate.names.index(name)] for name in named]
+        return with_values(own, named, jnp.stack(values))
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -183,8 +192,57 @@ class Identification:
             records: the records of `identify`, in the same order.
             deviations: standard deviations of constants of the model that are not estimated.
         """
-        single = unstack(as_stack(records)) if isinstance(records, Record) else list(records)
-        return combined_bands(self.estimate, single, self.likelihood, deviations)
+        return combined_bands(
+            self.estimate, _single(records), self.likelihood, deviations, self.model
+        )
+
+    def derivatives(
+        self, records: Record | Sequence[Record], pairs: Mapping[str, Sequence[str]]
+    ) -> dict[str, Band]:
+        """Return derivatives of responses along the measured signals of records, with deviations;
+        see `jaxid.diagnosis.derivative_bands`.
+
+        Args:
+            records: the records of `identify`, in the same order.
+            pairs: signals by response, such as `{"Cn": ("rudder", "rhat")}`.
+
+        Returns:
+            Bands of shape (case, time) by name: `dCn/drudder`, `dCn/drhat`.
+        """
+        kept = {name: one.regression for name, one in self.equations.items() if one.kept}
+        return derivative_bands(self.estimate, kept, self.model, _single(records), pairs)
+
+    def plot(
+        self,
+        case: int = 0,
+        records: Record | Sequence[Record] | None = None,
+        *,
+        derivatives: Mapping[str, Sequence[str]] | None = None,
+        deviations: Mapping[str, float] | None = None,
+        truth: Mapping[str, Any] | None = None,
+    ) -> Any:
+        """Return a figure with bands of two deviations, by matplotlib (`jaxid[report]`).
+
+        It has measured and fitted outputs (Figs. 6.3, 6.6); with `records` the responses by
+        `combined_bands` (6.4, 6.7); with `derivatives` these in their place (6.5, 6.8).
+
+        Args:
+            case: which record.
+            records: the records of `identify`, in the same order.
+            derivatives: signals by response, as for `derivatives`.
+            deviations: as for `combined_bands`.
+            truth: true histories by response or derivative, such as `dCn/drudder`, if known.
+        """
+        from ..report import figures_identification as figures
+
+        if records is None:
+            return figures.responses(self.records, self.prediction_bands().measured, case)
+        single = _single(records)
+        if derivatives is not None:
+            return figures.derivatives(single, self.derivatives(single, derivatives), truth, case)
+        measured = [self.model.pseudo_measurements(record) for record in single]
+        bands = self.combined_bands(single, deviations)
+        return figures.coefficients(single, measured, bands, truth, case)
 
     def predict(
         self,
@@ -201,15 +259,17 @@ class Identification:
                 error; None starts at the measured state.
             states: states whose initial value is fitted there, all by default.
         """
-        single = (
-            [records] if isinstance(records, Record) and not records.is_stack else list(records)
-        )
-        prepared = [self.model.prepared(record) for record in single]
-        known = eqx.tree_at(
-            lambda node: node.noise, self.likelihood, FixedNoise(self.estimate.noise)
-        )
+        prepared = [self.model.prepared(record) for record in _single(records)]
+        known = self._simulation()
         model = with_terms(self.model, self.candidates)
         return predict(model, stack(prepared), known, window=window, states=states)
+
+    def _simulation(self) -> AbstractLikelihood:
+        """Return the likelihood with the estimated noise, without a filter."""
+        noise = FixedNoise(self.estimate.noise)
+        if isinstance(self.likelihood, FilterError):
+            return OutputError(noise, self.likelihood.hold, self.likelihood.stepper)
+        return eqx.tree_at(lambda node: node.noise, self.likelihood, noise)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the results of both stages as plain numbers and words; a number that a stage does
@@ -317,6 +377,11 @@ def _F(values: Float[Array, " parameter"], information: Information, scale):
     """Return the squared values over their variances."""
     eigen = spectrum(information.triangle, information.rhs, scale)
     return values**2 / jnp.diagonal(eigen.covariance(SMALLEST_EIGENVALUE))
+
+
+def _single(records: Record | Sequence[Record]) -> list[Record]:
+    """Return single records."""
+    return unstack(as_stack(records)) if isinstance(records, Record) else list(records)
 
 
 def _terms(regression: Regression):

@@ -70,7 +70,8 @@ def identify(
             `aircraft.IdentificationModel`.
         records: records with the channels of the regression and those of the model.
         options: levels and rules, and exceptions from them by name.
-        likelihood: measure of the misfit; output error with unknown noise by default.
+        likelihood: measure of the misfit; output error with unknown noise by default. In gusts
+            `FilterError`, such as `FilterError({"gust_v": FirstOrder(5.0, 0.5)})` [m/s, s].
         per_record: names of parameters with one value for each record. The initial value of a state
             whose equation is left out is not estimated, as its history is measured.
         solver: the Gauss-Newton solver.

@@ -35,7 +35,7 @@ def result(F=(), equations=(), errors=(), cost=0.0, flights=()):
     Args:
         F: (regression, start, final) by name of the term.
         equations: (terms with F, estimated terms) by coefficient.
-        errors: (rms, inside) by coefficient and part.
+        errors: rms by coefficient and part.
     """
     F, equations, errors = dict(F), dict(equations), dict(errors)
     kept = {
@@ -50,9 +50,7 @@ def result(F=(), equations=(), errors=(), cost=0.0, flights=()):
         identified=SimpleNamespace(
             parameters=[parameter(name, *row) for name, row in F.items()], equations=kept
         ),
-        error=lambda name, part="static": SimpleNamespace(
-            rms=errors[name, part][0], inside=errors[name, part][1]
-        ),
+        error=lambda name, part="static": SimpleNamespace(rms=errors[name, part]),
         fitted=SimpleNamespace(Jf=cost),
         flights=flights,
     )
@@ -122,21 +120,29 @@ def test_size_of_F(verdicts, report):
     assert not decided(verdicts, name, report | {"lateral 1": result(far)})[1]
 
 
-def test_bands(verdicts):
-    def case(share):
-        errors = {(name, "static"): (0.0, share) for name in ("CY", "Cl", "Cn", "CX", "CZ", "Cm")}
-        return result(equations={name: ({}, ()) for name, _ in errors}, errors=errors)
+@pytest.mark.parametrize(
+    ("combined", "expected"),
+    [
+        ({"CY": 0.6, "Cl": 0.6, "Cn": 0.6}, True),
+        ({"CY": 0.5, "Cl": 0.6, "Cn": 0.6}, False),
+        ({"CY": 1.0, "Cl": 1.0}, False),  # Cn was left out
+    ],
+)
+def test_bands(verdicts, monkeypatch, combined, expected):
+    """The combined bands of lateral 1 decide, whatever the others."""
 
-    name = "the bands hold the truth"
-    for share, expected in ((0.6, True), (0.5, False)):
-        cases = {"lateral 1": case(share), "longitudinal 1": case(0.1)}
-        assert decided(verdicts, name, cases)[1] is expected
-    without = result(
-        equations={"CY": ({}, ()), "Cl": ({}, ())},
-        errors={("CY", "static"): (0.0, 1.0), ("Cl", "static"): (0.0, 1.0)},
-    )
-    cases = {"lateral 1": without, "longitudinal 1": case(1.0)}
-    assert not decided(verdicts, name, cases)[1]  # Cn was left out
+    def shares(case):
+        each = combined if case == "lateral 1" else {"CX": 0.1, "Cm": 0.1}
+        return [
+            SimpleNamespace(coefficient=name, inside={"with instruments": share, "parameters": 0.2})
+            for name, share in each.items()
+        ]
+
+    monkeypatch.setattr(verdicts, "shares", shares)
+    cases = {name: name for name in ("lateral 1", "longitudinal 1")}
+    numbers, holds = decided(verdicts, "the bands hold the truth", cases)
+    assert holds is expected
+    assert (numbers["Cl"], numbers["Cl, parameters"]) == (combined["Cl"], 0.2)
 
 
 def test_survival_of_terms(verdicts, report):
@@ -182,7 +188,7 @@ def test_amplitude(verdicts, monkeypatch, shape, expected):
         )
 
     monkeypatch.setattr(verdicts, "on_common_angles", common)
-    case = result(errors={("Cm", "d/d stabilator"): (0.1, 0.5)})
+    case = result(errors={("Cm", "d/d stabilator"): 0.1})
     cases = {"longitudinal 1": case, "longitudinal 2": case}
     assert decided(verdicts, "small amplitude improves Cm", cases)[1] is expected
 
@@ -203,8 +209,8 @@ def test_combination(verdicts, monkeypatch, rms, expected):
 @pytest.mark.parametrize(("worse", "expected"), [(3, False), (4, True)])
 def test_larger_set(verdicts, worse, expected):
     """It holds if more than three of the six errors are larger with more parameters."""
-    few = {part: (1.0, 0.0) for part in verdicts.SIX}
-    many = {part: (2.0 if k < worse else 0.5, 0.0) for k, part in enumerate(verdicts.SIX)}
+    few = dict.fromkeys(verdicts.SIX, 1.0)
+    many = {part: 2.0 if k < worse else 0.5 for k, part in enumerate(verdicts.SIX)}
     cases = {"lateral 1": result(errors=few), verdicts.LARGER: result(errors=many)}
     numbers, holds = decided(verdicts, "twelve parameters beat twenty-two", cases)
     assert (numbers["larger errors of six"], holds) == (worse, expected)

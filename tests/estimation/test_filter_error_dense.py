@@ -12,8 +12,8 @@ from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
 from jaxid.data import record
 from jaxid.estimation import FilterError, OutputError
 from jaxid.estimation.estimate import as_stack
+from jaxid.estimation.filter.backward_pass import smooth_filtered
 from jaxid.estimation.filter.kalman import kalman_filter
-from jaxid.estimation.filter.smoother import smooth_filtered
 from jaxid.estimation.problem import Problem
 from jaxid.models import LinearModel, free
 from jaxid.models.base import canonical

@@ -62,14 +62,16 @@ class Readings(eqx.Module):
     def observe(
         self, t: Float[Array, " time"], y: Float[Array, "time output"]
     ) -> Float[Array, "time output"]:
-        """Return the outputs with the instruments' lags, delays and ranges.
+        """Return the outputs with the instruments' lags, delays and ranges; unchanged if there are
+        none.
 
         Args:
             t: sample times [s].
             y: outputs at these times, from `outputs`.
         """
         table = jnp.zeros((y.shape[0], len(self.instruments.channels))).at[:, self._columns].set(y)
-        return self.instruments.observe(t, table)[:, self._columns]
+        observed = self.instruments.observe(t, table)
+        return y if observed is table else observed[:, self._columns]
 
     def motion(
         self, measured: Mapping[str, Float[Array, ""]], known: Mapping[str, Float[Array, ""]]

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -19,8 +20,15 @@ from ...simulation.hold import AbstractHold, Linear
 from ...simulation.solution import Solution
 from ...simulation.steppers import RK4
 from ..likelihoods import AbstractLikelihood
+from .backward_pass import smooth_filtered
 from .filter_sensitivities import FilterSensitivities, filter_sensitivities
-from .kalman import Filtered, inverse_cholesky, kalman_filter, require_outputs_without_memory
+from .kalman import (
+    Filtered,
+    filter_signals,
+    inverse_cholesky,
+    kalman_filter,
+    require_outputs_without_memory,
+)
 from .noise_identifiability import check_noise_identifiable
 from .noise_options import FirstOrder, Number, number
 from .noise_parameters import check_names, check_values, with_noise_parameters
@@ -124,6 +132,13 @@ class FilterError(AbstractLikelihood):
         filtered = self.filter(model, record, initial_state)
         x, y = filtered.x_predicted, filtered.y
         return Solution(record.t, x, y, jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y)))
+
+    def smoothed(self, model, record, initial_state):
+        x, factor = smooth_filtered(self.filter(model, record, initial_state))
+        samples, _ = filter_signals(model, record, self.hold, self.stepper.substeps)
+        y = jax.vmap(model.output)(record.t, x, samples.u)
+        succeeded = jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y))
+        return Solution(record.t, x, y, succeeded), factor @ jnp.swapaxes(factor, -1, -2)
 
     def rows(self, model, record, initial_state):
         filtered = self.filter(model, record, initial_state)

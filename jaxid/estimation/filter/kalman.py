@@ -55,6 +55,8 @@ class Filtered(NamedTuple):
         x_predicted, P_predicted: state and covariance before the sample (A.19).
         x, P: state and covariance after the sample (A.24, A.25).
         Phi, Q: transition from each sample to the next, and the covariance of its noise.
+        score: `H' B^-1 v`, the gradient of the log-likelihood of a sample by the predicted state.
+        remaining: `I - K H`.
     """
 
     y: Float[Array, "time output"]
@@ -66,6 +68,8 @@ class Filtered(NamedTuple):
     P: Float[Array, "time state state"]
     Phi: Float[Array, "time state state"]
     Q: Float[Array, "time state state"]
+    score: Float[Array, "time state"]
+    remaining: Float[Array, "time state state"]
 
 
 class Sample(NamedTuple):
@@ -118,7 +122,8 @@ def kalman_filter(
         x_next, Phi, Q = predicted(model, update.x, steps)
         P_next = congruence(Phi, update.P) + Q
         return (x_next, (P_next + P_next.T) / 2), Filtered(
-            update.y, update.v, update.B, x, P, update.x, update.P, Phi, Q
+            *(update.y, update.v, update.B, x, P, update.x, update.P, Phi, Q),
+            *(update.score, update.remaining),
         )
 
     return jax.lax.scan(interval, begin, (samples, steps))[1]
@@ -175,6 +180,8 @@ class Update(NamedTuple):
     B: Float[Array, "output output"]
     x: Float[Array, " state"]
     P: Float[Array, "state state"]
+    score: Float[Array, " state"]
+    remaining: Float[Array, "state state"]
 
 
 def _update(model, x, P, sample: Sample, deviations, updates: int) -> Update:
@@ -189,15 +196,18 @@ def _update(model, x, P, sample: Sample, deviations, updates: int) -> Update:
     H = jnp.where(mask[:, None], H, 0.0)
     v = jnp.where(mask, z - y, 0.0)
     B, gain = _gain(P, H, R)
-    later = x + product(gain, v)
+    innovation, later = v, x + product(gain, v)
     for _ in range(updates - 1):
         value, H = value_and_jacobian(outputs, later)
         H = jnp.where(mask[:, None], H, 0.0)
         _, gain = _gain(P, H, R)
-        later = x + product(gain, jnp.where(mask, z - value, 0.0) - product(H, x - later))
+        innovation = jnp.where(mask, z - value, 0.0) - product(H, x - later)
+        later = x + product(gain, innovation)
     remaining = jnp.eye(x.size) - product(gain, H)
     P = congruence(remaining, P) + product(gain * R[None], gain.T)
-    return Update(y, v, B, later, (P + P.T) / 2)
+    # H' B^-1 v = H' R^-1 (v - H K v)
+    score = product(H.T, (innovation - product(H, later - x)) / R)
+    return Update(y, v, B, later, (P + P.T) / 2, score, remaining)
 
 
 def _gain(P, H, R):

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
 
 from .compiler import compiler_options
+from .stored_programs import exported, on_one_device
 
 
 class EvictingJit:
@@ -27,11 +29,13 @@ class EvictingJit:
 
     def __call__(self, *arguments: Any) -> Any:
         """Return the function's result; compile it first if necessary."""
-        return self.jitted(*self._noted(arguments))
+        program, inputs = self._program(arguments)
+        return program(*inputs)
 
     def lower(self, *arguments: Any) -> Any:
         """Return the lowered program for such arguments."""
-        return self.jitted.lower(*self._noted(arguments))
+        program, inputs = self._program(arguments)
+        return program.lower(*inputs)
 
     def make_room(self, count: int, most: int) -> None:
         """Release all programs if `count` further ones would make more than `most`."""
@@ -47,7 +51,7 @@ class EvictingJit:
             )
 
         run.__name__ = self.function.__name__  # the name that JAX gives to the program
-        self.run, self.compiled, self.known = run, None, set()
+        self.run, self.compiled, self.known = run, None, {}
 
     @property
     def jitted(self) -> Any:
@@ -62,14 +66,22 @@ class EvictingJit:
         """Return a key of the program for such arguments."""
         return _key(*_apart(arguments))
 
-    def _noted(self, arguments: tuple) -> tuple[list, tuple]:
+    def _program(self, arguments: tuple) -> tuple[Any, tuple]:
+        """Return the jitted program for such arguments, and its own arguments."""
         arrays, others = _apart(arguments)
-        self.known.add(_key(arrays, others))
-        return arrays, others
+        key = _key(arrays, others)
+        if key not in self.known:
+            stored = exported(self.function, arguments, arrays, partial(self.run, others=others))
+            options = compiler_options()
+            self.known[key] = stored and jax.jit(stored, compiler_options=options)
+        program = self.known[key]
+        if program is None or not on_one_device(arrays):
+            return self.jitted, (arrays, others)
+        return program, (arrays,)
 
 
 def _key(arrays: list, others: tuple) -> tuple:
-    return others, tuple((array.shape, array.dtype) for array in arrays if array is not None)
+    return others, tuple((a.shape, a.dtype, a.weak_type) for a in arrays if a is not None)
 
 
 def _apart(arguments: tuple) -> tuple[list, tuple]:

@@ -4,6 +4,7 @@ import io
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -21,6 +22,8 @@ FONT = 9.0
 # Between panels with their words, and at the edges of a figure; and about the width of the words
 # below and to the left of a panel, in inches (chosen).
 GAP, WORDS = 0.05, 0.6
+# Largest number of intervals between the ticks below a panel that has neighbours (chosen).
+NARROW_INTERVALS = 5
 
 
 class NotebookFigure(Figure):
@@ -47,6 +50,9 @@ def canvas(
     """
     figure = NotebookFigure(figsize=(FIGURE_WIDTH, height))
     panels = figure.subplots(rows, columns, squeeze=False, **options)
+    if columns > 1:
+        for ax in panels.flat:
+            ax.locator_params(axis="x", nbins=NARROW_INTERVALS)
     return figure, [list(row) for row in panels]
 
 
@@ -115,7 +121,8 @@ def lay_out(figure: Figure) -> None:
     figure.subplots_adjust(margin / width, margin / height, 1 - gap / width, (top - gap) / height)
     panels = [(ax, place) for ax in figure.axes if (place := ax.get_subplotspec()) is not None]
     grid = panels[0][1].get_gridspec()
-    outside = np.array([_outside(ax) for ax, _ in panels])
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    outside = np.array([_outside(ax, renderer) for ax, _ in panels])
     columns = [place.colspan.start for _, place in panels]
     rows = [place.rowspan.start for _, place in panels]
     left, right, labels = _largest(outside[:, [0, 1, 4]], columns, grid.ncols)
@@ -128,11 +135,18 @@ def lay_out(figure: Figure) -> None:
         ax.yaxis.set_label_coords(-labels[i] / widths[i], 0.5)
 
 
-def _outside(ax: Axes) -> tuple[float, ...]:
+def _outside(ax: Axes, renderer) -> tuple[float, ...]:
     """Return how far the words of a panel reach beyond its frame to the left, to the right, above
     and below, and the distance of its y label from the frame, in pixels.
     """
-    box, frame = ax.get_tightbbox(for_layout_only=True), ax.bbox
+    words = ax.get_title(loc="left"), ax.get_xlabel(), ax.get_ylabel()
+    numbers = [
+        axis.get_tick_params().get(f"label{side}", True)
+        for axis, side in ((ax.xaxis, "bottom"), (ax.yaxis, "left"))
+    ]
+    if not any((*words, *numbers)):
+        return (0.0,) * 5  # a panel inside a grid with shared axes
+    box, frame = ax.get_tightbbox(renderer, for_layout_only=True), ax.bbox
     assert box is not None  # only an invisible panel has none
     sides = frame.x0 - box.x0, box.x1 - frame.x1, box.y1 - frame.y1, frame.y0 - box.y0
     return (*(max(side, 0.0) for side in sides), frame.x0 - ax.yaxis.label.get_position()[0])

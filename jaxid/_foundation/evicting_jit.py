@@ -5,11 +5,10 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
-import equinox as eqx
 import jax
 
 from .compiler import compiler_options
-from .stored_programs import exported, on_one_device
+from .stored_programs import joined_leaves, on_one_device, split_leaves, stored_program, types_of
 
 
 class EvictingJit:
@@ -44,11 +43,7 @@ class EvictingJit:
 
     def _begin(self) -> None:
         def run(arrays, others):
-            static, structure = others
-            both = zip(arrays, static, strict=True)
-            return self.function(
-                *jax.tree.unflatten(structure, [b if a is None else a for a, b in both])
-            )
+            return self.function(*joined_leaves(arrays, others))
 
         run.__name__ = self.function.__name__  # the name that JAX gives to the program
         self.run, self.compiled, self.known = run, None, {}
@@ -64,38 +59,20 @@ class EvictingJit:
 
     def key(self, *arguments: Any) -> tuple:
         """Return a key of the program for such arguments."""
-        return _key(*_apart(arguments))
+        return types_of(*split_leaves(arguments))
 
     def _program(self, arguments: tuple) -> tuple[Any, tuple]:
         """Return the jitted program for such arguments, and its own arguments."""
-        arrays, others = _apart(arguments)
-        key = _key(arrays, others)
+        arrays, others = split_leaves(arguments)
+        key = types_of(arrays, others)
         if key not in self.known:
-            stored = exported(self.function, arguments, arrays, partial(self.run, others=others))
+            run = partial(self.run, others=others)
             options = compiler_options()
-            self.known[key] = stored and jax.jit(stored, compiler_options=options)
+            self.known[key] = stored_program(self.function, arguments, arrays, run, options)
         program = self.known[key]
         if program is None or not on_one_device(arrays):
             return self.jitted, (arrays, others)
         return program, (arrays,)
-
-
-def _key(arrays: list, others: tuple) -> tuple:
-    return others, tuple((a.shape, a.dtype, a.weak_type) for a in arrays if a is not None)
-
-
-def _apart(arguments: tuple) -> tuple[list, tuple]:
-    """Split the leaves of the arguments into arrays and static leaves.
-
-    Returns:
-        The arrays, None at the static leaves; and the static leaves, None at the arrays, with the
-        tree structure of both.
-    """
-    leaves, structure = jax.tree.flatten(arguments)
-    is_array = [eqx.is_array(leaf) for leaf in leaves]
-    arrays = [leaf if known else None for leaf, known in zip(leaves, is_array, strict=True)]
-    static = tuple(None if known else leaf for leaf, known in zip(leaves, is_array, strict=True))
-    return arrays, (static, structure)
 
 
 def compile_together(programs: Sequence[tuple[EvictingJit, tuple]]) -> None:

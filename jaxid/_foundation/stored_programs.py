@@ -14,13 +14,15 @@ import enum
 import functools
 import hashlib
 import os
+import pickle
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
 from jax.core import Tracer
@@ -30,6 +32,8 @@ PACKAGE = __name__.partition(".")[0]
 VERSIONED = ("jax", "jaxlib", "equinox", "diffrax", "interpax", "lineax", "optimistix", "numpy")
 # Folder of stored programs within that of JAX's persistent cache.
 SUBFOLDER = "jaxid-exported"
+# Of callbacks, operations of no known format, and results that cannot be pickled.
+NOT_EXPORTED = (ValueError, NotImplementedError, pickle.PicklingError, AttributeError, TypeError)
 SCALARS = (bool, int, float, complex, str, bytes)
 DIGEST_BYTES = hashlib.sha256().digest_size
 
@@ -60,9 +64,48 @@ def store_programs(folder: Path | None, settings: Callable[[], str] = str) -> No
     _STORE.settings = settings
 
 
-def exported(
-    function: Callable[..., Any], arguments: tuple, arrays: list, run: Callable[[list], Any]
-) -> Callable[[list], Any] | None:
+class _Position(NamedTuple):
+    """Stands for an array among the results of a program.
+
+    Attributes:
+        number: its number.
+    """
+
+    number: int
+
+
+class StoredProgram(NamedTuple):
+    """A compiled function of arrays, from disk.
+
+    Attributes:
+        jitted: function of the arrays, whose results are arrays.
+        form: its result, in which positions stand for the arrays.
+    """
+
+    jitted: Any
+    form: Any
+
+    def __call__(self, arrays: list) -> Any:
+        """Return the result for some arrays."""
+        results = self.jitted(arrays)
+        return jax.tree.map(
+            lambda leaf: results[leaf.number] if isinstance(leaf, _Position) else leaf,
+            self.form,
+            is_leaf=lambda leaf: isinstance(leaf, _Position),
+        )
+
+    def lower(self, arrays: list) -> Any:
+        """Return the lowered program for some arrays."""
+        return self.jitted.lower(arrays)
+
+
+def stored_program(
+    function: Callable[..., Any],
+    arguments: Any,
+    arrays: list,
+    run: Callable[[list], Any],
+    options: dict[str, bool | int] | None,
+) -> StoredProgram | None:
     """Return a program from disk, exported and stored before if it was not there.
 
     Args:
@@ -70,38 +113,86 @@ def exported(
         arguments: its arguments.
         arrays: array leaves of the arguments.
         run: the function, of the arrays alone.
+        options: compiler options.
 
     Returns:
-        The program as a function of the arrays; None if it cannot be stored.
+        The program; None if it cannot be stored.
     """
-    if _STORE.folder is None or jax.default_backend() != "cpu":
-        return None
-    if not on_one_device(arrays):
+    if _STORE.folder is None or jax.default_backend() != "cpu" or not on_one_device(arrays):
         return None
     try:
-        key = _key(function, arguments)
-    except _NotDescribedError:
+        path = _STORE.folder / _key(function, arguments, arrays)
+        if (content := _read(path)) is None:
+            content = _exported(run, arrays)
+            _write(path, content)
+    except (_NotDescribedError, *NOT_EXPORTED):
         return None
-    path = _STORE.folder / key
-    if (stored := _read(path)) is None:
-        try:
-            stored = bytes(jax.export.export(jax.jit(run))(arrays).serialize())
-        except (ValueError, NotImplementedError):  # callbacks, and operations of no known format
-            return None
-        _write(path, stored)
-    return jax.export.deserialize(bytearray(stored)).call
+    form, program = pickle.loads(content)
+    called = jax.export.deserialize(bytearray(program)).call
+    return StoredProgram(jax.jit(called, compiler_options=options), form)
+
+
+def _exported(run: Callable[[list], Any], arrays: list) -> bytes:
+    """Return a program with the form of its result, as bytes."""
+    forms = []
+
+    def results(arrays):
+        leaves, structure = jax.tree.flatten(run(arrays))
+        is_array = [eqx.is_array(leaf) for leaf in leaves]
+        places = map(_Position, np.cumsum(is_array) - 1)
+        both = zip(leaves, places, is_array, strict=True)
+        forms.append(jax.tree.unflatten(structure, [p if a else leaf for leaf, p, a in both]))
+        return [leaf for leaf, a in zip(leaves, is_array, strict=True) if a]
+
+    results.__name__ = getattr(run, "__name__", results.__name__)
+    program = bytes(jax.export.export(jax.jit(results))(arrays).serialize())
+    return pickle.dumps((forms[-1], program))
 
 
 def on_one_device(arrays: list) -> bool:
-    """Return True if all arrays of a list are known, none is traced, and each is on one device."""
-    known = [array for array in arrays if array is not None]
-    return not any(isinstance(a, Tracer) or len(a.devices()) > 1 for a in known)
+    """Return True if none of some arrays is traced, and each is on one device or of NumPy."""
+    return not any(
+        isinstance(array, Tracer) or (isinstance(array, jax.Array) and len(array.devices()) > 1)
+        for array in arrays
+    )
 
 
-def _key(function: Callable[..., Any], arguments: tuple) -> str:
+def storing() -> bool:
+    """Return True if programs are stored."""
+    return _STORE.folder is not None
+
+
+def split_leaves(arguments: Any) -> tuple[list, tuple]:
+    """Split the leaves of some arguments into arrays and static leaves.
+
+    Returns:
+        The arrays, None at the static leaves; and the static leaves, None at the arrays, with the
+        tree structure of both.
+    """
+    leaves, structure = jax.tree.flatten(arguments)
+    is_array = [eqx.is_array(leaf) for leaf in leaves]
+    arrays = [leaf if known else None for leaf, known in zip(leaves, is_array, strict=True)]
+    static = tuple(None if known else leaf for leaf, known in zip(leaves, is_array, strict=True))
+    return arrays, (static, structure)
+
+
+def joined_leaves(arrays: list, others: tuple) -> Any:
+    """Return the arguments that `split_leaves` has split."""
+    static, structure = others
+    both = zip(arrays, static, strict=True)
+    return jax.tree.unflatten(structure, [b if a is None else a for a, b in both])
+
+
+def types_of(arrays: list, others: tuple) -> tuple:
+    """Return a key of the program for some split arguments."""
+    known = (a for a in arrays if a is not None)
+    return others, tuple((a.shape, a.dtype, getattr(a, "weak_type", False)) for a in known)
+
+
+def _key(function: Callable[..., Any], arguments: Any, arrays: list) -> str:
     """Return the key of a program, in hexadecimal digits."""
     digest = hashlib.sha256(_code() + _STORE.settings().encode())
-    for part in _described((function, arguments)):
+    for part in _described((function, arguments), frozenset(map(id, arrays))):
         digest.update(part.encode() + b"\0")
     return digest.hexdigest()
 
@@ -118,15 +209,19 @@ def _code() -> bytes:
     return digest.digest()
 
 
-def _described(node: Any) -> Iterator[str]:
-    """Yield a description of all that a trace may use of a value: of an array its type.
+def _described(node: Any, traced: frozenset[int]) -> Iterator[str]:
+    """Yield a description of all that a trace may use of a value.
+
+    Args:
+        node: the value.
+        traced: identities of the arrays of which a trace sees the type alone.
 
     Raises:
         _NotDescribedError: if the class of the value, or of a part of it, is not one of the known
             packages.
     """
-    if isinstance(node, jax.Array):
-        yield f"{node.shape} {node.dtype} {node.weak_type}"
+    if id(node) in traced and node is not None:
+        yield f"{node.shape} {node.dtype} {getattr(node, 'weak_type', False)}"
     elif isinstance(node, np.ndarray | np.generic) and node.dtype.kind in "biufcSU":
         yield f"{node.shape} {node.dtype} {hashlib.sha256(node.tobytes()).hexdigest()}"
     elif isinstance(node, enum.Enum):
@@ -137,7 +232,7 @@ def _described(node: Any) -> Iterator[str]:
         name, parts = _apart(node)
         yield f"{name} {len(parts)}"
         for part in parts:
-            yield from _described(part)
+            yield from _described(part, traced)
 
 
 def _apart(node: Any) -> tuple[str, list]:

@@ -89,9 +89,6 @@ class Linear(NamedTuple):
         )
 
 
-jax.export.register_namedtuple_serialization(Linear, serialized_name="jaxid.Linear")
-
-
 def _linear_models(problem: Problem, parameters: Parameters, places: Places) -> Linear:
     """Return the linear model along the trajectory of each record.
 

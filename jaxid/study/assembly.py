@@ -18,7 +18,7 @@ from ..estimation.result import Estimate
 from ..loop.assess import Assessment, Check, Objection
 from ..loop.evidence import INSEPARABLE, compare
 from ..loop.fit import LoopFit, fit
-from ..loop.moves import Proposals, localise_fit
+from ..loop.moves import Proposals
 from ..loop.options import LoopOptions
 from ..loop.outcome import Outcome
 from ..loop.search import SearchTree
@@ -103,7 +103,7 @@ def _where(tree: SearchTree):
     white = isinstance(tree.best.estimation.problem.likelihood, OutputError)
     if not tree.best.effects or not white:
         return {"before": before, "after": before}
-    return {"before": before, "after": localise_fit(tree.best, before.splines)}
+    return {"before": before, "after": tree.where_after}
 
 
 def _residual_reports(tree: SearchTree) -> dict[str, ResidualReport]:

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.linalg import triangle
 from ..data.record import Record
 from ..diagnosis.autoregression import white_noise_variance
@@ -184,7 +185,7 @@ def _noise(best: LoopFit, outcome: Outcome, used: Record) -> dict[str, float]:
     return dict(zip(used.outputs, map(float, np.sqrt(variance)), strict=True))
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def _unpadded(solution: Fit, count: int) -> Fit:
     """Return a fit without its padding columns (jitted)."""
     keep = np.r_[np.arange(count), solution.parameters.shared.size]

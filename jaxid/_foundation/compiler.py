@@ -9,10 +9,10 @@ import equinox as eqx
 import jax
 from jax.core import Tracer
 
+from .host import are_known
 from .stored_programs import (
     StoredProgram,
     joined_leaves,
-    on_one_device,
     split_leaves,
     stored_program,
     storing,
@@ -63,7 +63,7 @@ def fast_compile_jit(function: Callable[..., Any]) -> Callable[..., Any]:
         if any(isinstance(array, Tracer) for array in arrays):
             return inner(*args, **kwargs)
         known = None
-        if storing() and on_one_device(arrays):
+        if storing() and are_known(arrays):
             known = program((args, kwargs), arrays, others)
         return jitted()(*args, **kwargs) if known is None else known(arrays)
 

@@ -8,7 +8,8 @@ from typing import Any
 import jax
 
 from .compiler import compiler_options
-from .stored_programs import joined_leaves, on_one_device, split_leaves, stored_program, types_of
+from .host import are_known
+from .stored_programs import joined_leaves, split_leaves, stored_program, types_of
 
 
 class EvictingJit:
@@ -70,7 +71,7 @@ class EvictingJit:
             options = compiler_options()
             self.known[key] = stored_program(self.function, arguments, arrays, run, options)
         program = self.known[key]
-        if program is None or not on_one_device(arrays):
+        if program is None or not are_known(arrays):
             return self.jitted, (arrays, others)
         return program, (arrays,)
 

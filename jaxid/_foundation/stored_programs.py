@@ -24,8 +24,10 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
+
+from .host import are_known, to_device
 
 PACKAGE = __name__.partition(".")[0]
 # Packages whose code a trace may run; their versions are in the key.
@@ -87,7 +89,8 @@ class StoredProgram(NamedTuple):
 
     def __call__(self, arrays: list) -> Any:
         """Return the result for some arrays."""
-        results = self.jitted(arrays)
+        # JAX commits the results of an exported program to their device
+        results = [_uncommitted(result) for result in self.jitted(arrays)]
         return jax.tree.map(
             lambda leaf: results[leaf.number] if isinstance(leaf, _Position) else leaf,
             self.form,
@@ -97,6 +100,12 @@ class StoredProgram(NamedTuple):
     def lower(self, arrays: list) -> Any:
         """Return the lowered program for some arrays."""
         return self.jitted.lower(arrays)
+
+
+def _uncommitted(array: jax.Array) -> jax.Array:
+    """Return an array that may be used with arrays on any device."""
+    is_key = jnp.issubdtype(array.dtype, jax.dtypes.extended)
+    return array if is_key else to_device(np.asarray(array))
 
 
 def stored_program(
@@ -118,7 +127,7 @@ def stored_program(
     Returns:
         The program; None if it cannot be stored.
     """
-    if _STORE.folder is None or jax.default_backend() != "cpu" or not on_one_device(arrays):
+    if _STORE.folder is None or jax.default_backend() != "cpu" or not are_known(arrays):
         return None
     try:
         path = _STORE.folder / _key(function, arguments, arrays)
@@ -147,14 +156,6 @@ def _exported(run: Callable[[list], Any], arrays: list) -> bytes:
     results.__name__ = getattr(run, "__name__", results.__name__)
     program = bytes(jax.export.export(jax.jit(results))(arrays).serialize())
     return pickle.dumps((forms[-1], program))
-
-
-def on_one_device(arrays: list) -> bool:
-    """Return True if none of some arrays is traced, and each is on one device or of NumPy."""
-    return not any(
-        isinstance(array, Tracer) or (isinstance(array, jax.Array) and len(array.devices()) > 1)
-        for array in arrays
-    )
 
 
 def storing() -> bool:

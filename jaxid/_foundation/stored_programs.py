@@ -215,7 +215,7 @@ def _described(node: Any, traced: frozenset[int]) -> Iterator[str]:
 
     Args:
         node: the value.
-        traced: identities of the arrays of which a trace sees the type alone.
+        traced: identities of the arrays whose values a trace does not see.
 
     Raises:
         _NotDescribedError: if the class of the value, or of a part of it, is not one of the known

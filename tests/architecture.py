@@ -75,7 +75,12 @@ PUBLIC_ONLY = {"diffrax", "equinox", "jax", "jaxlib", "lineax", "optimistix"}
 MEMORY = "_foundation/memory.py"  # reads the memory of this process; no user's file
 # Results of a batch and of studies, in a folder that the user names, and the locks of that folder.
 STORES = ("batches/store.py", "batches/locks.py", "study/many/study_folder.py")
-FILE_HOMES = ("data/io*", "data/datasets*", "report/*", ENTRY, MEMORY, CONFIGURATION, *STORES)
+# Exported programs, next to the compiled ones that JAX stores, once `configure` is called.
+EXPORTED = "_foundation/stored_programs.py"
+FILE_HOMES = (
+    *("data/io*", "data/datasets*", "report/*", ENTRY, MEMORY, CONFIGURATION, EXPORTED),
+    *STORES,
+)
 FILE_METHODS = {
     *(
         "open",

@@ -9,6 +9,16 @@ import equinox as eqx
 import jax
 from jax.core import Tracer
 
+from .host import are_known
+from .stored_programs import (
+    StoredProgram,
+    joined_leaves,
+    split_leaves,
+    stored_program,
+    storing,
+    types_of,
+)
+
 # Options that shorten compilation at little cost in run time. The loop on the embedded flight with
 # 23 candidates on one core, cold and warm (jax 0.10): 188 and 7.7 s with XLA's defaults; 95 and
 # 8.3 s with the first two; 86 and 8.6 s with all three.
@@ -22,23 +32,40 @@ SET_BY_JAX = ("xla_backend_optimization_level", "xla_llvm_disable_expensive_pass
 
 
 def fast_compile_jit(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `eqx.filter_jit(function)` compiled with `compiler_options()`.
+    """Return `eqx.filter_jit(function)` compiled with `compiler_options()`, stored on disk once
+    `configure` is called.
 
     JAX accepts compiler options for the outermost program only. Under `jit`, `vmap` or a derivative
     the function is therefore compiled without them. The options are looked up at the first call,
     not at import.
     """
-    inner = eqx.filter_jit(function)
+    inner, stored = eqx.filter_jit(function), {}
 
     @functools.cache
     def jitted():
         options = compiler_options()
         return eqx.filter_jit(function, compiler_options=options)  # pyright: ignore
 
+    def program(arguments, arrays, others) -> StoredProgram | None:
+        def run(arrays):
+            args, kwargs = joined_leaves(arrays, others)
+            return function(*args, **kwargs)
+
+        run.__name__ = function.__name__
+        key = types_of(arrays, others)
+        if key not in stored:
+            stored[key] = stored_program(call, arguments, arrays, run, compiler_options())
+        return stored[key]
+
     @functools.wraps(function)
     def call(*args, **kwargs):
-        traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((args, kwargs)))
-        return (inner if traced else jitted())(*args, **kwargs)
+        arrays, others = split_leaves((args, kwargs))
+        if any(isinstance(array, Tracer) for array in arrays):
+            return inner(*args, **kwargs)
+        known = None
+        if storing() and are_known(arrays):
+            known = program((args, kwargs), arrays, others)
+        return jitted()(*args, **kwargs) if known is None else known(arrays)
 
     return call
 

@@ -11,6 +11,7 @@ from jax.experimental.compilation_cache import compilation_cache
 
 from .checks import InputError, require
 from .device import POOL, THREADS_EACH, processors
+from .stored_programs import store_programs
 
 # Thresholds of JAX's persistent compilation cache at which it stores every program. A first
 # estimate of a small model compiles dozens of programs, each far below JAX's default of one second.
@@ -44,8 +45,10 @@ def configure(
             takes `jaxid` in the user's cache folder (`XDG_CACHE_HOME`, by default `~/.cache`).
             False leaves JAX's settings of the cache unchanged. The cache stores every program; a
             threshold in an environment variable, such as
-            `JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS`, is kept. JAX runs the stored programs, so
-            the folder must be writable only by trusted users.
+            `JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS`, is kept. The large programs of models,
+            effects and likelihoods of this package are also stored as exported before compilation,
+            in `jaxid-exported` there, so that another process does not trace them. JAX runs the
+            stored programs, so the folder must be writable only by trusted users.
         float64: True switches on 64 bit, without which jaxid refuses to compute; False leaves the
             precision unchanged.
         linear_algebra_threads: threads of the library (OpenBLAS) by which JAX, NumPy and SciPy
@@ -102,14 +105,22 @@ def _default_folder() -> str:
     )
 
 
+def _settings_of_jax() -> str:
+    """Return all settings of JAX but the folder of its cache, as a text."""
+    settings = sorted(jax.config.values.items())
+    return repr([setting for setting in settings if setting[0] != "jax_compilation_cache_dir"])
+
+
 def _folder_in_use() -> str | None:
     return jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _use_cache(folder: str) -> None:
     """Set the folder of the persistent compilation cache, and its thresholds."""
-    if "://" not in folder:  # JAX also accepts addresses such as gs://bucket/folder
+    local = "://" not in folder  # JAX also accepts addresses such as gs://bucket/folder
+    if local:
         folder = str(_writable(Path(folder)))
+    store_programs(Path(folder) if local else None, _settings_of_jax)
     if folder != _folder_in_use():
         jax.config.update("jax_compilation_cache_dir", folder)
         # JAX opens the cache at its first compilation, and would keep an earlier folder

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
-import equinox as eqx
 import jax
 
 from .compiler import compiler_options
+from .host import are_known
+from .stored_programs import joined_leaves, split_leaves, stored_program, types_of
 
 
 class EvictingJit:
@@ -27,11 +29,13 @@ class EvictingJit:
 
     def __call__(self, *arguments: Any) -> Any:
         """Return the function's result; compile it first if necessary."""
-        return self.jitted(*self._noted(arguments))
+        program, inputs = self._program(arguments)
+        return program(*inputs)
 
     def lower(self, *arguments: Any) -> Any:
         """Return the lowered program for such arguments."""
-        return self.jitted.lower(*self._noted(arguments))
+        program, inputs = self._program(arguments)
+        return program.lower(*inputs)
 
     def make_room(self, count: int, most: int) -> None:
         """Release all programs if `count` further ones would make more than `most`."""
@@ -40,14 +44,10 @@ class EvictingJit:
 
     def _begin(self) -> None:
         def run(arrays, others):
-            static, structure = others
-            both = zip(arrays, static, strict=True)
-            return self.function(
-                *jax.tree.unflatten(structure, [b if a is None else a for a, b in both])
-            )
+            return self.function(*joined_leaves(arrays, others))
 
         run.__name__ = self.function.__name__  # the name that JAX gives to the program
-        self.run, self.compiled, self.known = run, None, set()
+        self.run, self.compiled, self.known = run, None, {}
 
     @property
     def jitted(self) -> Any:
@@ -60,30 +60,20 @@ class EvictingJit:
 
     def key(self, *arguments: Any) -> tuple:
         """Return a key of the program for such arguments."""
-        return _key(*_apart(arguments))
+        return types_of(*split_leaves(arguments))
 
-    def _noted(self, arguments: tuple) -> tuple[list, tuple]:
-        arrays, others = _apart(arguments)
-        self.known.add(_key(arrays, others))
-        return arrays, others
-
-
-def _key(arrays: list, others: tuple) -> tuple:
-    return others, tuple((array.shape, array.dtype) for array in arrays if array is not None)
-
-
-def _apart(arguments: tuple) -> tuple[list, tuple]:
-    """Split the leaves of the arguments into arrays and static leaves.
-
-    Returns:
-        The arrays, None at the static leaves; and the static leaves, None at the arrays, with the
-        tree structure of both.
-    """
-    leaves, structure = jax.tree.flatten(arguments)
-    is_array = [eqx.is_array(leaf) for leaf in leaves]
-    arrays = [leaf if known else None for leaf, known in zip(leaves, is_array, strict=True)]
-    static = tuple(None if known else leaf for leaf, known in zip(leaves, is_array, strict=True))
-    return arrays, (static, structure)
+    def _program(self, arguments: tuple) -> tuple[Any, tuple]:
+        """Return the jitted program for such arguments, and its own arguments."""
+        arrays, others = split_leaves(arguments)
+        key = types_of(arrays, others)
+        if key not in self.known:
+            run = partial(self.run, others=others)
+            options = compiler_options()
+            self.known[key] = stored_program(self.function, arguments, arrays, run, options)
+        program = self.known[key]
+        if program is None or not are_known(arrays):
+            return self.jitted, (arrays, others)
+        return program, (arrays,)
 
 
 def compile_together(programs: Sequence[tuple[EvictingJit, tuple]]) -> None:

@@ -29,7 +29,7 @@ def on_host(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(function)
     def call(*arrays, **options):
-        if not all(map(_is_known, jax.tree.leaves(arrays))):
+        if not are_known(arrays):
             return function(jnp, *arrays, **options)
         with np.errstate(all="ignore"):
             return to_device(function(np, *jax.tree.map(np.asarray, arrays), **options))
@@ -71,5 +71,9 @@ def is_integer_array(leaf) -> bool:
     )
 
 
-def _is_known(leaf) -> bool:
-    return not isinstance(leaf, Tracer) and not getattr(leaf, "committed", False)
+def are_known(tree) -> bool:
+    """Return True if no leaf of a tree is traced or stands on a device that the user chose."""
+    return not any(
+        isinstance(leaf, Tracer) or getattr(leaf, "committed", False)
+        for leaf in jax.tree.leaves(tree)
+    )

@@ -1,8 +1,8 @@
 """Share of a residual that its own past predicts, a test of the noise if R itself is estimated."""
 
-import equinox as eqx
 import jax.numpy as jnp
 
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Bool, Float
 from .thresholds import CHANCE_LEVEL, ORDER
 from .validation import root_mean_square
@@ -17,7 +17,7 @@ def chance_level(count: int) -> float:
     return CHANCE_LEVEL / count
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def autoregressive_r2(
     v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]
 ) -> Float[Array, " output"]:
@@ -49,7 +49,7 @@ def autoregressive_r2(
     return jnp.clip(1.0 - (1.0 - explained) * count / (count - order), 0.0)
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def white_noise_variance(
     v: Float[Array, "case time output"], mask: Bool[Array, "case time output"]
 ) -> Float[Array, " output"]:

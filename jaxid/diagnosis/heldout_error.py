@@ -1,9 +1,9 @@
 """Error of held-out records as one number, its standard error, and that of a difference."""
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Bool, Float
 from ..estimation.coloured import score_covariance, tapered_covariance, valid_pairs
 from .validation import Prediction
@@ -41,7 +41,7 @@ def difference_error(before: Prediction, after: Prediction) -> float:
     return error if np.isfinite(error) else 0.0
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def _difference_error(before: Prediction, after: Prediction):
     """Standard error of the difference of two `mean_log` (jitted)."""
 
@@ -68,7 +68,7 @@ def uncertainty(prediction: Prediction) -> float:
     return float(_uncertainty(prediction.anonymous()))
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def _uncertainty(prediction: Prediction):
     """Standard error of `mean_log` (jitted)."""
     v = jnp.where(prediction.scored, prediction.residuals, 0.0)

@@ -8,6 +8,7 @@ from jax.scipy.special import gammaincc
 from jax.scipy.stats import norm
 
 from .._foundation.checks import require
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Bool, Float, Int
 from .thresholds import BAND
@@ -233,7 +234,7 @@ def residual_tests(
     return ResidualTests(tuple(outputs), tuple(signals), level, *numbers)
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def _numbers(residuals, mask, s, level, lags):
     """Arrays of `ResidualTests`, in their order; `level` is the level of one channel."""
     white = ljung_box(residuals, mask, lags)

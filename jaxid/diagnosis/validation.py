@@ -241,7 +241,7 @@ class Predictor(eqx.Module):
         rows = self._rows(problem)
         case = FlatProblem.of(problem)
         arguments = case.outputs_arguments(Parameters(to_device(np.zeros(0)), rows))
-        y = np.concatenate([PROGRAMS.outputs(*part) for part in self._parts(*arguments)])
+        y = np.concatenate([PROGRAMS.outputs(*part)[1] for part in self._parts(*arguments)])
         y = to_device(y[: records.n_cases])
         after_window = (np.arange(records.t.shape[1]) >= (self.window or 0))[None, :, None]
         scored = to_device(np.asarray(records.mask) & after_window)

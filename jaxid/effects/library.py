@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
 from .._foundation.types import Array, Bool
 from ..models.base import AbstractModel, canonical, equations_of, right_hand_sides
@@ -243,7 +244,7 @@ def uncertain_equations(model: AbstractModel, free_positions: np.ndarray) -> tup
     )
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def _depends(model: AbstractModel, flat: Array, positions: Positions) -> Bool[Array, " state"]:
     """Return whether each rate depends on a parameter at the positions.
 

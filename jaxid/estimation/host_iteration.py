@@ -187,7 +187,8 @@ def minimise_by_steps(
     def evaluated(at: Parameters, S: Columns | None) -> Evaluation:
         if S is None or not np.all(np.isfinite(np.asarray(S))):
             return _evaluation(case, at, padding)
-        return Evaluation(_residuals(records, PROGRAMS.outputs(*case.outputs_arguments(at))), S)
+        _, y = PROGRAMS.outputs(*case.outputs_arguments(at))
+        return Evaluation(_residuals(records, y), S)
 
     evaluation = evaluated(_within(problem.limits, begin), S)
     y, state = begin, _begin(arrays, begin, solver, evaluation)

@@ -1,4 +1,4 @@
-"""The two programs of a model: its outputs, and its residuals with their sensitivities.
+"""The two programs of a model: its states and outputs, and its residuals with their sensitivities.
 
 They serve all fits, scores and predictions of a model, whatever its free parameters and noise: the
 values stand in one flat vector per record, and the free parameters are positions in it.
@@ -83,8 +83,8 @@ def outputs(
     flat: Float[Array, "case flat"],
     records: Record,
     likelihood: AbstractLikelihood,
-) -> Float[Array, "case time output"]:
-    """Return the outputs of a model at every sample of every record.
+) -> tuple[Float[Array, "case time state"], Float[Array, "case time output"]]:
+    """Return the states and the outputs of a model at every sample of every record.
 
     Args:
         model: structure of the model; its parameters stand in the flat vectors.
@@ -96,7 +96,8 @@ def outputs(
 
     def of_case(flat, record):
         declared, initial_state = FreeModel(model, flat, nothing).build(())
-        return likelihood.solve(declared, record, initial_state).y
+        solution = likelihood.solve(declared, record, initial_state)
+        return solution.x, solution.y
 
     return jax.vmap(of_case)(flat, records)
 

@@ -18,7 +18,7 @@ from .evidence import DETERMINED, SETTLED, Decision, inflation, is_drift, is_noi
 from .fit import LoopFit
 from .hypothesis import White
 from .linear import falls, reduce
-from .moves import MoveKind, localise_fit
+from .moves import MoveKind
 from .noise import above_known_noise, stands_out
 from .options import LoopOptions
 from .outcome import Outcome
@@ -118,7 +118,7 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
         return Objection(Check.NOISE_LIKE, refused)
     if not isinstance(best.hypothesis.noise, White):
         return _noise_model(tree, followed, level)
-    if best.effects and stands_out(localise_fit(best, tree.where.splines), level):
+    if best.effects and stands_out(tree.where_after, level):
         return Objection(Check.NOISE_LIKE)
     return None
 

@@ -153,7 +153,7 @@ class LoopFit:
 
     def triangle_with(self, columns: Mapping[str, Float[np.ndarray, "case time output"]]):
         """Return the triangular factor of the free parameters and of further columns, by name."""
-        own = np.asarray(self.motion.columns_of(self.estimation.free.shared)[1])
+        own = self.motion.chosen(self.problem.columns.chosen(self.effects))
         S = np.concatenate([own, np.stack([*columns.values()], axis=-1)], axis=-1)
         return self._triangle(to_device(S), (*self.estimation.free.shared, *columns))
 
@@ -309,10 +309,8 @@ def _known_sensitivities(
     same = problem.train is estimation.problem.records and np.array_equal(values, parent.values)
     if not same or parameters.rows is not parent.solution.parameters.rows:
         return None
-    own, chosen = len(problem.free.per_record), problem.columns.chosen(hypothesis.effects)
-    S = np.asarray(parent.motion.sensitivities[1])[
-        ..., np.r_[np.arange(own), own + np.array(chosen, int)]
-    ]
+    chosen = problem.columns.chosen(hypothesis.effects)
+    S = parent.motion.chosen(chosen)
     padding = parameters.shared.size - len(chosen)
     return to_device(np.pad(S, ((0, 0), (0, 0), (0, 0), (0, padding))))
 

@@ -76,6 +76,14 @@ class LinearMotion:
         S[..., infinite] = 0.0
         return v, to_device(S), infinite
 
+    def chosen(self, columns: Sequence[int]) -> Float[np.ndarray, "case time output column"]:
+        """Return the sensitivities to the per-record parameters and some columns, of all that are
+        known.
+        """
+        own = len(self.problem.free.per_record)
+        at = np.r_[np.arange(own), own + np.array(columns, int)]
+        return np.asarray(self.sensitivities[1])[..., at]
+
     def columns_of(self, names: Sequence[str]) -> tuple[Float[Array, "case time output"], Array]:
         """Return residuals and sensitivities to the per-record parameters and to the named columns,
         in blocks as wide as a fit; in one block of all columns where steps are linearised, as
@@ -114,6 +122,13 @@ class LinearMotion:
         return {kind: names for kind, names in kinds.items() if names}
 
     @cached_property
+    def x(self) -> Float[np.ndarray, "case time state"]:
+        """States of all records, those of the effects included."""
+        case = FlatProblem.of(self.fixed)
+        parameters = Parameters(to_device(np.zeros(0)), self.rows)
+        return np.asarray(PROGRAMS.outputs(*case.outputs_arguments(parameters))[0])
+
+    @cached_property
     def linear(self) -> Linear:
         """Linear models of all records, with a disturbance at each place."""
         return linear_models(*self.linear_arguments)
@@ -138,8 +153,10 @@ class LinearMotion:
         """Return mean and standard deviation of some states along the motion; the latter is
         infinite for a state that rests.
         """
-        known, x = self.fixed.model.states, np.asarray(self.linear.x)
-        along = [x[..., known.index(name)] if name in known else np.zeros(1) for name in states]
+        known = self.fixed.model.states
+        along = [
+            self.x[..., known.index(name)] if name in known else np.zeros(1) for name in states
+        ]
         deviation = np.array([np.std(values) for values in along])
         mean = np.array([np.mean(values) for values in along])
         return to_device(np.stack([mean, np.where(deviation > 0, deviation, np.inf)]))
@@ -149,7 +166,7 @@ class LinearMotion:
         """All signals of the declared model along the motion, by name."""
         problem, declared = self.problem, self.problem.columns.declared
         model = with_values(problem.model, problem.free.shared, to_device(self.values[:declared]))
-        x = to_device(np.asarray(self.linear.x)[..., : len(model.states)])
+        x = to_device(self.x[..., : len(model.states)])
         return {n: np.asarray(s) for n, s in signals_of(model, problem.train, x).items()}
 
     @property

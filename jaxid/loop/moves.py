@@ -248,11 +248,12 @@ def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> Locali
     problem, motion = fit.problem, fit.motion
     places = motion.places | {LocationKind.EQUATION: problem.equations}
     places = {kind: names for kind, names in places.items() if names}
-    names = fit.estimation.free.shared
-    v, S = motion.columns_of([name for name in names if name in problem.columns.index])
-    padding = problem.width(len(names)) - len(names)
-    S = np.pad(np.asarray(S), ((0, 0), (0, 0), (0, 0), (0, padding)))
+    columns = problem.columns.chosen(fit.effects)
+    padding = problem.width(len(columns)) - len(columns)
+    S = np.pad(motion.chosen(columns), ((0, 0), (0, 0), (0, 0), (0, padding)))
     splines = splines or resolution(problem.train, fit.solution.residuals)
     R = regular(fit.noise_covariance)
     linear = motion.linear_at(places)
-    return localise(motion.fixed, linear, (v, to_device(S)), R, splines, places)
+    return localise(
+        motion.fixed, linear, (motion.sensitivities[0], to_device(S)), R, splines, places
+    )

@@ -81,6 +81,11 @@ class SearchTree:
         """Location of the residual of the declared model."""
         return localise_fit(self.declared)
 
+    @cached_property
+    def where_after(self) -> LocalisationResult:
+        """Location of the residual of the best hypothesis, once the search has ended."""
+        return localise_fit(self.best, self.where.splines)
+
     def fits(self) -> list[LoopFit]:
         """Return all different fits, the declared one first."""
         by_key = {self.declared.hypothesis.key: self.declared}

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require, require_known, require_unique
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import on_host
 from .._foundation.types import Array, Float, Int, Numbers
 from ..data.record import Record
@@ -164,7 +165,7 @@ def flat_vectors(model: AbstractModel, records: Record) -> Float[Array, "case fl
     return _flat_vectors(model, records.anonymous())
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def _flat_vectors(model: AbstractModel, records: Record) -> Float[Array, "case flat"]:
     """Flat vectors (jitted): without jit, the initial state of an aircraft would compile a hundred
     small programs, one per operation.

@@ -7,11 +7,11 @@ import itertools
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Bool
 from .base import AbstractModel, equations_of, right_hand_sides
 from .names import flatten
@@ -88,7 +88,7 @@ def absent_signals(model: AbstractModel, equations: tuple[str, ...]) -> dict[str
     }
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def _slopes(
     model: AbstractModel,
 ) -> tuple[Bool[Array, "state channel channel"], Bool[Array, "state channel"]]:

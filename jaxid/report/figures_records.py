@@ -5,6 +5,7 @@ channel.
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..data.record import Record
@@ -40,18 +41,28 @@ def small_panels(
         for row, (name, unit) in enumerate(zip(names, units, strict=True)):
             ax, (scale, display) = panels[row][column], display_unit(unit)
             measured = scale * np.asarray(record.channel(name))[shown]
-            output = row - len(records.inputs)
-            ax.plot(t, measured, color=MEASURED if output >= 0 else NOISE, linewidth=0.8)
-            if predicted is not None and output >= 0:
-                y = scale * np.asarray(predicted.y)[case, : record.t.size, output][shown]
-                # A prediction that diverges must not hide the measurements.
-                limits = ax.get_ylim()
-                ax.plot(t, np.where(np.isfinite(y), y, np.nan), color=AFTER, linewidth=0.6)
-                ax.set_ylim(limits)
-            label = "" if column else channel_label(name, unit_words(display))
+            is_input = row < len(records.inputs)
+            ax.plot(t, measured, color=NOISE if is_input else MEASURED, linewidth=0.8)
+            # in two lines, as panels are low
+            label = "" if column else channel_label(name, unit_words(display)).replace(" [", "\n[")
             title = "" if row else record.names[0] or f"record {case + 1}"
             plain(ax, "time [s]" if row == len(names) - 1 else "", label, title)
             ax.tick_params(labelsize=FONT - 2)
+    if predicted is not None:
+        _predictions(panels[len(records.inputs) :], records, cases, predicted)
     entries = [("inputs", NOISE)] * bool(records.inputs) + [("measured outputs", MEASURED)]
     key(figure, entries + [("predicted after", AFTER)] * (predicted is not None))
     return figure
+
+
+def _predictions(panels: list[list[Axes]], records: Record, cases: Sequence[int], predicted):
+    """Draw the predictions of the outputs; one that diverges must not hide the measurements."""
+    for output, (row, unit) in enumerate(zip(panels, records.output_units, strict=True)):
+        limits = row[0].get_ylim()
+        for ax, case in zip(row, cases, strict=True):
+            size = records[case].t.size
+            shown = slice(None, size, -(-size // PANEL_SAMPLES))
+            t, y = (np.asarray(part)[case] for part in (records.t, predicted.y))
+            y = display_unit(unit)[0] * y[shown, output]
+            ax.plot(t[shown], np.where(np.isfinite(y), y, np.nan), color=AFTER, linewidth=0.6)
+        row[0].set_ylim(limits)

@@ -2,7 +2,9 @@
 
 import io
 
+import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -19,6 +21,11 @@ MEASURED, BEFORE, AFTER, NOISE, OTHER = (
 INK = "#333333"
 FIGURE_WIDTH = 9.0  # inches
 FONT = 9.0
+# Between panels with their words, and at the edges of a figure; and about the width of the words
+# below and to the left of a panel, in inches (chosen).
+GAP, WORDS = 0.05, 0.6
+# Largest number of intervals between the ticks below a panel that has neighbours (chosen).
+NARROW_INTERVALS = 5
 
 
 class NotebookFigure(Figure):
@@ -43,8 +50,11 @@ def canvas(
     Returns:
         The figure and its panels, by row.
     """
-    figure = NotebookFigure(figsize=(FIGURE_WIDTH, height), layout="constrained")
+    figure = NotebookFigure(figsize=(FIGURE_WIDTH, height))
     panels = figure.subplots(rows, columns, squeeze=False, **options)
+    if columns > 1:
+        for ax in panels.flat:
+            ax.locator_params(axis="x", nbins=NARROW_INTERVALS)
     return figure, [list(row) for row in panels]
 
 
@@ -78,7 +88,8 @@ def key(figure: Figure, entries: list[tuple[str, str]], title: str = "") -> None
     handles = [Patch(color=colour, label=words) for words, colour in entries]
     legend = figure.legend(
         handles=handles,
-        loc="outside upper right",
+        loc="upper right",
+        bbox_to_anchor=(1.0, 1.0),
         ncols=len(entries),
         frameon=False,
         fontsize=FONT,
@@ -90,30 +101,78 @@ def key(figure: Figure, entries: list[tuple[str, str]], title: str = "") -> None
     for text, (_, colour) in zip(legend.get_texts(), entries, strict=True):
         text.set_color(colour if colour != OTHER else INK)
     if title:
-        figure.suptitle(title, x=0.0, ha="left", fontsize=FONT + 1, color=INK, parse_math=False)
+        edge = GAP / figure.get_figheight()
+        style = {"fontsize": FONT + 1, "color": INK, "parse_math": False}
+        figure.suptitle(title, x=0.0, y=1.0 - edge, ha="left", va="top", **style)
     lay_out(figure)
 
 
 def lay_out(figure: Figure) -> None:
-    """Compute the layout of a complete figure once, with the y labels of each column in line.
+    """Place the panels of a complete figure, with the y labels of each column in line.
 
-    Each draw would compute it again, and `Figure.align_ylabels` measures at each draw the tick
-    labels of all panels for every panel.
+    The words around the panels are measured once, with panels of about their final size; the panels
+    share what remains, by their ratios. Matplotlib's constrained layout measures them four times.
 
     Args:
         figure: the figure, from `canvas`.
     """
-    figure.draw_without_rendering()
-    figure.set_layout_engine(None)
-    columns: dict[int, list[Axes]] = {}
-    for ax in figure.axes:
-        place = ax.get_subplotspec()
-        if place is not None:
-            columns.setdefault(place.colspan.start, []).append(ax)
-    for panels in columns.values():
-        left = min(ax.yaxis.label.get_position()[0] for ax in panels)
-        for ax in panels:
-            ax.yaxis.set_label_coords(ax.transAxes.inverted().transform((left, 0.0))[0], 0.5)
+    width, height = figure.bbox.size
+    gap, margin = GAP * figure.dpi, WORDS * figure.dpi
+    words = [word.get_window_extent().height for word in (*figure.legends, *figure.texts)]
+    top = height - max(words, default=0.0) - gap
+    figure.subplots_adjust(margin / width, margin / height, 1 - gap / width, (top - gap) / height)
+    panels = [(ax, place) for ax in figure.axes if (place := ax.get_subplotspec()) is not None]
+    grid = panels[0][1].get_gridspec()
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    outside = np.array([_outside(ax, renderer) for ax, _ in panels])
+    columns = [place.colspan.start for _, place in panels]
+    rows = [place.rowspan.start for _, place in panels]
+    left, right, labels = _largest(outside[:, [0, 1, 4]], columns, grid.ncols)
+    above, below = _largest(outside[:, [2, 3]], rows, grid.nrows)
+    x, widths = _shares(left, right, grid.get_width_ratios(), width, gap)
+    y, heights = _shares(above, below, grid.get_height_ratios(), top, gap)
+    for (ax, _), i, k in zip(panels, columns, rows, strict=True):
+        lower = top - y[k] - heights[k]
+        ax.set_position((x[i] / width, lower / height, widths[i] / width, heights[k] / height))
+        ax.yaxis.set_label_coords(-labels[i] / widths[i], 0.5)
+
+
+def _outside(ax: Axes, renderer) -> tuple[float, ...]:
+    """Return how far the words of a panel reach beyond its frame to the left, to the right, above
+    and below, and the distance of its y label from the frame, in pixels.
+    """
+    words = ax.get_title(loc="left"), ax.get_xlabel(), ax.get_ylabel()
+    numbers = [
+        axis.get_tick_params().get(f"label{side}", True)
+        for axis, side in ((ax.xaxis, "bottom"), (ax.yaxis, "left"))
+    ]
+    if not any((*words, *numbers)):
+        return (0.0,) * 5  # a panel inside a grid with shared axes
+    box, frame = ax.get_tightbbox(renderer, for_layout_only=True), ax.bbox
+    assert box is not None  # only an invisible panel has none
+    sides = frame.x0 - box.x0, box.x1 - frame.x1, box.y1 - frame.y1, frame.y0 - box.y0
+    return (*(max(side, 0.0) for side in sides), frame.x0 - ax.yaxis.label.get_position()[0])
+
+
+def _largest(values: np.ndarray, groups: list[int], count: int) -> np.ndarray:
+    """Return the largest values of each group of rows, zero for a group without rows; by column."""
+    largest = np.zeros((count, values.shape[1]))
+    np.maximum.at(largest, groups, values)
+    return largest.T
+
+
+def _shares(before, after, ratios, length: float, gap: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the frames of a line of panels begin, and their lengths.
+
+    Args:
+        before, after: lengths of the words before and after each frame.
+        ratios: ratios of the lengths of the frames.
+        length: length of the line.
+        gap: distance between panels, and at both ends.
+    """
+    weights = np.asarray(ratios) / np.sum(ratios)
+    lengths = weights * (length - np.sum(before + after) - gap * (weights.size + 1))
+    return np.cumsum(gap + before + lengths + after) - after - lengths, lengths
 
 
 def channel_label(name: str, unit: str) -> str:

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._foundation.compiler import fast_compile_jit
 from .._foundation.linalg import triangle
 from ..data.record import Record
 from ..diagnosis.autoregression import white_noise_variance
@@ -18,7 +19,7 @@ from ..estimation.result import Estimate
 from ..loop.assess import Assessment, Check, Objection
 from ..loop.evidence import INSEPARABLE, compare
 from ..loop.fit import LoopFit, fit
-from ..loop.moves import Proposals, localise_fit
+from ..loop.moves import Proposals
 from ..loop.options import LoopOptions
 from ..loop.outcome import Outcome
 from ..loop.search import SearchTree
@@ -103,7 +104,7 @@ def _where(tree: SearchTree):
     white = isinstance(tree.best.estimation.problem.likelihood, OutputError)
     if not tree.best.effects or not white:
         return {"before": before, "after": before}
-    return {"before": before, "after": localise_fit(tree.best, before.splines)}
+    return {"before": before, "after": tree.where_after}
 
 
 def _residual_reports(tree: SearchTree) -> dict[str, ResidualReport]:
@@ -184,7 +185,7 @@ def _noise(best: LoopFit, outcome: Outcome, used: Record) -> dict[str, float]:
     return dict(zip(used.outputs, map(float, np.sqrt(variance)), strict=True))
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def _unpadded(solution: Fit, count: int) -> Fit:
     """Return a fit without its padding columns (jitted)."""
     keep = np.r_[np.arange(count), solution.parameters.shared.size]

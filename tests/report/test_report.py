@@ -344,7 +344,7 @@ def test_every_record_is_drawn_in_small_panels(study, drawn):
     overview = next(one for one in drawn.tests["quick"] if one.name.startswith("records"))
     axes = overview.figure.axes
     assert [ax.get_title(loc="left") for ax in axes[:2]] == ["d", "e"]
-    assert [ax.get_ylabel() for ax in axes[::2]] == ["force [N]", "x [m]", "tilt [deg]"]
+    assert [ax.get_ylabel() for ax in axes[::2]] == ["force\n[N]", "x\n[m]", "tilt\n[deg]"]
     measured, after = axes[5].lines  # tilt of the second record
     z, y = study.tests["quick"].z[1, :, 1], study.after.tests["quick"].y[1, :, 1]
     known = np.isfinite(measured.get_ydata())

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._foundation.compiler import fast_compile_jit
 from ..._foundation.types import Array, Float
 from ...data.build import record
 from ...data.multisine import multisine
@@ -219,7 +220,7 @@ def _fly(instruments: Instruments, samples: int):
     return t, surfaces, clean, _recorded(frame, instruments, trimmed.aircraft)
 
 
-@eqx.filter_jit
+@fast_compile_jit
 def _surfaces_and_outputs(aircraft: Aircraft, t, pilot, state):
     """Return surfaces and outputs of each manoeuvre."""
     at = jnp.array([aircraft.states.index(surface) for surface in SURFACES])

@@ -77,7 +77,7 @@ class EvictingJit:
 
 
 def compile_together(programs: Sequence[tuple[EvictingJit, tuple]]) -> None:
-    """Compile programs concurrently, each for its arguments; later calls need no compilation.
+    """Compile new programs concurrently, each for its arguments; later calls need no compilation.
 
     XLA compiles one program on little more than one core, and without Python's global lock.
     Programs that run at the same time could deadlock on few cores; these are only compiled.
@@ -85,7 +85,8 @@ def compile_together(programs: Sequence[tuple[EvictingJit, tuple]]) -> None:
     Args:
         programs: pairs of a program and the arguments that it will be called with.
     """
-    different = {(program, program.key(*arguments)): arguments for program, arguments in programs}
+    keyed = [(program, program.key(*arguments), arguments) for program, arguments in programs]
+    different = {(p, key): arguments for p, key, arguments in keyed if key not in p.known}
     with ThreadPoolExecutor() as executor:
         for future in [
             executor.submit(program.lower(*arguments).compile)

@@ -1,7 +1,7 @@
 """`fit`: estimate of a hypothesis; `LoopFit` owns its linearisation."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import equinox as eqx
@@ -10,7 +10,7 @@ import numpy as np
 
 from .._foundation.checks import InputError
 from .._foundation.compiler import fast_compile_jit
-from .._foundation.evicting_jit import compile_together
+from .._foundation.evicting_jit import EvictingJit, compile_together
 from .._foundation.host import to_device
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Float
@@ -269,22 +269,46 @@ def make_room(count: int) -> None:
 
 
 def compile_programs(problem: LoopProblem) -> None:
-    """Compile the programs of the declared fit, of its linear model, and of a prediction of the
-    check records at once.
+    """Compile the programs of the declared fit, of all columns, of its linear model, and of a
+    prediction of the check records at once.
     """
     make_room(PROGRAMS_OF_A_STUDY)
-    start = estimation_of(problem, Hypothesis(), problem.initial_values, {}, None)
-    case = FlatProblem.of(start.problem)
     model = problem.model_at(problem.initial_values, ())
+    start = _begin(problem, Hypothesis())
     motion = LinearMotion(problem, (), problem.initial_values, start.parameters.rows)
+    columns = next(motion.column_arguments(problem.columns.names))
     compile_together(
         [
-            (PROGRAMS.outputs, case.outputs_arguments(start.parameters)),
-            (PROGRAMS.sensitivities, case.sensitivities_arguments(start.parameters)),
+            *_programs_of(start),
+            (PROGRAMS.sensitivities, columns),
             (linear_models, motion.linear_arguments),
             *problem.predictor.programs(model, problem.check),
         ]
     )
+
+
+def compile_fits(problem: LoopProblem, hypotheses: Sequence[Hypothesis]) -> None:
+    """Compile the programs of fits of hypotheses at once, if each has programs of its own."""
+    if problem.uses_reduced_model:
+        make_room(len(hypotheses))
+        starts = [_begin(problem, hypothesis) for hypothesis in hypotheses]
+        compile_together([program for start in starts for program in _programs_of(start)])
+
+
+def _begin(problem: LoopProblem, hypothesis: Hypothesis) -> Estimation:
+    """Return the estimation problem of a hypothesis at the declared values."""
+    return estimation_of(problem, hypothesis, problem.initial_values, {}, None)
+
+
+def _programs_of(start: Estimation) -> list[tuple[EvictingJit, tuple]]:
+    """Return the programs of a fit by output error, with their arguments; of others none."""
+    if not isinstance(start.problem.likelihood, OutputError):
+        return []
+    case = FlatProblem.of(start.problem)
+    return [
+        (PROGRAMS.outputs, case.outputs_arguments(start.parameters)),
+        (PROGRAMS.sensitivities, case.sensitivities_arguments(start.parameters)),
+    ]
 
 
 def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None, start):

@@ -1,7 +1,7 @@
 """`LinearMotion`: the motion without random forces at given parameters, and its linear model."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 
 import jax
@@ -85,9 +85,18 @@ class LinearMotion:
         return np.asarray(self.sensitivities[1])[..., at]
 
     def columns_of(self, names: Sequence[str]) -> tuple[Float[Array, "case time output"], Array]:
-        """Return residuals and sensitivities to the per-record parameters and to the named columns,
-        in blocks as wide as a fit; in one block of all columns where steps are linearised, as
-        reverse mode costs the same for any number.
+        """Return residuals and sensitivities to the per-record parameters and to the named
+        columns.
+        """
+        blocks = [PROGRAMS.sensitivities(*arguments) for arguments in self.column_arguments(names)]
+        count = len(self.problem.free.per_record) + len(names)
+        S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., :count]
+        return blocks[0][0], to_device(S)
+
+    def column_arguments(self, names: Sequence[str]) -> Iterator[tuple]:
+        """Yield the arguments of the program of the sensitivities for `columns_of`, in blocks as
+        wide as a fit; in one block of all columns where steps are linearised, as reverse mode
+        costs the same for any number.
         """
         problem, columns = self.problem, self.problem.columns
         model = problem.model_at(self.values, self.effects)
@@ -100,14 +109,10 @@ class LinearMotion:
         at = np.r_[np.asarray(problem.row_positions), chosen]
         padded = np.r_[at, np.full(-at.size % width, len(problem.position))]
         owners = [None] * own + [columns.owners.get(name) for name in names]
-        blocks = []
         for k in range(0, padded.size, width):
             held = {*self.effects, *owners[k : k + width]} - {None}
-            arguments = (model.with_present(held), *others)
             block = to_device(padded[k : k + width])
-            blocks.append(PROGRAMS.sensitivities(*arguments, block, problem.leaves))
-        S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : at.size]
-        return blocks[0][0], to_device(S)
+            yield model.with_present(held), *others, block, problem.leaves
 
     @cached_property
     def places(self) -> dict[LocationKind, tuple[str, ...]]:

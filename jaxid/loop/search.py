@@ -23,7 +23,7 @@ from .evidence import (
     is_noise_like,
     worth,
 )
-from .fit import LoopFit, check_finite, compile_programs, fit, make_room
+from .fit import LoopFit, check_finite, compile_fits, compile_programs, fit
 from .hypothesis import Hypothesis, White
 from .moves import Move, MoveKind, Proposals, localise_fit
 from .noise import noise_moves
@@ -237,8 +237,7 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
 
 def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> list[Step]:
     """Return the refits of moves, without candidates that cannot compete with the best so far."""
-    if tree.problem.uses_reduced_model:
-        make_room(len(moves))
+    compile_fits(tree.problem, [move.hypothesis for move in moves])
     steps: list[Step] = []
     best = 0.0
     for move in sorted(moves, key=lambda move: -move.expected):

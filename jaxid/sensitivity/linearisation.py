@@ -95,7 +95,7 @@ def trajectory_sensitivities(
 
     def block(X, now):
         t, x, steps, inputs = now
-        Phi, G, (dx, A, B) = transition(equations, leaves, x, steps, inputs, acting)
+        Phi, G, (dx, A, B) = _transition(equations, leaves, x, steps, inputs, acting)
         X, columns = jax.lax.scan(lambda X, now: (now[0] @ X + now[1], X), X, (Phi, G))
         states = jnp.concatenate([x, dx], axis=-1)
         columns = jnp.concatenate([columns, A @ columns + B], axis=-2)
@@ -173,7 +173,7 @@ def _outputs(family, leaves: Leaves, trajectory: Trajectory, acting) -> Differen
     return Differentiation.of(family, outputs, at, leaves, by_input=bool(acting))
 
 
-def transition(equations: Differentiation, leaves: Leaves, x, steps, inputs: Inputs, acting):
+def _transition(equations: Differentiation, leaves: Leaves, x, steps, inputs: Inputs, acting):
     """Return the matrices `Phi` and `G` of all sample intervals of a block, and at the samples the
     rates with their derivatives by state and free parameters.
     """

@@ -30,19 +30,24 @@ from ...models.names import array_leaves
 from ...models.stochastic import StochasticModel
 from ...sensitivity.jacobians import Differentiation, by_elements
 from ...sensitivity.linearisation import (
+    INPUTS,
     Inputs,
     Trajectory,
     equation_derivatives,
     in_blocks,
     initial_sensitivities,
     input_derivatives,
-    transition,
+    stage_jacobians,
+    step,
 )
 from ...simulation.hold import AbstractHold
 from ...simulation.steppers import RK4
 from ..likelihoods import Folded
 from .innovation_rows import innovation_rows, pairs
 from .kalman import (
+    MIDDLE,
+    SERIES_TERMS,
+    SERIES_WEIGHTS,
     Steps,
     filter_signals,
     initial_moments,
@@ -69,7 +74,8 @@ class Derivatives(NamedTuple):
         leaves: the leaves that hold free parameters.
         acting: indices of the leaves that act on the input.
         noise: indices of the leaves that are parameters of the noises, one number each.
-        in_steps: those of them on which the prediction depends.
+        in_diffusion: those of them on which the diffusion alone depends.
+        in_rates: those of them on which the rates of the states depend: correlation times.
         equations, outputs: the rates of the states and the outputs.
         variances: derivatives of the variances of the sensors by the parameters of the noises.
     """
@@ -78,7 +84,8 @@ class Derivatives(NamedTuple):
     leaves: Leaves
     acting: tuple[int, ...]
     noise: tuple[int, ...]
-    in_steps: tuple[int, ...]
+    in_diffusion: tuple[int, ...]
+    in_rates: tuple[int, ...]
     equations: Differentiation
     outputs: Differentiation
     variances: Float[Array, "output noise"]
@@ -147,7 +154,7 @@ def frozen_gain(
     trajectory = Trajectory(record.t, record.u, filtered.x, hold, RK4(substeps))
     leaves = family.leaves(theta)
     acting, inputs = input_derivatives(family, leaves, trajectory)
-    derivatives = _derivatives(family, leaves, trajectory, acting, steps)
+    derivatives = _derivatives(family, leaves, trajectory, acting)
     rows = innovation_rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
     m = record.z.shape[-1]
     measured = Measured(
@@ -172,23 +179,25 @@ def frozen_gain(
     return Folded(rows, _folded(derivatives, (X, dP), block))
 
 
-def _derivatives(family: FreeModel, leaves: Leaves, trajectory, acting, steps) -> Derivatives:
-    """Return how the model is differentiated; `steps` are those of the filter."""
+def _derivatives(family: FreeModel, leaves: Leaves, trajectory, acting) -> Derivatives:
+    """Return how the model is differentiated."""
     assert isinstance(family.model, StochasticModel), "a model from `prepared`"
     own, every = len(array_leaves(family.model.model)), len(array_leaves(family.model))
     noise = tuple(i for i, leaf in enumerate(family.positions.leaves) if own <= leaf < every)
     at = trajectory.t[0], trajectory.x[0], trajectory.u[0]
-    first = jax.tree.map(lambda leaf: leaf[0], steps)
 
-    def prediction(*leaves):
-        return predicted(_stochastic(family, leaves), trajectory.x[0], first)[1:]
+    def acts(function):
+        used = depends_on(lambda *leaves: function(_stochastic(family, leaves)), leaves)
+        return tuple(index for index in noise if used[index])
 
     def variances(*leaves):
         return _stochastic(family, leaves).sensor_deviations() ** 2
 
-    used = depends_on(prediction, leaves)
+    in_rates = acts(lambda model: model.rhs(*at))
+    in_diffusion = acts(lambda model: model.diffusion(*at))
     return Derivatives(
-        *(family, leaves, acting, noise, tuple(index for index in noise if used[index])),
+        *(family, leaves, acting, noise),
+        *(tuple(index for index in in_diffusion if index not in in_rates), in_rates),
         equation_derivatives(family, leaves, trajectory, acting),
         output_derivatives(family, leaves, at, acting),
         by_elements(variances, leaves, noise)[1],
@@ -242,8 +251,7 @@ def _linearised(derivatives: Derivatives, now: Block) -> tuple[Recursion, Rows]:
     K = measured.P @ jnp.swapaxes(V, 1, 2) @ inverse
     w = jnp.einsum("tij,tj->ti", inverse, measured.v)
     dR = jnp.where(measured.mask[:, :, None], derivatives.variances[None], 0.0)
-    lengths = now.steps.begin, now.steps.length
-    Phi, G, _ = transition(derivatives.equations, leaves, now.x, lengths, now.inputs, acting)
+    Phi, G, dQ = _transition(derivatives, now)
     moved = Phi @ K
     weighted = jnp.einsum("ti,tij->tj", w, inverse)
     by_noise = -moved @ (dR * weighted[..., None])
@@ -251,19 +259,67 @@ def _linearised(derivatives: Derivatives, now: Block) -> tuple[Recursion, Rows]:
         Phi @ (jnp.eye(K.shape[1])[None] - K @ H),
         jnp.einsum("tij,ti->tj", V, w),
         jnp.concatenate([G - moved @ y_p, by_noise], axis=-1),
-        noise_forms(moved, dR) + _prediction_noise(derivatives, now),
+        noise_forms(moved, dR) + dQ,
     )
     return recursion, Rows(V, inverse @ y_p, noise_forms(inverse, dR))
 
 
-def _prediction_noise(derivatives: Derivatives, now: Block) -> Float[Array, "t state state noise"]:
-    """Return the derivatives of `Phi P+ Phi' + Qd` by the parameters of the noises, at constant P+
-    and state.
+def _transition(derivatives: Derivatives, now: Block):
+    """Return `Phi` and `G` from each sample to the next, and the derivatives of `Phi P+ Phi' + Qd`
+    by the parameters of the noises, at constant P+ and state.
     """
-    family, in_steps = derivatives.family, derivatives.in_steps
+    family, leaves, equations = derivatives.family, derivatives.leaves, derivatives.equations
+
+    def substep(x, now):
+        (begin, length, u), du = now
+        points = begin, length, u[:, INPUTS, :]
+        x_next, _, at, jacobians = stage_jacobians(equations, leaves, x, *points)
+        dU = None
+        if jacobians.B_u is not None:
+            dU = family.select(jnp.moveaxis(du, 1, 0), derivatives.acting)[INPUTS]
+        middle = begin + length / 2, at[MIDDLE], u[:, 1]
+        dQ = _noise_of_steps(derivatives, middle, jacobians.A[MIDDLE], length)
+        return x_next, (*step(jacobians, dU, length), dQ)
+
+    def then(before, after):
+        Phi, G, dQ = after
+        moved = jax.vmap(congruence)(Phi, before[2]) + dQ
+        return (Phi @ before[0], Phi @ before[1] + G, moved), None
+
+    by_substep = jax.tree.map(
+        lambda leaf: jnp.moveaxis(leaf, 1, 0), (now.steps, now.inputs.d_stages)
+    )
+    _, parts = jax.lax.scan(substep, now.x, by_substep)
+    first, rest = (jax.tree.map(lambda leaf, at=at: leaf[at], parts) for at in (0, slice(1, None)))
+    (Phi, G, dQ), _ = jax.lax.scan(then, first, rest)
+    return Phi, G, dQ + _by_rates(derivatives, now)
+
+
+def _noise_of_steps(derivatives: Derivatives, points, A, length):
+    """Return the derivatives of `Qd` of a step by the parameters of the diffusion alone.
+
+    With the factors `L_j` of `Qd`, `dQd = h sum_jk dL_j L_k' / (j + k + 1)` and its transpose.
+    """
+
+    def diffusion(*leaves):
+        return jax.vmap(_stochastic(derivatives.family, leaves).diffusion)(*points)
+
+    G, dG = by_elements(diffusion, derivatives.leaves, derivatives.in_diffusion)
+    both, h = jnp.concatenate([G[..., None], dG], axis=-1), length[:, None, None]
+    L = [both.reshape(*G.shape[:2], -1)]
+    for j in range(1, SERIES_TERMS):
+        L.append(h / j * (A @ L[-1]))
+    L = jnp.stack(L, axis=1).reshape(-1, SERIES_TERMS, *both.shape[1:])
+    weighted = jnp.einsum("jk,tkbr->tjbr", SERIES_WEIGHTS, h[..., None] * L[..., 0])
+    half = jnp.einsum("tjarq,tjbr->tabq", L[..., 1:], weighted)
+    return _placed(derivatives, half + jnp.swapaxes(half, 1, 2), derivatives.in_diffusion)
+
+
+def _by_rates(derivatives: Derivatives, now: Block):
+    """Return the derivatives of `Phi P+ Phi' + Qd` by the parameters of the rates."""
 
     def covariance(*leaves):
-        model = _stochastic(family, leaves)
+        model = _stochastic(derivatives.family, leaves)
 
         def one(x, P, steps):
             _, Phi, Q = predicted(model, x, steps)
@@ -271,8 +327,15 @@ def _prediction_noise(derivatives: Derivatives, now: Block) -> Float[Array, "t s
 
         return jax.vmap(one)(now.x, now.measured.P_after, now.steps)
 
-    _, columns = by_elements(covariance, derivatives.leaves, in_steps)
-    at = [derivatives.noise.index(index) for index in in_steps]
+    if not derivatives.in_rates:
+        return 0.0
+    _, columns = by_elements(covariance, derivatives.leaves, derivatives.in_rates)
+    return _placed(derivatives, columns, derivatives.in_rates)
+
+
+def _placed(derivatives: Derivatives, columns, which: tuple[int, ...]):
+    """Return derivatives by some noise parameters as columns of all, zero for the others."""
+    at = [derivatives.noise.index(index) for index in which]
     shape = (*columns.shape[:-1], len(derivatives.noise))
     return jnp.zeros(shape).at[..., at].set(columns)
 

@@ -4,9 +4,7 @@ import numpy as np
 
 from .._foundation.checks import require
 from .._foundation.host import on_host
-from .._foundation.types import Array, Bool, Float
-
-LARGEST_EXPONENT = 700.0  # derived: exp of a larger number exceeds float64
+from .._foundation.types import Float
 
 
 def upper_probability(level: float) -> float:
@@ -41,23 +39,17 @@ def student_factor(upper: float, samples, dof) -> Float[np.ndarray, "*batch"]:
 
 
 @on_host
-def interval_ends(
-    xp,
-    values: Float[Array, "*batch parameter"],
-    errors: Float[Array, "*batch parameter"],
-    factor: Float[Array, "*#batch #parameter"],
-    is_scale: Bool[Array, " parameter"],
-) -> Float[Array, "*batch parameter 2"]:
+def interval_ends(xp, values, errors, factor, is_scale):
     """Return the ends `value -/+ factor error`, of a scale `value exp(-/+ factor error / value)`.
 
     Args:
-        values, errors: estimates and their standard errors.
+        xp: NumPy or `jax.numpy`.
+        values, errors: estimates and their standard errors, shape (*batch, parameter).
         factor: quantile of the errors.
         is_scale: true for positive scales, such as standard deviations.
     """
     width = factor * errors
     usable = xp.broadcast_to(is_scale, values.shape) & (values > 0)
-    relative = xp.where(usable, width / xp.where(usable, values, 1.0), 0.0)
-    ratio = xp.exp(xp.where(relative > LARGEST_EXPONENT, xp.inf, relative))
+    ratio = xp.exp(xp.where(usable, width / xp.where(usable, values, 1.0), 0.0))
     lower = xp.where(usable, values / ratio, values - width)
     return xp.stack([lower, xp.where(usable, values * ratio, values + width)], axis=-1)

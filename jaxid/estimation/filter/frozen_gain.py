@@ -306,10 +306,11 @@ def _noise_of_steps(derivatives: Derivatives, points, A, length):
 
     G, dG = by_elements(diffusion, derivatives.leaves, derivatives.in_diffusion)
     both, h = jnp.concatenate([G[..., None], dG], axis=-1), length[:, None, None]
-    L = [both.reshape(*G.shape[:2], -1)]
+    samples, n, width = G.shape[0], G.shape[1], both[0, 0].size
+    L = [both.reshape(samples, n, width)]
     for j in range(1, SERIES_TERMS):
         L.append(h / j * (A @ L[-1]))
-    L = jnp.stack(L, axis=1).reshape(-1, SERIES_TERMS, *both.shape[1:])
+    L = jnp.stack(L, axis=1).reshape(samples, SERIES_TERMS, *both.shape[1:])
     weighted = jnp.einsum("jk,tkbr->tjbr", SERIES_WEIGHTS, h[..., None] * L[..., 0])
     half = jnp.einsum("tjarq,tjbr->tabq", L[..., 1:], weighted)
     return _placed(derivatives, half + jnp.swapaxes(half, 1, 2), derivatives.in_diffusion)

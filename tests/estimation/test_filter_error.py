@@ -56,6 +56,16 @@ def test_print_names_noises_with_units_and_their_errors(fit):
     assert (interval[:, 1] > fit.values).all()
 
 
+def test_interval_of_noise_is_symmetric_in_logarithm(fit):
+    """With the width of the interval of the value."""
+    low, high = np.asarray(fit.interval()).T
+    width = (high[0] - low[0]) / 2 / float(fit.standard_errors[0])
+    relative = width * np.asarray(fit.standard_errors / fit.values)[2:]
+    np.testing.assert_allclose(np.log(high / low)[2:] / 2, relative, rtol=1e-12)
+    np.testing.assert_allclose(np.sqrt(low * high)[2:], fit.values[2:], rtol=1e-12)
+    np.testing.assert_allclose((low + high)[:2] / 2, fit.values[:2], rtol=1e-12)
+
+
 def test_record_with_padding_and_gaps_equals_its_valid_samples(fit, records):
     """The residuals are zero at missing samples, and padding adds nothing to the cost."""
     assert not np.any(np.asarray(fit.residuals)[1, 250:])

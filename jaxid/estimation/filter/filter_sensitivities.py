@@ -85,9 +85,7 @@ def filter_sensitivities(
         measured, d_samples, x, steps, d_stages = now
         update = differentiate_update(outputs, leaves, acting, measured, d_samples, dR)
         prediction = differentiate_prediction(moving, x, measured.P_after, steps, d_stages)
-        carry, (dx, dP) = jax.lax.scan(_sample, carry, (update, prediction))
-        dB = jax.vmap(congruence)(update.V, dP)
-        return carry, update.rows.along(dx) + white_rows(jnp.zeros_like(dB[:, 0]), dB)
+        return jax.lax.scan(_sample, carry, (update, prediction))
 
     now = (measured, inputs.d_samples, filtered.x, steps, inputs.d_stages)
     blocks = jax.tree.map(lambda leaf: in_blocks(leaf, SAMPLES_TOGETHER), now)
@@ -119,13 +117,15 @@ def _start(family, theta, record, hold, substeps, steady):
 
 
 def _sample(carry, now: tuple[Update, Prediction]):
-    """Return the derivatives before the next sample, and those before this one."""
+    """Return the derivatives after a sample and a step, and those of its rows."""
     dx, dP = carry
     update, prediction = now
     n, Phi = dx.shape[0], prediction.x.x
+    dB = congruence(update.V, dP)
+    rows = update.rows.along(dx) + white_rows(jnp.zeros_like(dB[0]), dB)
     own = update.moments.along(dx)
     turned = left_product(update.N, dP)
     dx = update.N[:n] @ (dx + turned[n]) + own[:n, n]
     dP = left_product(update.N[:n], jnp.swapaxes(turned[:n], 0, 1)) + own[:n, :n]
     dP = congruence(Phi, dP) + prediction.P.along(dx)
-    return (prediction.x.along(dx), dP), carry
+    return (prediction.x.along(dx), dP), rows

@@ -59,8 +59,9 @@ class FilterError(AbstractLikelihood):
             replaces `initial`.
         updates: number of linearisations of the outputs at each sample; more than one iterates
             the update for strongly nonlinear outputs.
-        frozen_gain: start the iteration with the gain frozen within each step, as `FrozenGain`
-            does, and end it with the exact derivatives: the same estimates and standard errors.
+        frozen_gain: `estimate` starts the iteration with the gain frozen within each step, as
+            `FrozenGain` does, and ends it with the exact derivatives: the same estimates and
+            standard errors.
     """
 
     process: dict[str, Number | FirstOrder]

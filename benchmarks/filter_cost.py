@@ -3,7 +3,8 @@
 The aircraft of `reference_problem` (9 states, 10 outputs, 30 free coefficients) with random moments
 in its three rotational equations. A pass is the simulation or the filter with all derivatives, and
 the square-root information. Filter error has 3 intensities and 10 sensor deviations as parameters
-besides; its innovation form, the gain constant, has 3 gains. The ratios to the pass of output error
+besides; its innovation form, the gain constant, has 3 gains. `FrozenGain` is filter error in the
+iterations with which `FilterError(frozen_gain=True)` starts. The ratios to the pass of output error
 are of one run, in turns.
 """
 
@@ -20,6 +21,7 @@ from benchmarks.reference_problem.clocks import CLOCKS, time_in_turns
 from benchmarks.reference_problem.problem import make_problem
 from jaxid import FilterError, InnovationForm, OutputError
 from jaxid.estimation.estimate import as_stack
+from jaxid.estimation.filter.filter_error import FrozenGain
 from jaxid.estimation.likelihoods import AbstractLikelihood
 from jaxid.estimation.problem import Problem
 from jaxid.models import DiagonalNoise
@@ -33,9 +35,11 @@ BASE = "output error"
 
 def likelihoods() -> dict[str, AbstractLikelihood]:
     """Return the likelihoods that are compared, by name."""
+    filter_error = FilterError(dict.fromkeys(RATES, MOMENTS))
     return {
         BASE: OutputError(),
-        "filter error": FilterError(dict.fromkeys(RATES, MOMENTS)),
+        "filter error": filter_error,
+        "filter error, gain frozen": FrozenGain(filter_error),
         "innovation form": InnovationForm({name: (name,) for name in RATES}, DiagonalNoise()),
     }
 

@@ -54,6 +54,9 @@ class WithFactor(AbstractLikelihood):
         rows = self.new.rows(model, record, initial_state)
         return self._extended(rows, self._misfit(flatten(model)[0][self.positions]))
 
+    def n_sensitive(self, n_outputs):
+        return n_outputs + self.r.size
+
     def row_mask(self, mask):
         rows = self.new.row_mask(mask)
         first = jnp.arange(rows.shape[-2]) == 0
@@ -113,8 +116,8 @@ def update(
         solver: options of the iteration, which starts at the estimate.
 
     Returns:
-        The estimate; `residuals`, `own` and the start are those of this update. `corrected_errors`
-        are NaN, as the colour of the earlier residuals is not in the factor.
+        The estimate; `residuals`, `own` and the start are those of this update. The corrected
+        errors are NaN, as the colour of the earlier residuals is not in the factor.
 
     Raises:
         InputError: when the estimate has several cases or a parameter on a bound, channels differ,
@@ -140,10 +143,12 @@ def update(
     begin = initial_parameters(model, problem.positions, problem.records)
     fit = fit_problem(problem, begin, solver)
     result = Estimate.of(fit, model, free, records, solver.policy.threshold, noise_known=True)
-    unknown = jnp.full(result.values.shape, jnp.nan)
-    return eqx.tree_at(
-        lambda one: (one.corrected_errors, one.corrected_dof), result, (unknown, unknown)
-    )
+
+    def corrected(one):
+        return one.corrected_errors, one.corrected_dof, one.corrected_own
+
+    unknown = [jnp.full(array.shape, jnp.nan) for array in corrected(result)]
+    return eqx.tree_at(corrected, result, unknown)
 
 
 def _with_factor(

@@ -18,7 +18,6 @@ from ..estimation.result import Estimate
 from ..models.base import AbstractModel
 from ..models.free import Parameters
 from ..models.free_model import FreeModel
-from ..sensitivity.information import Information
 from ..sensitivity.jacobian import value_and_jacobian
 
 
@@ -76,8 +75,7 @@ def prediction_bands(
         records: the records of the fit, in the same order.
         likelihood: the likelihood of the fit.
         signals: names of the model's signals, such as a coefficient.
-        coloured: take the errors of the shared parameters corrected for the colour of the
-            residuals.
+        coloured: take the errors corrected for the colour of the residuals.
 
     Raises:
         InputError: if channels differ or a signal does not exist.
@@ -89,11 +87,12 @@ def prediction_bands(
         model.signals, records.t[0, 0], jnp.zeros(len(model.states)), records.u[0, 0]
     )
     require_known("signal", signals, known)
-    covariance = fit.covariance
+    covariance = jnp.where(jnp.isfinite(fit.covariance), fit.covariance, 0.0)
+    own = fit.information.own.joint_covariance(covariance)
     if coloured:
         ratio = colour_ratio(fit.standard_errors, fit.corrected_errors)
-        covariance = covariance * ratio[:, None] * ratio[None]
-    histories = _histories(problem, fit.parameters, fit.information, covariance, tuple(signals))
+        covariance, own = covariance * ratio[:, None] * ratio[None], fit.corrected_own
+    histories = _histories(problem, fit.parameters, (own, covariance), tuple(signals))
     first, last = len(model.states), len(model.states) + len(model.outputs)
     states = _by_name(model.states, histories[..., :first])
     outputs = _by_name(model.outputs, histories[..., first:last])
@@ -115,12 +114,11 @@ def _by_name(names, histories) -> dict[str, Band]:
 def _histories(
     problem: Problem,
     parameters: Parameters,
-    information: Information,
-    covariance,
+    covariances: tuple[Float[Array, "case own unknown"], Float[Array, "parameter parameter"]],
     names: tuple[str, ...],
 ):
     """Values and deviations of all states, outputs and signals, shape (2, case, time, name)."""
-    joint, likelihood = _joint_covariance(information, covariance), problem.likelihood
+    joint, likelihood = _joint_covariance(*covariances), problem.likelihood
 
     def one_record(own, covariance, case):
         flat, record = case
@@ -163,17 +161,8 @@ def _slopes(model: AbstractModel, record: Record, x, names: tuple[str, ...]):
     return jax.vmap(jax.jacfwd(histories, argnums=1))(record.t, x, record.u)
 
 
-def _joint_covariance(information: Information, shared: Float[Array, "parameter parameter"]):
-    """Joint covariance of each record's own unknowns and the shared parameters.
-
-    d_own = inverse (rhs - coupling d_shared)
-    """
-    shared = jnp.where(jnp.isfinite(shared), shared, 0.0)
-    inverse, coupling = information.own.inverse, information.own.coupling
-    across = -inverse @ coupling @ shared
-    own = inverse @ inverse.mT + inverse @ coupling @ shared @ coupling.mT @ inverse.mT
-    below = jnp.broadcast_to(shared, (across.shape[0], *shared.shape))
-    return jnp.concatenate(
-        [jnp.concatenate([own, across], axis=-1), jnp.concatenate([across.mT, below], axis=-1)],
-        axis=-2,
-    )
+def _joint_covariance(own, shared):
+    """Return the covariance of each record's own unknowns and the shared parameters."""
+    count = own.shape[1]
+    below = jnp.broadcast_to(shared, (own.shape[0], *shared.shape))
+    return jnp.concatenate([own, jnp.concatenate([own[..., count:].mT, below], axis=-1)], axis=-2)

@@ -298,6 +298,9 @@ class Augmented(AbstractModel):
     def actuated(self):
         return self.model.actuated()
 
+    def scales(self):
+        return self.model.scales()
+
     def units(self):
         cards = (effect.card for effect in self.effects_in)
         gains = {f"{card.name}.gain": card.unit for card in cards if card.unit}

@@ -61,6 +61,22 @@ class ScoreSpectrum(NamedTuple):
     own: int
 
 
+class ColouredVariances(NamedTuple):
+    """Variances of estimates under coloured residuals.
+
+    Attributes:
+        variance: of each shared parameter.
+        dof: degrees of freedom of this variance.
+        products: covariances of the products of residual and columns, of each record for its own
+            columns, of all records for the shared ones; the identity for white residuals, None
+            without columns.
+    """
+
+    variance: Float[Array, " parameter"]
+    dof: Float[Array, " parameter"]
+    products: Float[Array, "case column column"] | None
+
+
 class Process(NamedTuple):
     """An autoregressive process for each channel.
 
@@ -84,8 +100,8 @@ def coloured_variances(
     v: Float[Array, "case time output"],
     mask: Bool[Array, "case time output"],
     batch: int,
-) -> tuple[Float[Array, " parameter"], Float[Array, " parameter"]]:
-    """Return the variance of each estimate, and the degrees of freedom of this variance.
+) -> ColouredVariances:
+    """Return the variances of the estimates.
 
     Args:
         score: from the sensitivities.
@@ -95,16 +111,18 @@ def coloured_variances(
     """
     length = v.shape[1]
     process = burg(v, mask, batch)
-    if score.columns is not None:
-        products = _products(score)
-        pairs = _pairs(mask)
+    if score.columns is None:
+        return ColouredVariances(*_variances(process, score.power, length), None)
+    powers = _powers(score)
+    pairs = _pairs(mask)
 
-        def correct(state, _):
-            loss = _loss(score, products, spectral_density(state, length), pairs)
-            return _levinson(process, process.autocovariance + loss), None
+    def correct(state, _):
+        loss = _loss(score, powers, spectral_density(state, length), pairs)
+        return _levinson(process, process.autocovariance + loss), None
 
-        process, _ = jax.lax.scan(correct, process, None, ITERATIONS)
-    return _variances(process, score.power, length)
+    process, _ = jax.lax.scan(correct, process, None, ITERATIONS)
+    products = _products(score, powers[1], spectral_density(process, length))
+    return ColouredVariances(*_variances(process, score.power, length), products)
 
 
 def burg(
@@ -236,16 +254,15 @@ def _levinson(process: Process, autocovariance) -> Process:
     )
 
 
-def _products(score: ScoreSpectrum):
+def _powers(score: ScoreSpectrum):
     """Return the power of the columns, and their real and imaginary parts as one real array."""
     assert score.columns is not None
     parts = jnp.concatenate([score.columns.real, score.columns.imag], axis=0)
     return jnp.sum(parts**2, axis=(0, 3)), parts
 
 
-def _loss(score: ScoreSpectrum, products, density, pairs):
-    """Return the autocovariance that residuals have less than their noise, by lag and channel."""
-    total, parts = products
+def _products(score: ScoreSpectrum, parts, density) -> Float[Array, "case column column"]:
+    """Return the covariances of the products of residual and columns (`ColouredVariances`)."""
     twice_cases, count = parts.shape[0], density.shape[0] - 1
     # A one-sided transform: all but two frequencies represent two.
     ends = (jnp.arange(count + 1) == 0) | (jnp.arange(count + 1) == count)
@@ -253,7 +270,13 @@ def _loss(score: ScoreSpectrum, products, density, pairs):
     inner = jnp.einsum("cfjp,cfjq->cpq", parts * weighted[None, :, :, None], parts)
     inner = inner[: twice_cases // 2] + inner[twice_cases // 2 :]
     shared = jnp.sum(inner[:, score.own :, score.own :], axis=0)
-    inner = inner.at[:, score.own :, score.own :].set(shared[None])
+    return inner.at[:, score.own :, score.own :].set(shared[None])
+
+
+def _loss(score: ScoreSpectrum, powers, density, pairs):
+    """Return the autocovariance that residuals have less than their noise, by lag and channel."""
+    total, parts = powers
+    inner = _products(score, parts, density)
     inner = jnp.concatenate([inner, inner])
     once = _inverse_transform(total * density)
     twice = jnp.einsum("cfjq,cfjq->fj", jnp.einsum("cfjp,cpq->cfjq", parts, inner), parts)

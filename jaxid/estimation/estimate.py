@@ -20,7 +20,7 @@ from ..data.stack import stack
 from ..models.base import AbstractModel, canonical
 from ..models.equation_shapes import check_equations
 from ..models.free import Free, Parameters, initial_parameters
-from ..sensitivity.information import Information
+from ..sensitivity.information import Information, OwnBlock
 from ..sensitivity.spectrum import Spectrum, spectrum
 from ..simulation.simulate import explain_divergence
 from .coloured_errors import coloured_variances
@@ -42,6 +42,7 @@ class Fit(eqx.Module):
     own_covariance: Float[Array, "case own own"]
     robust_covariance: Float[Array, "parameter parameter"]
     robust_dof: Float[Array, " parameter"]
+    robust_own: Float[Array, "case own unknown"]
     noise: Float[Array, "output output"]
     residuals: Float[Array, "case time output"]
     shared_on_bound: Bool[Array, " parameter"]
@@ -194,9 +195,7 @@ def fit_of(problem: Problem, parameters: Parameters, state: State, solver: Gauss
         lambda x, low, high: (x <= low) | (x >= high), parameters, limits.lower, limits.upper
     )
     model, _ = problem.model_of(parameters, 0)
-    robust_covariance, robust_dof = _robust_covariance(
-        problem, parameters, linearised, covariance, svd.square_root(policy.threshold)
-    )
+    robust = _robust(problem, parameters, linearised, covariance, svd.square_root(policy.threshold))
     return Fit(
         parameters=parameters,
         cost=state.cost,
@@ -206,8 +205,9 @@ def fit_of(problem: Problem, parameters: Parameters, state: State, solver: Gauss
         own_covariance=information.own.covariance(
             jnp.where(jnp.isfinite(covariance), covariance, 0.0)
         ),
-        robust_covariance=robust_covariance,
-        robust_dof=robust_dof,
+        robust_covariance=robust.covariance,
+        robust_dof=robust.dof,
+        robust_own=robust.own,
         noise=problem.likelihood.measurement_covariance(model, v, problem.records.mask),
         residuals=problem.likelihood.residuals(v, problem.records.mask),
         shared_on_bound=on_bound.shared,
@@ -219,20 +219,53 @@ def fit_of(problem: Problem, parameters: Parameters, state: State, solver: Gauss
     )
 
 
-def _robust_covariance(problem: Problem, parameters: Parameters, linearised, covariance, half):
-    """Return the covariance corrected for the colour of the residuals, and degrees of freedom.
+class _Robust(NamedTuple):
+    """Covariance of the shared parameters corrected for the colour of the residuals, degrees of
+    freedom, and the covariances of each record's own parameters with themselves and the shared
+    ones.
+    """
 
-    Variances that this would make smaller than those of white residuals keep the latter value.
+    covariance: Float[Array, "parameter parameter"]
+    dof: Float[Array, " parameter"]
+    own: Float[Array, "case own unknown"]
+
+
+def _robust(problem: Problem, parameters: Parameters, linearised, covariance, half) -> _Robust:
+    """Return the covariances corrected for the colour of the residuals.
+
+    Variances that this would make smaller than those of white residuals keep the latter value. The
+    own part of a stack too large to keep its sensitivities is corrected by the shared one alone.
     """
     score = problem.score_spectrum(parameters, linearised, half)
     count, v = score.power.shape[1], linearised.v
     white, mask = problem.misfit(v)[..., :count], problem.row_mask[..., :count]
-    variance, dof = coloured_variances(score, white, mask, problem.batch)
+    variance, dof, products = coloured_variances(score, white, mask, problem.batch)
     plain = jnp.sum(half**2, axis=1)
     ratio = variance / jnp.where(plain > 0, plain, 1.0)
     least = problem.likelihood.noise.white_power(white, mask)
     inflation = jnp.sqrt(jnp.maximum(jnp.where(plain > 0, ratio, 1.0), least))
-    return covariance * inflation[:, None] * inflation[None], dof
+    robust, own = covariance * inflation[:, None] * inflation[None], linearised.information.own
+    if products is None:
+        finite = jnp.where(jnp.isfinite(robust), robust, 0.0)
+        return _Robust(robust, dof, own.joint_covariance(finite))
+    return _Robust(robust, dof, _robust_own(own, half, products, least))
+
+
+def _robust_own(own: OwnBlock, half, products, least) -> Float[Array, "case own unknown"]:
+    """Return the covariances of own parameters from those of residual and columns.
+
+    d_own = inverse (Q_own'v - coupling d_shared),    d_shared = half Q_shared'v
+    """
+    n, zeros = own.rhs.shape[-1], jnp.zeros((own.rhs.shape[0], half.shape[0], own.rhs.shape[-1]))
+    above = jnp.concatenate([own.inverse, -own.inverse @ own.coupling @ half], axis=-1)
+    below = jnp.concatenate([zeros, jnp.broadcast_to(half, (len(zeros), *half.shape))], axis=-1)
+    turned = jnp.concatenate([above, below], axis=-2)
+    white = jnp.sum(turned**2, axis=-1)
+    joint = turned @ products @ turned.mT
+    ratio = jnp.diagonal(joint, axis1=-2, axis2=-1) / jnp.where(white > 0, white, 1.0)
+    positive = jnp.where(ratio > 0, ratio, 1.0)
+    scale = jnp.sqrt(jnp.maximum(ratio, least) / positive)
+    return (joint * scale[..., None] * scale[..., None, :])[:, :n]
 
 
 def _result(state, on_bound) -> RESULTS:

@@ -85,6 +85,9 @@ class _Evaluated(AbstractLikelihood):
     def row_mask(self, mask):
         return self.of.row_mask(mask)
 
+    def n_sensitive(self, n_outputs):
+        return self.sensitive
+
     def residuals(self, rows, mask):
         return self.of.residuals(rows, mask)
 

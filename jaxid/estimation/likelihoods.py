@@ -1,6 +1,7 @@
 """Likelihoods: measures of the misfit between a model and its records."""
 
 import abc
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,6 +19,13 @@ from ..simulation.hold import AbstractHold, Linear
 from ..simulation.simulate import run
 from ..simulation.solution import Solution
 from ..simulation.steppers import RK4, AbstractStepper
+
+
+class Folded(NamedTuple):
+    """Rows of misfit of one record, and the triangle of `[S w]` of its whitened rows."""
+
+    rows: Float[Array, "time row"]
+    triangle: Float[Array, "column column"]
 
 
 class AbstractLikelihood(eqx.Module):
@@ -67,6 +75,12 @@ class AbstractLikelihood(eqx.Module):
         """Return the valid elements of the rows."""
         return mask
 
+    def n_sensitive(self, n_outputs: int) -> int:
+        """Return the number of rows of a sample that have sensitivities; by default one for each
+        output.
+        """
+        return n_outputs
+
     def residuals(
         self, rows: Float[Array, "*case time row"], mask: Bool[Array, "*case time output"]
     ) -> Float[Array, "*case time output"]:
@@ -102,6 +116,23 @@ class AbstractLikelihood(eqx.Module):
 
         value, jacobian = value_and_jacobian(rows, theta)
         return value, -jacobian
+
+    def folded(
+        self, family: FreeModel, theta: Float[Array, " column"], record: Record
+    ) -> Folded | None:
+        """Return rows and triangle of one record, of a likelihood that keeps no sensitivities.
+
+        None, the default, for one whose rows are whitened and decomposed after `sensitivities`,
+        which has the same arguments.
+        """
+        return None
+
+    def approximation(self) -> "AbstractLikelihood | None":
+        """Return a likelihood with the same cost and cheaper, approximate derivatives.
+
+        A fit starts with it. None if there is none.
+        """
+        return None
 
     def compact(self, linearised: bool = False) -> "AbstractLikelihood":
         """Return the same likelihood in a form that compiles fast, for models with many effects.

@@ -127,6 +127,7 @@ class Minimiser(optx.AbstractMinimiser):
     least_fall: float = eqx.field(static=True)
     max_steps: int = eqx.field(static=True)
     chord: bool = eqx.field(static=True)
+    smallest_step: float = eqx.field(static=True, default=SMALLEST_STEP)
     rtol: float = eqx.field(static=True, default=0.0)
     atol: float = eqx.field(static=True, default=0.0)
     norm: Callable = eqx.field(static=True, default=optx.max_norm)
@@ -192,7 +193,7 @@ class Minimiser(optx.AbstractMinimiser):
             descent=descent,
             first=jnp.array(False),
             converged=accept & ends & jnp.isfinite(trial.cost),
-            stuck=step_size < SMALLEST_STEP,
+            stuck=step_size < self.smallest_step,
             diverged=state.first & ~jnp.isfinite(trial.evaluated),
             accepted=state.accepted + (accept & ~repeated),
             costs=state.costs.at[row].set(trial.cost, mode="drop"),
@@ -245,7 +246,7 @@ class Minimiser(optx.AbstractMinimiser):
         After a refused step that has become too short the direction is changed: turned away from a
         corner, or without its optional part.
         """
-        turn = refused & state.descent.has_other & (step_size < SMALLEST_STEP)
+        turn = refused & state.descent.has_other & (step_size < self.smallest_step)
         skip = refused & state.descent.optional & (step_size < GIVE_UP) & ~turn
         query = self.descent.query(y, evaluation, state.descent)
         turned = self.descent.turn(evaluation, state.descent)

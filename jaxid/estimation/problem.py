@@ -4,6 +4,8 @@ Per-record parameters (`own`, `rows`) have one value per record, such as the ini
 parameters have one value for all records.
 """
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -19,11 +21,7 @@ from ..sensitivity.information import Information, gather, record_triangles
 from ..simulation.solution import Solution
 from .coloured_errors import ScoreSpectrum
 from .likelihoods import AbstractLikelihood
-from .limits import Limits
-
-# Distance from a bound that is due to rounding, relative to the larger of the parameter and the
-# bound (derived: eight times the spacing of float64 numbers at one).
-ROUNDING = 8 * float(jnp.finfo(jnp.float64).eps)
+from .limits import Limits, within_bounds
 
 # Largest size of the sensitivities of all records that are kept, and of the blocks in which larger
 # ones are computed and folded into triangles (chosen; larger blocks are no faster).
@@ -108,15 +106,15 @@ class Problem(eqx.Module):
         sample.
         """
 
-        def of_case(own, case):
-            flat, record = case
-            model, initial_state = insert(self.model, flat, self.positions, parameters.shared, own)
+        def rows(family: FreeModel, theta, record: Record):
+            model, initial_state = family(theta)
             return self.likelihood.rows(model, record, initial_state)
 
+        def some(arguments):
+            return self._by_case(rows, parameters.shared, *arguments)
+
         batch = self._largest_batch(len(self.model.states) + self.row_mask.shape[-1])
-        return self._by_batch(
-            lambda some: jax.vmap(of_case)(*some), (parameters.rows, self.cases()), batch
-        )
+        return self._by_batch(some, (parameters.rows, self.cases()), batch)
 
     @property
     def row_mask(self) -> Bool[Array, "case time row"]:
@@ -149,11 +147,15 @@ class Problem(eqx.Module):
 
     def _sensitivities(self, rows, shared, cases):
         """Return rows and sensitivities of some records."""
+        return self._by_case(self.likelihood.sensitivities, shared, rows, cases)
+
+    def _by_case(self, function, shared, rows, cases):
+        """Return the results of a function of family, parameters and record for some records."""
 
         def of_case(own, case):
             flat, record = case
             family = FreeModel(self.model, flat, self.positions)
-            return self.likelihood.sensitivities(family, jnp.concatenate([own, shared]), record)
+            return function(family, jnp.concatenate([own, shared]), record)
 
         return jax.vmap(of_case)(rows, cases)
 
@@ -163,6 +165,12 @@ class Problem(eqx.Module):
         A parameter on a bound is held fixed if a descent of the cost would move it out of its
         bounds. If a simulation fails, the information of all records is zero.
         """
+        folded = self._by_case(
+            self.likelihood.folded, parameters.shared, parameters.rows, self.cases()
+        )
+        if folded is not None:
+            profile = jnp.zeros((self.records.n_cases, 0, folded.triangle.shape[-1] - 1))
+            return Linearised(folded.rows, None, self._gather(parameters, folded.triangle, profile))
         if self.batch == self.records.n_cases:
             return self.informed(*self.sensitivities(parameters), parameters)
         v = self.residuals(parameters)
@@ -236,7 +244,8 @@ class Problem(eqx.Module):
     def batch(self) -> int:
         """Number of records whose sensitivities are in memory at once: a divisor of all."""
         columns = self.positions.rows.size + self.positions.shared.size
-        return self._largest_batch(self.records.z.shape[2] * columns)
+        rows = self.likelihood.n_sensitive(self.records.z.shape[2])
+        return self._largest_batch(rows * columns)
 
     def _largest_batch(self, values: int) -> int:
         """Return all records if their values are kept, otherwise their largest divisor in a block.
@@ -329,30 +338,14 @@ class Problem(eqx.Module):
             near: distance from a bound within which a value is set to the bound, in standard errors
                 that the parameter would have if the other shared parameters were known.
         """
-
-        def to_bound(value, low, high, inverse_error):
-            for bound in (low, high):
-                finite = jnp.isfinite(bound)
-                distance = jnp.abs(value - jnp.where(finite, bound, 0.0))
-                rounding = ROUNDING * jnp.maximum(
-                    jnp.abs(value), jnp.where(finite, jnp.abs(bound), 0.0)
-                )
-                value = jnp.where(
-                    finite & ((distance <= rounding) | (distance * inverse_error < near)),
-                    bound,
-                    value,
-                )
-            return jnp.clip(value, low, high)
-
         if information is None:
             inverse_error = jax.tree.map(lambda leaf: jnp.full(leaf.shape, jnp.inf), parameters)
         else:
             columns = information.triangle, information.own.jacobian
             norms = Parameters(*(jnp.linalg.norm(column, axis=-2) for column in columns))
             inverse_error = jax.tree.map(lambda leaf: jnp.where(leaf > 0, leaf, jnp.inf), norms)
-        return jax.tree.map(
-            to_bound, parameters, self.limits.lower, self.limits.upper, inverse_error
-        )
+        low, high = self.limits.lower, self.limits.upper
+        return jax.tree.map(partial(within_bounds, near=near), parameters, low, high, inverse_error)
 
     def prior_cost(self, parameters: Parameters) -> Float[Array, ""]:
         """Return the contribution of the priors to the negative log-likelihood."""

@@ -5,7 +5,6 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from .._foundation.checks import require
 from .._foundation.host import on_host
 from .._foundation.notebook import preformatted
 from .._foundation.results import CONVERGED, RESULTS, is_one_of, with_undetermined
@@ -16,6 +15,7 @@ from ..models.free import Free, Parameters, flat_vectors
 from ..models.free_model import insert
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum, weak_directions
+from .intervals import interval_ends, student_factor, upper_probability
 from .listing import estimate_to_dict, estimate_to_xarray, parameter_table
 
 NEAR_BOUND = 2.0  # standard errors; derived: a normal estimate lies beyond with 2.3 %
@@ -38,9 +38,9 @@ class Estimate(eqx.Module):
             residuals themselves.
         covariance: Cramer-Rao bound of the shared parameters.
         on_bound: true for each shared parameter that stands on one of its bounds.
-        near_bound: true for those inside their bounds, but within `NEAR_BOUND` standard errors of
-            one.
+        near_bound: true for those inside their bounds, within `NEAR_BOUND` standard errors of one.
         own, own_errors: values and standard errors of the parameters of each single record.
+        corrected_own: corrected covariances of these with themselves, then with the shared ones.
         noise: R, as fixed or as estimated.
         cost: negative log-likelihood without its constant.
         information: square-root information, which can be stacked with other flights' information.
@@ -67,6 +67,7 @@ class Estimate(eqx.Module):
     near_bound: Bool[Array, "*batch parameter"]
     own: Float[Array, "*batch case own"]
     own_errors: Float[Array, "*batch case own"]
+    corrected_own: Float[Array, "*batch case own unknown"]
     noise: Float[Array, "*batch output output"]
     cost: Float[Array, "*batch"]
     information: Information
@@ -94,7 +95,8 @@ class Estimate(eqx.Module):
         positions = free.positions(model)
         flat = flat_vectors(model, records)
         units = model.units()
-        deviation = _deviations(fit.covariance, fit.shared_on_bound)
+        on_bound = fit.shared_on_bound
+        deviation = _deviations(fit.covariance, on_bound)
         lower, upper = free.bounds("shared")
         own = _first(fit.parameters.rows)
         return cls(
@@ -105,15 +107,14 @@ class Estimate(eqx.Module):
             start=_elements(_first(flat), positions.shared),
             values=fit.parameters.shared,
             standard_errors=deviation,
-            corrected_errors=_deviations(fit.robust_covariance, fit.shared_on_bound),
+            corrected_errors=_deviations(fit.robust_covariance, on_bound),
             corrected_dof=fit.robust_dof,
             covariance=fit.covariance,
-            on_bound=fit.shared_on_bound,
-            near_bound=_near_bound(
-                fit.parameters.shared, lower, upper, deviation, fit.shared_on_bound
-            ),
+            on_bound=on_bound,
+            near_bound=_near_bound(fit.parameters.shared, lower, upper, deviation, on_bound),
             own=fit.parameters.rows,
             own_errors=_deviations(fit.own_covariance, fit.own_on_bound),
+            corrected_own=fit.robust_own,
             noise=fit.noise,
             cost=fit.cost,
             information=fit.information,
@@ -139,6 +140,11 @@ class Estimate(eqx.Module):
     def status(self) -> str:
         """Outcome and remedy in one sentence."""
         return RESULTS[self.result] or "converged"  # the sentence of success is empty
+
+    @property
+    def corrected_own_errors(self) -> Float[Array, "*batch case own"]:
+        """Standard errors of the parameters of each record, corrected as `corrected_errors`."""
+        return _corrected_own(self.corrected_own, self.own_errors)
 
     @property
     def F(self) -> Float[Array, "*batch parameter"]:
@@ -187,7 +193,9 @@ class Estimate(eqx.Module):
         changes the division of the variance by N to one by nu. Where R is known, `q` is the normal
         quantile and the root is one. This is exact for a linear model with one output and white
         noise. For several outputs it is an approximation: each has a variance of its own. For a
-        non-linear model it is asymptotic. A prior adds no degrees of freedom.
+        non-linear model it is asymptotic. A prior adds no degrees of freedom. Positive scales
+        (`AbstractModel.scales`: deviations and correlation times of noise) have the interval of
+        their logarithm, whose estimate is less skewed.
 
         Args:
             level: probability, such as 0.95.
@@ -202,13 +210,9 @@ class Estimate(eqx.Module):
         Raises:
             InputError: when the level is not between 0 and 1.
         """
-        require(
-            0 < level < 1,
-            f"The level is {level}; a probability lies between 0 and 1, such as 0.95.",
-        )
         from scipy.special import ndtri, stdtrit  # slow to import, and only intervals need it
 
-        upper = 0.5 * (1.0 + level)
+        upper = upper_probability(level)
         errors = self.corrected_errors if coloured else self.standard_errors
         if coloured:
             factor = stdtrit(np.asarray(self.corrected_dof), upper)
@@ -216,11 +220,10 @@ class Estimate(eqx.Module):
             factor = ndtri(upper)
         else:
             nu = np.asarray(self.degrees_of_freedom)[..., None]
-            enough = nu > 0
-            safe = np.where(enough, nu, 1.0)
             samples = np.sum(np.asarray(self.mask), axis=(-3, -2, -1))[..., None]
-            factor = np.where(enough, stdtrit(safe, upper) * np.sqrt(samples / safe), np.nan)
-        return _interval(self.values, errors, np.asarray(factor))
+            factor = student_factor(upper, samples, nu)
+        is_scale = np.isin(self.names, self.model.scales())
+        return interval_ends(self.values, errors, np.asarray(factor), is_scale)
 
     def value(self, name: str) -> float:
         """Return the value of one shared parameter, by name."""
@@ -232,7 +235,7 @@ class Estimate(eqx.Module):
 
     @property
     def parameters(self) -> Parameters:
-        """The values in the form of the solver."""
+        """Values in the form of the solver."""
         return Parameters(self.values, self.own)
 
     def to_dict(self) -> dict[str, Any]:
@@ -353,6 +356,13 @@ def _deviations(xp, covariance, on_bound):
 
 
 @on_host
+def _corrected_own(xp, covariance, own_errors):
+    """Return the corrected deviations, infinite or NaN where the others are."""
+    deviation = xp.sqrt(xp.diagonal(covariance, axis1=-2, axis2=-1))
+    return xp.where(xp.isfinite(own_errors), deviation, own_errors)
+
+
+@on_host
 def _near_bound(xp, values, lower, upper, deviation, on_bound):
     """True for parameters inside their bounds within `NEAR_BOUND` standard errors of one."""
     distance = xp.minimum(values - lower, upper - values)
@@ -378,10 +388,3 @@ def _degrees_of_freedom(xp, mask, on_bound, own_errors, noise_known: bool):
     shared = xp.sum(~on_bound, axis=-1)
     own = xp.sum(~xp.isnan(own_errors), axis=(-2, -1))
     return xp.where(noise_known, xp.inf, (samples - shared - own) * 1.0)
-
-
-@on_host
-def _interval(xp, values, errors, factor):
-    """Return the ends `values -/+ factor errors` along a new last axis."""
-    width = factor * errors
-    return xp.stack([values - width, values + width], axis=-1)

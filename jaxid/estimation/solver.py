@@ -1,5 +1,6 @@
 """`GaussNewton`: options of the iteration; the whole iteration, and single steps of it."""
 
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -10,9 +11,13 @@ import optimistix as optx
 from .._foundation.types import Array, Bool, Float
 from ..models.free import Parameters
 from .descent import SpectrumDescent
-from .minimiser import Minimiser, State
+from .minimiser import SMALLEST_STEP, Minimiser, State
 from .problem import Problem
 from .spectrum_policy import AbstractPolicy, Clip
+
+# Chosen, for the iteration with approximate derivatives: length of the full step at which it ends
+# [standard errors], and share of a step below which it ends, three halvings.
+NEAR, FEW_HALVINGS = 0.1, 2.0**-3
 
 
 class GaussNewton(eqx.Module):
@@ -47,24 +52,46 @@ class GaussNewton(eqx.Module):
 def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[Parameters, State]:
     """Return the best parameters of a problem and the last state of the solver.
 
+    A likelihood with an approximation is minimised with its derivatives first, until these would
+    move the parameters by less than `NEAR` standard errors or lower the cost no more, then with its
+    own, whose iterations alone the state contains.
+
     Args:
         problem: the estimation problem.
         begin: the initial parameters.
         solver: options of the iteration.
     """
+    approximate = problem.likelihood.approximation()
+    if approximate is not None:
+        first = eqx.tree_at(lambda problem: problem.likelihood, problem, approximate)
+        rough = dataclasses.replace(solver, tolerance=NEAR, chord=False)
+        begin, _ = _minimise(first, begin, minimiser_of(first, rough, FEW_HALVINGS))
+    return _minimise(problem, begin, minimiser_of(problem, solver))
+
+
+def _minimise(problem: Problem, begin: Parameters, minimiser: Minimiser):
+    """Return the best parameters and the last state of a minimiser."""
     solution = optx.minimise(
         lambda y, problem: jnp.zeros(()),  # for its shape; the minimiser evaluates the problem
-        minimiser_of(problem, solver),
+        minimiser,
         begin,
         args=problem,
-        max_steps=solver.max_steps,
+        max_steps=minimiser.max_steps,
         throw=False,
     )
     return solution.value, solution.state
 
 
-def minimiser_of(problem: Problem, solver: GaussNewton) -> Minimiser:
-    """Return the minimiser with the options of a solver, for the limits of a problem."""
+def minimiser_of(
+    problem: Problem, solver: GaussNewton, smallest_step: float = SMALLEST_STEP
+) -> Minimiser:
+    """Return the minimiser with the options of a solver, for the limits of a problem.
+
+    Args:
+        problem: the estimation problem.
+        solver: options of the iteration.
+        smallest_step: share of a step below which the search ends.
+    """
     return Minimiser(  # pyright: ignore[reportCallIssue]  (as in effects/library.py)
         SpectrumDescent(
             solver.policy,
@@ -77,6 +104,7 @@ def minimiser_of(problem: Problem, solver: GaussNewton) -> Minimiser:
         solver.least_fall,
         solver.max_steps,
         solver.chord,
+        smallest_step,
     )
 
 

@@ -257,6 +257,12 @@ class AbstractModel(eqx.Module):
             "Write its method `corrected(record)`."
         )
 
+    def scales(self) -> tuple[str, ...]:
+        """Names of the parameters that are positive scales, such as standard deviations; none by
+        default. The confidence interval of a scale is symmetric in its logarithm.
+        """
+        return ()
+
     def units(self) -> dict[str, str]:
         """Units of states, inputs, outputs and parameters by name; the unit of a missing name is
         unknown.

@@ -52,6 +52,9 @@ class InnovationModel(AbstractModel):
     def initial_state(self, record):
         return self.model.initial_state(record)
 
+    def scales(self):
+        return self.model.scales()
+
     def units(self):
         units = self.model.units()
 

@@ -99,6 +99,11 @@ class StochasticModel(AbstractModel):
     def initial_state(self, record):
         return jnp.concatenate([self.model.initial_state(record), jnp.zeros(len(self.with_memory))])
 
+    def scales(self):
+        groups = ("process", "correlation_time", "sensor", "initial")
+        names = (f"{group}.{name}" for group in groups for name in getattr(self, group))
+        return (*self.model.scales(), *names)
+
     def units(self):
         units = self.model.units()
         noise = {f"sensor.{name}": units.get(name, "") for name in self.sensor}

@@ -24,6 +24,9 @@ RANK_TOLERANCE = (
 # eigenvalue of 1e-22, which no threshold for weak directions takes as determined.
 ELIMINATED = 1e-11
 
+# Rows decomposed at once, and number of such blocks from which a record is divided (chosen).
+ROWS_AT_ONCE, LEAST_BLOCKS = 1024, 4
+
 
 class OwnBlock(eqx.Module):
     """Information of one record on its own unknowns, given the shared ones.
@@ -57,6 +60,18 @@ class OwnBlock(eqx.Module):
             self.inverse @ (eye + self.coupling @ shared @ self.coupling.mT) @ self.inverse.mT
         )
         return covariance + jnp.where(self.undetermined, jnp.inf, 0.0)[..., None] * eye
+
+    def joint_covariance(
+        self, shared: Float[Array, "parameter parameter"]
+    ) -> Float[Array, "*case own unknown"]:
+        """Return the covariances of the record's own unknowns with themselves and with the shared
+        ones.
+
+        An undetermined unknown counts as known.
+        """
+        turned = self.inverse @ self.coupling
+        own = self.inverse @ self.inverse.mT + turned @ shared @ turned.mT
+        return jnp.concatenate([own, -turned @ shared], axis=-1)
 
 
 class Profile(eqx.Module):
@@ -135,8 +150,28 @@ def record_triangles(
         shared: whitened sensitivities to the shared parameters.
         v: whitened residuals.
     """
-    rows = jnp.concatenate([own, shared, v[..., None]], axis=-1)
-    return jax.vmap(triangle)(rows.reshape(rows.shape[0], -1, rows.shape[-1]))
+    return jax.vmap(_record_triangle)((own, shared, v[..., None]))
+
+
+def _record_triangle(columns: tuple[Float[Array, "time output column"], ...]):
+    """Return the triangle of one record, by blocks of samples that fit the processor's cache."""
+    samples, n_rows = columns[0].shape[:2]
+    size = max(ROWS_AT_ONCE // n_rows, 1)
+    count = samples // size
+
+    def rows(columns):
+        joined = jnp.concatenate(columns, axis=-1)
+        return joined.reshape(-1, joined.shape[-1])
+
+    if count < LEAST_BLOCKS:
+        return triangle(rows(columns))
+
+    def add(factor, index):
+        block = [jax.lax.dynamic_slice_in_dim(leaf, index * size, size) for leaf in columns]
+        return triangle(jnp.concatenate([factor, rows(block)])), None
+
+    rest = triangle(rows([leaf[count * size :] for leaf in columns]))
+    return jax.lax.scan(add, rest, jnp.arange(count))[0]
 
 
 def gather(

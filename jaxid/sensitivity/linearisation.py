@@ -90,7 +90,7 @@ def trajectory_sensitivities(
     acting, inputs = input_derivatives(family, leaves, trajectory)
     begin, length = substeps_of(jnp.append(t, t[-1]), substeps)
     steps = (begin.reshape(-1, substeps), length.reshape(-1, substeps))
-    equations = _equations(family, leaves, trajectory, acting)
+    equations = equation_derivatives(family, leaves, trajectory, acting)
     outputs = _outputs(family, leaves, trajectory, acting)
 
     def block(X, now):
@@ -103,12 +103,12 @@ def trajectory_sensitivities(
 
     # the last sample, which fills the last block, has a step of no length
     now = jax.tree.map(lambda leaf: in_blocks(leaf, size), (t, trajectory.x, steps, inputs))
-    y, S = jax.lax.scan(block, _initial(family, leaves), now)[1]
+    y, S = jax.lax.scan(block, initial_sensitivities(family, leaves), now)[1]
     y, S = (leaf.reshape(-1, *leaf.shape[2:])[: t.size] for leaf in (y, S))
     return _observed(family, leaves, t, y, S)
 
 
-def in_blocks(leaf: Float[Array, "time ..."], size: int) -> Float[Array, "block sample ..."]:
+def in_blocks(leaf: Array, size: int) -> Array:
     """Return an array in blocks of samples; the last sample is repeated to fill the last block."""
     n_blocks = -(-leaf.shape[0] // size)
     padding = ((0, n_blocks * size - leaf.shape[0]),) + ((0, 0),) * (leaf.ndim - 1)
@@ -126,7 +126,7 @@ def _block_size(samples: int, elements: int) -> int:
     return OUTPUT_GROUPS * min(max(groups, 1), -(-samples // OUTPUT_GROUPS))
 
 
-def _initial(family: FreeModel, leaves: Leaves) -> Float[Array, "state column"]:
+def initial_sensitivities(family: FreeModel, leaves: Leaves) -> Float[Array, "state column"]:
     """Return the sensitivities of the initial state."""
 
     def push(tangent):
@@ -152,7 +152,7 @@ def input_derivatives(
     return acting, Inputs(at_stages, at_samples, *derivatives)
 
 
-def _equations(family, leaves: Leaves, trajectory: Trajectory, acting) -> Differentiation:
+def equation_derivatives(family, leaves: Leaves, trajectory: Trajectory, acting) -> Differentiation:
     """Return how the equations of motion are differentiated."""
 
     def rates(t, x, u, leaves):

@@ -12,10 +12,12 @@ from jaxid.estimation.coloured_errors import (
     _levinson,
     _loss,
     _pairs,
-    _products,
+    _powers,
     burg,
     coloured_variances,
 )
+from jaxid.estimation.estimate import _robust_own
+from jaxid.sensitivity.information import gather, record_triangles
 
 ROWS = 300
 found_by = jax.jit(burg, static_argnums=2)
@@ -60,7 +62,7 @@ def test_loss_of_power_equals_dense_trace(seed):
     frequency = np.pi * np.arange(ROWS + 1) / ROWS
     density = 0.36 / np.abs(1 - 0.8 * np.exp(-1j * frequency)) ** 2
     mask = jnp.ones((1, ROWS, 1), bool)
-    loss = jax.jit(lambda density: _loss(score, _products(score), density, _pairs(mask)))(
+    loss = jax.jit(lambda density: _loss(score, _powers(score), density, _pairs(mask)))(
         jnp.asarray(density)[:, None]
     )
     Gamma, H = toeplitz(0.8**t), columns @ columns.T
@@ -79,7 +81,7 @@ def test_degrees_of_freedom_equal_scatter_of_variance():
     power = jnp.sum(jnp.abs(jnp.fft.rfft(column, 2 * rows, axis=1)) ** 2, axis=0)
     mask = jnp.ones((1, rows, 1), bool)
     run = jax.jit(jax.vmap(lambda v: coloured_variances(ScoreSpectrum(power, None, 0), v, mask, 1)))
-    variance, dof = map(np.asarray, run(v))
+    variance, dof, _ = run(v)
     scatter = np.std(variance[:, 0]) / np.mean(variance[:, 0])
     np.testing.assert_allclose(np.sqrt(2 / np.median(dof)), scatter, rtol=0.12)
     column = np.asarray(column)[0, :, 0, 0]
@@ -97,3 +99,28 @@ def test_recursion_solves_yule_walker(seed):
     expected = np.linalg.solve(toeplitz(c[:order]), c[1 : order + 1])
     np.testing.assert_allclose(solved.coefficients[:order, 0], expected, rtol=1e-7)
     np.testing.assert_allclose(solved.variance[0], c[0] - expected @ c[1 : order + 1], rtol=1e-7)
+
+
+def test_own_covariances_equal_dense_least_squares(seed):
+    """Two records with two unknowns of their own and three in common, under a known process."""
+    rng, rows = np.random.default_rng(seed), 40
+    own, shared = rng.normal(size=(2, rows, 1, 2)), rng.normal(size=(2, rows, 1, 3))
+    triangles = record_triangles(*map(jnp.asarray, (own, shared, np.zeros((2, rows, 1)))))
+    nothing = jnp.zeros((2, 2), bool), jnp.zeros(3, bool)
+    information = gather(triangles, jnp.zeros((0, 4)), *nothing)
+    half = np.linalg.inv(np.asarray(information.triangle)[:3])
+    block = information.own
+    local = np.einsum("ctjo,cok->ctk", own, block.inverse)
+    rest = shared - np.einsum("ctjo,cok,ckp->ctjp", own, block.inverse, block.coupling)
+    columns = np.concatenate([local, rest[:, :, 0] @ half], axis=-1)
+    Gamma = toeplitz(0.8 ** np.arange(rows))
+    products = np.einsum("ctp,ts,csq->cpq", columns, Gamma, columns)
+    products[:, 2:, 2:] = products[:, 2:, 2:].sum(axis=0)
+    found = _robust_own(block, jnp.asarray(half), jnp.asarray(products), 0.0)
+    A = np.zeros((2 * rows, 7))
+    A[:rows, :2], A[rows:, 2:4], A[:, 4:] = own[0, :, 0], own[1, :, 0], shared.reshape(-1, 3)
+    weights = np.linalg.pinv(A)
+    dense = weights @ np.kron(np.eye(2), Gamma) @ weights.T
+    for case, at in enumerate(([0, 1], [2, 3])):
+        expected = dense[np.ix_(at, [*at, 4, 5, 6])]
+        np.testing.assert_allclose(found[case], expected, rtol=1e-9, atol=1e-12)

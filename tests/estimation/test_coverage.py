@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from reference_estimation import Lag, lag_rhs, rk4
+from scipy.special import stdtr
 from scipy.stats import binom, norm
 from scipy.stats import t as t_distribution
 
@@ -148,6 +149,19 @@ def test_interval_for_coloured_residuals_covers_with_200_samples(coloured):
     low, high = band(2)
     covered = covered_by_interval(coloured)
     assert ((low <= covered) & (covered <= high)).all(), covered
+
+
+def test_corrected_error_of_initial_state_covers_under_coloured_noise(coloured):
+    """The corrected variances are estimates themselves: the normal quantile covers as much as of
+    Student's t with the degrees of freedom of the shared parameters.
+    """
+    apart = np.abs(coloured.own[:, 0, 0] - X0)
+    assert np.mean(apart < WIDTH * coloured.own_errors[:, 0, 0]) < 0.75
+    nu = np.median(coloured.corrected_dof, axis=0)
+    expected = 2.0 * stdtr(np.array([nu.min(), nu.max()]), WIDTH) - 1.0
+    low, high = binom.ppf([0.0005, 0.9995], DRAWS, expected) / DRAWS
+    covered = np.mean(apart < WIDTH * coloured.corrected_own_errors[:, 0, 0])
+    assert low <= covered <= high, (low, covered, high)
 
 
 def test_interval_for_coloured_residuals_covers_with_gaps(coloured_with_gaps):

@@ -1,6 +1,7 @@
 """Filter error from end to end: limits, records with gaps, batches, smoothed forces, refusals."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from scipy import optimize
 from jaxid import InputError
 from jaxid.data import record
 from jaxid.estimation import FilterError, FirstOrder, Fixed, OutputError, estimate, smooth_states
-from jaxid.estimation.estimate import as_stack
+from jaxid.estimation import problem as problem_module
+from jaxid.estimation.estimate import as_stack, checked_case
 from jaxid.models import LinearModel, free
 
 START = GustyLag(jnp.array(0.7), jnp.array(1.5))
@@ -54,6 +56,16 @@ def test_print_names_noises_with_units_and_their_errors(fit):
     assert (interval[:, 1] > fit.values).all()
 
 
+def test_interval_of_noise_is_symmetric_in_logarithm(fit):
+    """With the width of the interval of the value."""
+    low, high = np.asarray(fit.interval()).T
+    width = (high[0] - low[0]) / 2 / float(fit.standard_errors[0])
+    relative = width * np.asarray(fit.standard_errors / fit.values)[2:]
+    np.testing.assert_allclose(np.log(high / low)[2:] / 2, relative, rtol=1e-12)
+    np.testing.assert_allclose(np.sqrt(low * high)[2:], fit.values[2:], rtol=1e-12)
+    np.testing.assert_allclose((low + high)[:2] / 2, fit.values[:2], rtol=1e-12)
+
+
 def test_record_with_padding_and_gaps_equals_its_valid_samples(fit, records):
     """The residuals are zero at missing samples, and padding adds nothing to the cost."""
     assert not np.any(np.asarray(fit.residuals)[1, 250:])
@@ -76,6 +88,17 @@ def test_batch_under_jit_equals_single_estimate(fit, records):
     np.testing.assert_allclose(distance, 0.0, atol=1e-4)
     np.testing.assert_allclose(batch.standard_errors[0], fit.standard_errors, rtol=1e-4)
     assert "2 cases, 2 successful" in str(batch)
+
+
+def test_records_at_once_follow_from_size_of_sensitivities(records, monkeypatch):
+    """The rows of the covariances count: no more is kept than stated."""
+    case = checked_case(START, FREE, records, FilterError(FORCED))
+    _, S = jax.eval_shape(case.problem.sensitivities, case.begin)
+    monkeypatch.setattr(problem_module, "KEPT_BYTES", 8 * S.size)
+    assert case.problem.batch == 2
+    monkeypatch.setattr(problem_module, "KEPT_BYTES", 8 * S.size - 1)
+    monkeypatch.setattr(problem_module, "BLOCK_BYTES", 4 * S.size)
+    assert case.problem.batch == 1
 
 
 def test_no_process_noise_gives_estimate_and_errors_of_output_error(records):

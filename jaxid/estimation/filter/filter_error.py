@@ -22,6 +22,8 @@ from ...simulation.steppers import RK4
 from ..likelihoods import AbstractLikelihood
 from .backward_pass import smooth_filtered
 from .filter_sensitivities import FilterSensitivities, filter_sensitivities
+from .frozen_gain import frozen_gain
+from .innovation_rows import innovation_rows, white_rows
 from .kalman import (
     Filtered,
     filter_signals,
@@ -32,7 +34,6 @@ from .kalman import (
 from .noise_identifiability import check_noise_identifiable
 from .noise_options import FirstOrder, Number, number
 from .noise_parameters import check_names, check_values, with_noise_parameters
-from .update_derivatives import pairs, white_rows
 
 
 class FilterError(AbstractLikelihood):
@@ -66,6 +67,9 @@ class FilterError(AbstractLikelihood):
             replaces `initial`.
         updates: number of linearisations of the outputs at each sample; more than one iterates
             the update for strongly nonlinear outputs.
+        frozen_gain: `estimate` starts the iteration with the gain frozen within each step, as
+            `FrozenGain` does, and ends it with the exact derivatives: the same estimates and
+            standard errors.
     """
 
     process: dict[str, Number | FirstOrder]
@@ -75,6 +79,7 @@ class FilterError(AbstractLikelihood):
     stepper: RK4
     steady: bool = eqx.field(static=True)
     updates: int = eqx.field(static=True)
+    frozen_gain: bool = eqx.field(static=True)
     noise: InnovationNoise
 
     def __init__(
@@ -87,6 +92,7 @@ class FilterError(AbstractLikelihood):
         stepper: RK4 | None = None,
         steady: bool = False,
         updates: int = 1,
+        frozen_gain: bool = False,
     ):
         self.process = {
             name: option if isinstance(option, FirstOrder) else number(option)
@@ -96,6 +102,7 @@ class FilterError(AbstractLikelihood):
         self.initial = {name: number(option) for name, option in (initial or {}).items()}
         self.hold, self.stepper = hold or Linear(), stepper or RK4()
         self.steady, self.updates, self.noise = steady, updates, InnovationNoise()
+        self.frozen_gain = frozen_gain
         require(
             isinstance(self.stepper, RK4),
             "FilterError needs the derivative of a fixed step. Use `stepper=RK4(substeps)`.",
@@ -105,6 +112,11 @@ class FilterError(AbstractLikelihood):
             not (steady and self.initial),
             "A filter in steady state has the covariance of the Riccati equation at its start. "
             "Leave out `initial`, or `steady`.",
+        )
+        require(
+            not (frozen_gain and updates > 1),
+            "A frozen gain belongs to one linearisation of the outputs at each sample. Leave out "
+            "`updates`, or `frozen_gain`.",
         )
         check_values(self.process, self.sensors, self.initial)
 
@@ -142,11 +154,11 @@ class FilterError(AbstractLikelihood):
 
     def rows(self, model, record, initial_state):
         filtered = self.filter(model, record, initial_state)
-        return _rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
+        return innovation_rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
 
     def sensitivities(self, family, theta, record):
         v, B, rows = self._derivatives(family, theta, record)
-        return _rows(v, inverse_cholesky(B), record.mask), rows
+        return innovation_rows(v, inverse_cholesky(B), record.mask), rows
 
     def _derivatives(self, family: FreeModel, theta, record: Record) -> FilterSensitivities:
         """Return the innovations, their covariances and the derivatives of the rows."""
@@ -168,10 +180,16 @@ class FilterError(AbstractLikelihood):
         dB = jnp.einsum("tij,tjkp,tlk->tilp", inverse, dB, inverse)
         return FilterSensitivities(flat[:, :m], B, white_rows(-inverse @ derivative[:, :m], dB))
 
+    def approximation(self):
+        return FrozenGain(self) if self.frozen_gain else None
+
     def row_mask(self, mask):
         first, second = np.triu_indices(mask.shape[-1])
         both = mask[..., first] & mask[..., second]
         return jnp.concatenate([mask, both, jnp.ones_like(mask[..., :1]), mask], axis=-1)
+
+    def n_sensitive(self, n_outputs):
+        return n_outputs * (n_outputs + 3) // 2
 
     def residuals(self, rows, mask):
         return rows[..., -mask.shape[-1] :]
@@ -188,10 +206,44 @@ class FilterError(AbstractLikelihood):
         self.hold.check(t)
 
 
-def _rows(v, inverse, mask):
-    """Return the rows of `InnovationNoise`, from innovations and the inverses of their factors."""
-    w = jnp.einsum("tij,tj->ti", inverse, v)
-    both = mask[:, :, None] & mask[:, None]
-    spread = jnp.where(both, jnp.eye(v.shape[-1])[None] - w[:, :, None] * w[:, None, :], 0.0)
-    log_det = -jnp.sum(jnp.log(jnp.diagonal(inverse, axis1=-2, axis2=-1)), axis=-1)
-    return jnp.concatenate([w, pairs(spread[..., None])[..., 0], log_det[:, None], v], axis=-1)
+class FrozenGain(AbstractLikelihood):
+    """Filter error whose derivatives hold the gain of the filter at the present parameters.
+
+    The cost is the one of `of`. The derivatives contain neither the change of the gain nor that of
+    the covariances with the parameters of the model, so that the gradient vanishes at other
+    parameters than the cost's: consistent ones, which do not have the least variance.
+
+    Args:
+        of: the likelihood.
+    """
+
+    of: FilterError
+    noise: InnovationNoise
+
+    def __init__(self, of: FilterError):
+        self.of, self.noise = of, of.noise
+
+    def prepared(self, model, free, records):
+        return self.of.prepared(model, free, records)
+
+    def solve(self, model, record, initial_state):
+        return self.of.solve(model, record, initial_state)
+
+    def rows(self, model, record, initial_state):
+        return self.of.rows(model, record, initial_state)
+
+    def folded(self, family, theta, record):
+        substeps, steady = self.of.stepper.substeps, self.of.steady
+        return frozen_gain(family, theta, record, self.of.hold, substeps, steady=steady)
+
+    def row_mask(self, mask):
+        return self.of.row_mask(mask)
+
+    def n_sensitive(self, n_outputs):
+        return self.of.n_sensitive(n_outputs)
+
+    def check(self, model, records):
+        self.of.check(model, records)
+
+    def check_times(self, t):
+        self.of.check_times(t)

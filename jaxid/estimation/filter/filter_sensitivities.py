@@ -19,17 +19,18 @@ from ...data.record import Record
 from ...models.free_model import FreeModel
 from ...models.stochastic import StochasticModel
 from ...sensitivity.jacobian import value_and_jacobian
-from ...sensitivity.linearisation import Trajectory, input_derivatives
+from ...sensitivity.linearisation import Trajectory, in_blocks, input_derivatives
 from ...simulation.hold import AbstractHold
 from ...simulation.steppers import RK4
+from .innovation_rows import white_rows
 from .kalman import filter_signals, initial_moments, kalman_filter
+from .matrix_derivatives import congruence, left_product
 from .prediction_derivatives import Prediction, PredictionModel, differentiate_prediction
 from .update_derivatives import (
     Measured,
     Update,
     differentiate_update,
     output_derivatives,
-    white_rows,
 )
 
 SAMPLES_TOGETHER = 32  # samples differentiated at once; chosen: some megabytes for 40 parameters
@@ -87,7 +88,8 @@ def filter_sensitivities(
         return jax.lax.scan(_sample, carry, (update, prediction))
 
     now = (measured, inputs.d_samples, filtered.x, steps, inputs.d_stages)
-    _, rows = jax.lax.scan(block, start, jax.tree.map(_in_blocks, now))
+    blocks = jax.tree.map(lambda leaf: in_blocks(leaf, SAMPLES_TOGETHER), now)
+    _, rows = jax.lax.scan(block, start, blocks)
     rows = rows.reshape(-1, *rows.shape[2:])[: record.t.size]
     return FilterSensitivities(filtered.v, filtered.B, rows)
 
@@ -114,33 +116,16 @@ def _start(family, theta, record, hold, substeps, steady):
     return (start[:n], start[n:].reshape(n, n, theta.size)), dR[1]
 
 
-def _in_blocks(leaf: Array) -> Array:
-    """Return an array over time in blocks, the last one filled with the last sample."""
-    fill = -leaf.shape[0] % SAMPLES_TOGETHER
-    padded = jnp.concatenate([leaf, jnp.repeat(leaf[-1:], fill, axis=0)])
-    return padded.reshape(padded.shape[0] // SAMPLES_TOGETHER, SAMPLES_TOGETHER, *leaf.shape[1:])
-
-
 def _sample(carry, now: tuple[Update, Prediction]):
     """Return the derivatives after a sample and a step, and those of its rows."""
     dx, dP = carry
     update, prediction = now
     n, Phi = dx.shape[0], prediction.x.x
-    dB = _congruence(update.V, dP)
+    dB = congruence(update.V, dP)
     rows = update.rows.along(dx) + white_rows(jnp.zeros_like(dB[0]), dB)
     own = update.moments.along(dx)
-    turned = _left(update.N, dP)
+    turned = left_product(update.N, dP)
     dx = update.N[:n] @ (dx + turned[n]) + own[:n, n]
-    dP = _left(update.N[:n], jnp.swapaxes(turned[:n], 0, 1)) + own[:n, :n]
-    dP = _congruence(Phi, dP) + prediction.P.along(dx)
+    dP = left_product(update.N[:n], jnp.swapaxes(turned[:n], 0, 1)) + own[:n, :n]
+    dP = congruence(Phi, dP) + prediction.P.along(dx)
     return (prediction.x.along(dx), dP), rows
-
-
-def _congruence(a: Float[Array, "i j"], dP: Float[Array, "j j p"]) -> Float[Array, "i i p"]:
-    """Return `a dP a'` for each parameter."""
-    return _left(a, jnp.swapaxes(_left(a, dP), 0, 1))
-
-
-def _left(a: Float[Array, "i j"], d: Float[Array, "j k p"]) -> Float[Array, "i k p"]:
-    """Return `a d` for each parameter."""
-    return (a @ d.reshape(d.shape[0], -1)).reshape(a.shape[0], *d.shape[1:])

@@ -214,19 +214,27 @@ def _forms(model: PredictionModel, stages: Stages) -> Jacobians:
 
 
 def _covariance(model: PredictionModel, stages: Stages, h):
-    """Return the derivatives of the covariance after the step, and the covariance of its noise."""
+    """Return the derivatives of the covariance after the step, and the covariance of its noise.
+
+    Only the upper triangles of the symmetric derivatives are computed.
+    """
     samples, n = stages.A.shape[1:3]
     forms, d_u = _forms(model, stages), stages.d_u
     d_G, by_A, by_G, Q = _noise(model, stages, h)
+    (row, column), position = np.triu_indices(n), _positions(n)
 
-    def first(leaf):
-        return jnp.moveaxis(leaf, 2, 0).reshape(samples, n * n, -1)
+    def symmetric(leaf):
+        """Return the upper triangle of `leaf + its transpose`, samples first."""
+        leaf = leaf[row, column] + leaf[column, row]
+        return jnp.moveaxis(leaf, 1, 0).reshape(samples, row.size, -1)
+
+    by_A, by_G = symmetric(by_A), symmetric(by_G)
 
     def last(leaf):
-        return by_A @ first(leaf[:, :, -1])
+        return by_A @ jnp.moveaxis(leaf[:, :, -1], 2, 0).reshape(samples, n * n, -1)
 
     def coefficients(leaf):
-        return [first(jnp.moveaxis(leaf[:, :, :-1], 2, 3)), last(leaf)]
+        return [symmetric(jnp.moveaxis(leaf[:, :, :-1], 2, 3)), last(leaf)]
 
     def stacked(columns):
         return jnp.moveaxis(columns, 0, 1).reshape(samples, -1, columns.shape[-1])
@@ -239,16 +247,18 @@ def _covariance(model: PredictionModel, stages: Stages, h):
     linear = jnp.concatenate([*coefficients(forms.A), by_G], axis=-1)
     C_x = linear @ jnp.concatenate([chain.x, noise.x], axis=1)
     C_p = linear @ jnp.concatenate([chain.p, d_noise], axis=1)
-    elements = first(jnp.sum(forms.B[:, :, :-1], axis=2)) + last(forms.B)
+    elements = symmetric(jnp.sum(forms.B[:, :, :-1], axis=2)) + last(forms.B)
     C_p = C_p + model.equations.columns(elements, model.leaves)
     if d_u is not None:
         C_p = C_p + jnp.concatenate(coefficients(forms.B_u), axis=-1) @ stacked(d_u)
+    return Partials(C_x[:, position], C_p[:, position]), Q
 
-    def symmetric(C):
-        C = C.reshape(samples, n, n, -1)
-        return C + jnp.swapaxes(C, 1, 2)
 
-    return Partials(symmetric(C_x), symmetric(C_p)), Q
+def _positions(n: int) -> np.ndarray:
+    """Return the positions of the elements of a symmetric matrix in its upper triangle."""
+    position = np.zeros((n, n), int)
+    position[np.triu_indices(n)] = np.arange(n * (n + 1) // 2)
+    return np.maximum(position, position.T)
 
 
 def _noise(model: PredictionModel, stages: Stages, h):
@@ -269,8 +279,8 @@ def _noise(model: PredictionModel, stages: Stages, h):
     right = jnp.einsum("ikj,tkar,tjbr->tiab", PRODUCTS, L, h[..., None] * N)
     left = jnp.concatenate([powers[:, :-1], M[:, None]], axis=1)
     right = jnp.concatenate([right, W[:, None]], axis=1)
-    by_A = jnp.einsum("tiak,tijb->tabkj", left, right).reshape(samples, n * n, n * n)
-    by_G = jnp.einsum("tjai,tjbr->tabir", powers, N).reshape(samples, n * n, -1)
+    by_A = jnp.einsum("tiak,tijb->abtkj", left, right)
+    by_G = jnp.einsum("tjai,tjbr->abtir", powers, N)
     Q = jnp.einsum("tjar,tjbr->tab", L, N)
     return model.diffusion.apply(linear), by_A, by_G, Q
 

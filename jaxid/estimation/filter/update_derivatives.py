@@ -17,11 +17,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from ..._foundation.types import Array, Bool, Float
 from ...models.free_model import FreeModel, Leaves
 from ...sensitivity.jacobians import Differentiation
+from .innovation_rows import white_rows
 from .kalman import inverse_cholesky
 from .prediction_derivatives import Partials
 
@@ -83,14 +83,7 @@ def differentiate_update(
         d_inputs: derivatives of the inputs by the elements of these leaves.
         dR: derivatives of the variances of the sensors.
     """
-    points = (now.t, now.x, now.u)
-    H, B_u, y_p = outputs.apply(outputs.linearise(leaves, *points)[1])
-    d_u = None
-    if B_u is not None:
-        d_u = outputs.family.select(d_inputs, acting)
-        y_p = y_p + B_u @ d_u
-    valid = now.mask[:, :, None]
-    H, y_p = jnp.where(valid, H, 0.0), jnp.where(valid, y_p, 0.0)
+    H, y_p, d_u = measured_jacobians(outputs, leaves, acting, now, d_inputs)
     inverse = inverse_cholesky(now.B)
     V = inverse @ H
     w = jnp.einsum("tij,tj->ti", inverse, now.v)
@@ -103,40 +96,38 @@ def differentiate_update(
     after = jnp.concatenate([now.P_after, q], axis=2)
     mask = now.mask[:, None]
     forms = ((rows * mask, after), (inverse * mask, U))
-    moments, B = _symmetric_forms(outputs, leaves, points, d_u, forms)
-    dR = jnp.where(valid, dR[None], 0.0)
-    constant = moments.p.at[:, :-1, -1].add(-(K @ y_p)) + _noise(rows, dR)
+    moments, B = _symmetric_forms(outputs, leaves, (now.t, now.x, now.u), d_u, forms)
+    dR = jnp.where(now.mask[:, :, None], dR[None], 0.0)
+    constant = moments.p.at[:, :-1, -1].add(-(K @ y_p)) + noise_forms(rows, dR)
     moments = Partials(moments.x, constant)
-    rows = Partials(white_rows(V, B.x), white_rows(inverse @ y_p, B.p + _noise(inverse, dR)))
+    rows = Partials(white_rows(V, B.x), white_rows(inverse @ y_p, B.p + noise_forms(inverse, dR)))
     return Update(V, N, rows, moments)
 
 
-def white_rows(
-    dy: Float[Array, "*sample output column"], dB: Float[Array, "*sample output output column"]
-) -> Float[Array, "*sample row column"]:
-    """Return minus the derivatives of `w` and `vec(I - w w')/sqrt(2)`, without the repeated ones,
-    that stand in the information.
+def measured_jacobians(
+    outputs: Differentiation,
+    leaves: Leaves,
+    acting: tuple[int, ...],
+    now: Measured,
+    d_inputs: Float[Array, "sample input element"],
+):
+    """Return the derivatives of the outputs by the state and by the parameters, zero at missing
+    samples, and those of the inputs by the parameters, None if none acts on them.
 
-    Args:
-        dy: derivatives `L^-1 dy` of the predicted outputs.
-        dB: derivatives `L^-1 dB L^-T` of the covariances of the innovations.
+    The arguments are those of `differentiate_update`.
     """
-    return jnp.concatenate([dy, -pairs(dB)], axis=-2)
+    H, B_u, y_p = outputs.apply(outputs.linearise(leaves, now.t, now.x, now.u)[1])
+    d_u = None
+    if B_u is not None:
+        d_u = outputs.family.select(d_inputs, acting)
+        y_p = y_p + B_u @ d_u
+    valid = now.mask[:, :, None]
+    return jnp.where(valid, H, 0.0), jnp.where(valid, y_p, 0.0), d_u
 
 
-def pairs(
-    symmetric: Float[Array, "*sample output output column"],
-) -> Float[Array, "*sample pair column"]:
-    """Return the weighted upper triangles of symmetric matrices, `vec(.)/sqrt(2)` without
-    repeats.
-    """
-    first, second = np.triu_indices(symmetric.shape[-2])
-    weight = np.where(first == second, np.sqrt(0.5), 1.0)
-    upper = symmetric[..., first, second, :]
-    return upper * weight.reshape((1,) * (upper.ndim - 2) + (-1, 1))
-
-
-def _noise(rows, dR):
+def noise_forms(
+    rows: Float[Array, "sample row output"], dR: Float[Array, "sample output parameter"]
+) -> Float[Array, "sample row row parameter"]:
     """Return `rows dR rows'` for each parameter."""
     products = rows[:, :, None] * rows[:, None]
     return products @ dR[:, None]

@@ -15,6 +15,7 @@ from .._foundation.host import to_device
 from .._foundation.notebook import Table
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
+from ..estimation.argument_checks import check_arguments
 from ..estimation.estimate import as_stack, check_channels, check_sampling
 from ..estimation.host_iteration import minimise_by_steps
 from ..estimation.likelihoods import AbstractLikelihood
@@ -169,6 +170,7 @@ def predict(
             record.
     """
     records = as_stack(records)
+    check_arguments(model, records, likelihood)
     check_channels(model, records)
     check_sampling(model, records, likelihood)
     states = model.states if states is None else tuple(states)

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from equinox import AbstractVar
 
+from .._foundation.checks import require
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
@@ -18,6 +19,13 @@ from ..simulation.hold import AbstractHold, Linear
 from ..simulation.simulate import run
 from ..simulation.solution import Solution
 from ..simulation.steppers import RK4, AbstractStepper
+
+
+PARTS = {  # of a likelihood: the class of each, and an example
+    "noise": (AbstractNoise, "jaxid.DiagonalNoise()"),
+    "hold": (AbstractHold, "jaxid.hold.ZeroOrder()"),
+    "stepper": (AbstractStepper, "jaxid.RK4(4)"),
+}
 
 
 class AbstractLikelihood(eqx.Module):
@@ -33,6 +41,15 @@ class AbstractLikelihood(eqx.Module):
     """
 
     noise: AbstractVar[AbstractNoise]
+
+    def __check_init__(self):
+        for name, (kind, example) in PARTS.items():
+            part = getattr(self, name, None)
+            require(
+                part is None or isinstance(part, kind),
+                f"`{name}` of {type(self).__name__} is {part!r}. Give an object, such as "
+                f"`{example}`.",
+            )
 
     @abc.abstractmethod
     def solve(

@@ -5,7 +5,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from .._foundation.checks import require
+from .._foundation.checks import require, require_known
 from .._foundation.host import on_host
 from .._foundation.notebook import preformatted
 from .._foundation.results import CONVERGED, RESULTS, is_one_of, with_undetermined
@@ -18,6 +18,7 @@ from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum, weak_directions
 from .listing import estimate_to_dict, estimate_to_xarray, parameter_table
 
+OF_RECORDS = "Values of single records stand in `own`, in the order of `free.per_record`."
 NEAR_BOUND = 2.0  # standard errors; derived: a normal estimate lies beyond with 2.3 %
 
 
@@ -224,11 +225,16 @@ class Estimate(eqx.Module):
 
     def value(self, name: str) -> float:
         """Return the value of one shared parameter, by name."""
-        return float(np.asarray(self.values)[self.names.index(name)])
+        return float(np.asarray(self.values)[self._index(name)])
 
     def standard_error(self, name: str) -> float:
         """Return the standard error of one shared parameter, by name."""
-        return float(np.asarray(self.standard_errors)[self.names.index(name)])
+        return float(np.asarray(self.standard_errors)[self._index(name)])
+
+    def _index(self, name: str) -> int:
+        """Return the position of a shared parameter; an unknown name is refused."""
+        require_known("shared free parameter", [name], self.names, OF_RECORDS)
+        return self.names.index(name)
 
     @property
     def parameters(self) -> Parameters:
@@ -270,6 +276,7 @@ class Estimate(eqx.Module):
         return [
             *(f"weak: {sentence}" for sentence in self.weak_directions),
             *self._bounds_in_words(),
+            *self._samples_in_words(),
             f"errors: {self._errors_in_words()}",
             f"status: {self.status} ({int(self.iterations)} iterations, cost "
             f"{float(self.cost):.6g})",
@@ -283,6 +290,16 @@ class Estimate(eqx.Module):
             "asymptotic, R estimated; `interval()` uses Student's t with "
             f"{int(self.degrees_of_freedom)} degrees of freedom."
         )
+
+    def _samples_in_words(self) -> list[str]:
+        """Return a warning where no measurement is left over for the noise, in words."""
+        if self.degrees_of_freedom > 0:
+            return []
+        return [
+            f"samples: {int(np.sum(np.asarray(self.mask)))} valid measurements are not more than "
+            "the free parameters, so that errors and noise are unknown. Add samples, or fix "
+            "parameters."
+        ]
 
     def _bounds_in_words(self) -> list[str]:
         """Return the parameters on or near bounds and the effect on the intervals, in words."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..._foundation.checks import InputError, require, require_known
+from ..build import TIME
 from ..record import Record
 from ..smoothing.fourier import Fourier
 from ..smoothing.smooth import differentiate
@@ -15,6 +16,7 @@ from ..stack import segment
 from ..titles import UnclearUnitError
 from .assemble import existing
 from .csv import read_csv
+from .mat import read_mat
 
 
 class StudyFile(NamedTuple):
@@ -108,6 +110,16 @@ TEXTS_BY_NAME = Kind(
 )
 NUMBER = Kind("a number", "0.5", _is_number)
 LINES = Kind("a number of lines", "2", lambda value: type(value) is int and value >= 0)
+LAYOUT_TEXT = Kind(
+    "a text, or a table of texts by file",
+    '{ "first.csv" = ";" }',
+    lambda value: _is_text(value) or _table_of(_is_text)(value),
+)
+LAYOUT_LINES = Kind(
+    "a number of lines, or a table of such numbers by file",
+    '{ "first.csv" = 2 }',
+    lambda value: LINES.fits(value) or _table_of(LINES.fits)(value),
+)
 COUNT = Kind("a whole number, at least 1", "2", lambda value: type(value) is int and value >= 1)
 NUMBERS_BY_NAME = Kind("a table of numbers", "{ mass = 12.0 }", _table_of(_is_number))
 BOUNDS = Kind("a table of pairs", "{ k = [0.0, inf] }", _table_of(_list_of(_is_number, 2)))
@@ -138,10 +150,8 @@ SECTIONS: dict[str, dict[str, Kind]] = {
             "units": TEXT_BY_NAME,
             "signs": NUMBERS_BY_NAME,
             "units_row": SWITCH,
-            "delimiter": TEXT,
-            "decimal": TEXT,
-            "encoding": TEXT,
-            "skip": LINES,
+            **{"delimiter": LAYOUT_TEXT, "decimal": LAYOUT_TEXT, "encoding": LAYOUT_TEXT},
+            "skip": LAYOUT_LINES,
         },
         **{"constants": NUMBERS_BY_NAME, "derivatives": TEXT_BY_NAME, "cut": NUMBER},
     },
@@ -176,12 +186,10 @@ READING = (
     "units",
     "signs",
     "units_row",
-    "delimiter",
-    "decimal",
-    "encoding",
-    "skip",
     "constants",
 )
+LAYOUT = ("delimiter", "decimal", "encoding", "skip")  # one for all files, or a table by file
+NOT_OF_MAT = ("units_row", *LAYOUT)
 
 
 def read_study(path: str | Path) -> StudyFile:
@@ -284,9 +292,13 @@ def _records(path: Path, section: Mapping[str, Any]) -> _Records:
         **{f"test {n}": f for n, f in tests.items()},
     }
     _require_apart(path, parts)
+    every_name = [file for files in parts.values() for file in files]
+    for key in LAYOUT:
+        with within(path, "records", key):
+            require_known("file of the records", _by_file(section, key), every_name)
     read = {name: _read(path, name, files, section) for name, files in parts.items()}
     reported = {name: read[f"test {name}"] for name in tests}
-    every = tuple(path.parent / file for files in parts.values() for file in files)
+    every = tuple(path.parent / file for file in every_name)
     return _Records(read["train"], read["check"] or None, reported or None, every)
 
 
@@ -309,10 +321,9 @@ def _read(
     path: Path, name: str, files: Sequence[str], section: Mapping[str, Any]
 ) -> tuple[Record, ...]:
     """The records of one part, with the requested derivatives and cut into segments."""
-    options = {key: section[key] for key in READING if key in section}
     with within(path, "records", name.split()[0]):
         try:
-            records = [read_csv(path.parent / file, **options) for file in files]
+            records = [_read_file(path.parent, file, section) for file in files]
         except UnclearUnitError as error:
             raise error.in_toml() from error
     derivatives = section.get("derivatives")
@@ -323,3 +334,25 @@ def _read(
         with within(path, "records", "cut"):
             records = [piece for record in records for piece in segment(record, section["cut"])]
     return tuple(records)
+
+
+def _by_file(section: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Return the table by file of a key of the layout, empty where one value holds for all."""
+    value = section.get(key)
+    return value if isinstance(value, dict) else {}
+
+
+def _read_file(folder: Path, file: str, section: Mapping[str, Any]) -> Record:
+    """The record of a CSV file, or of a MATLAB file by its ending."""
+    options = {key: section[key] for key in READING if key in section}
+    for key in LAYOUT:
+        if key in section and not isinstance(section[key], dict):
+            options[key] = section[key]
+        elif file in _by_file(section, key):
+            options[key] = section[key][file]
+    if Path(file).suffix.lower() != ".mat":
+        return read_csv(folder / file, **options)
+    options = {key: value for key, value in options.items() if key not in NOT_OF_MAT}
+    if "sample_time" not in options:
+        options.setdefault("time", TIME)
+    return read_mat(folder / file, **options)

@@ -1,6 +1,7 @@
 """Likelihoods: measures of the misfit between a model and its records."""
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,7 +21,6 @@ from ..simulation.simulate import run
 from ..simulation.solution import Solution
 from ..simulation.steppers import RK4, AbstractStepper
 
-
 PARTS = {  # of a likelihood: the class of each, and an example
     "noise": (AbstractNoise, "jaxid.DiagonalNoise()"),
     "hold": (AbstractHold, "jaxid.hold.ZeroOrder()"),
@@ -38,8 +38,11 @@ class AbstractLikelihood(eqx.Module):
 
     Attributes:
         noise: the noise model by which the residuals are weighted.
+        simulates: True if the outputs of `solve` are a simulation, False if each is predicted from
+            the samples before it.
     """
 
+    simulates: ClassVar[bool] = True
     noise: AbstractVar[AbstractNoise]
 
     def __check_init__(self):

@@ -276,7 +276,6 @@ class Estimate(eqx.Module):
         return [
             *(f"weak: {sentence}" for sentence in self.weak_directions),
             *self._bounds_in_words(),
-            *self._samples_in_words(),
             f"errors: {self._errors_in_words()}",
             f"status: {self.status} ({int(self.iterations)} iterations, cost "
             f"{float(self.cost):.6g})",
@@ -286,20 +285,12 @@ class Estimate(eqx.Module):
         """Return the quantiles that belong to the standard errors, in words."""
         if self.noise_known:
             return "R is known; intervals use normal quantiles."
+        if self.degrees_of_freedom <= 0:
+            return "none: there are no more valid measurements than free parameters. Add samples."
         return (
             "asymptotic, R estimated; `interval()` uses Student's t with "
             f"{int(self.degrees_of_freedom)} degrees of freedom."
         )
-
-    def _samples_in_words(self) -> list[str]:
-        """Return a warning where no measurement is left over for the noise, in words."""
-        if self.degrees_of_freedom > 0:
-            return []
-        return [
-            f"samples: {int(np.sum(np.asarray(self.mask)))} valid measurements are not more than "
-            "the free parameters, so that errors and noise are unknown. Add samples, or fix "
-            "parameters."
-        ]
 
     def _bounds_in_words(self) -> list[str]:
         """Return the parameters on or near bounds and the effect on the intervals, in words."""

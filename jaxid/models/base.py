@@ -16,7 +16,6 @@ from ..data.arguments import OTHER_NAMES
 from ..data.record import Record
 from .pseudo_measurements import PseudoMeasurements, WeakMeasurements
 
-
 MOST_PRINTED = 16  # numbers of an array that are printed with a model (chosen)
 
 

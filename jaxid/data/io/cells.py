@@ -88,7 +88,7 @@ def _require_delimiter(header: list[str], path: Path) -> None:
         f"{path.name}: the header {header[0]!r} is one cell. Give "
         f"`delimiter={''.join(others[:1])!r}`, and `decimal=','` where the numbers have a decimal "
         "comma; in a study file, where the files differ, "
-        f"`delimiter = {{ \"{path.name}\" = \"{''.join(others[:1])}\" }}`.",
+        f'`delimiter = {{ "{path.name}" = "{"".join(others[:1])}" }}`.',
     )
 
 

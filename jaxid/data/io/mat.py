@@ -9,8 +9,8 @@ import numpy as np
 from ..._foundation.checks import InputError, require, require_known
 from ..build import TIME
 from ..record import Record
-from .assemble import assemble, clock, existing
 from ..titles import units_of_titles
+from .assemble import assemble, clock, existing
 from .binary import mat73_variables
 from .by_channel import columns_by_channel, signs_by_channel, units_by_channel
 from .mat_structure import require_intact
@@ -67,9 +67,7 @@ def read_mat(
     known = [variable_of.get(n, "") for n in (*given, *([time] if TIME in given else []))]
     of_titles = units_of_titles({v: v for v in variable_of.values()}, known, path.name)
     sign_of = signs_by_channel(signs, (*inputs, *outputs), path)
-    values = {
-        n: sign_of.get(n, 1) * _vector(variables[v], v, path) for n, v in variable_of.items()
-    }
+    values = {n: sign_of.get(n, 1) * _vector(variables[v], v, path) for n, v in variable_of.items()}
     if sample_time is not None:
         rows = max(map(len, values.values()), default=0)
         time, values[TIME] = TIME, clock(sample_time, rows, path)

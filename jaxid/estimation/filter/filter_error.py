@@ -1,6 +1,7 @@
 """`FilterError`: the likelihood of models with process noise, by an extended Kalman filter."""
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -60,6 +61,7 @@ class FilterError(AbstractLikelihood):
             the update for strongly nonlinear outputs.
     """
 
+    simulates: ClassVar[bool] = False
     process: dict[str, Number | FirstOrder]
     sensors: dict[str, Number]
     initial: dict[str, Number]

@@ -69,9 +69,10 @@ def fit(model=MODEL, free=None, records=None, **options):
     return jaxid.estimate(model, free, records or record(), OutputError(), **options)
 
 
-def loop(effect):
+def loop(effect, **options):
     free = jaxid.free(MODEL, "k", "c")
-    return jaxid.close_loop(MODEL, free, OutputError(), train=record(), effects=(effect,))
+    records = {"train": record(), **options}
+    return jaxid.close_loop(MODEL, free, OutputError(), **records, effects=(effect,))
 
 
 RECORDS = {
@@ -153,6 +154,10 @@ MODELS = {
     "an effect of another speed": (
         lambda: loop(jaxid.effects.DryFriction("v", "w")),
         r"sign\(w\) in v.*'w'.*x, v, force",
+    ),
+    "a training record as test": (
+        lambda: loop(jaxid.effects.SensorBias("x"), test=record()),
+        "test set 'test' is a training record.*not used for fitting",
     ),
     "an effect of another sensor": (
         lambda: loop(jaxid.effects.SensorBias("y")),

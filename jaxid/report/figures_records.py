@@ -48,7 +48,8 @@ def small_panels(
                 limits = ax.get_ylim()
                 ax.plot(t, np.where(np.isfinite(y), y, np.nan), color=AFTER, linewidth=0.6)
                 ax.set_ylim(limits)
-            label = "" if column else channel_label(name, unit_words(display))
+            # The unit has a line of its own: a panel is shorter than name and unit together.
+            label = "" if column else channel_label(name, unit_words(display)).replace(" [", "\n[")
             title = "" if row else record.names[0] or f"record {case + 1}"
             plain(ax, "time [s]" if row == len(names) - 1 else "", label, title)
             ax.tick_params(labelsize=FONT - 2)

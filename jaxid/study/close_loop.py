@@ -68,9 +68,9 @@ def close_loop(
         search gives a study of the best hypothesis so far.
 
     Raises:
-        InputError: if channels differ, a record is too short to be cut or for the window, an
-            effect's name occurs twice, its gain is not zero or the model holds it already, the
-            check records have no valid sample, or JAX is in 32 bit.
+        InputError: if channels differ, a test record is a training record, a record is too short to
+            be cut or for the window, an effect's name occurs twice, its gain is not zero or the
+            model holds it already, the check records have no valid sample, or JAX is in 32 bit.
     """
     require_float64()
     options = options or LoopOptions()

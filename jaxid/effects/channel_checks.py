@@ -13,7 +13,7 @@ EXAMPLE = "such as `jaxid.effects.DryFriction('v', 'v')`"
 
 
 def check_candidates(model: AbstractModel, effects: Sequence[Effect]) -> None:
-    """Refuse what is not an effect, and effects of channels or signals that the model lacks.
+    """Refuse objects that are no effects, and effects of channels or signals that the model lacks.
 
     The equations are evaluated in the abstract, each effect by itself: nothing is compiled.
 

@@ -40,7 +40,7 @@ def check_arguments(model: Any, records: Record, likelihood: Any) -> None:
 
 
 def require_records(records: Any) -> None:
-    """Refuse what is not a sequence of records, such as the name of a file.
+    """Refuse anything but a sequence of records, such as the name of a file.
 
     Raises:
         InputError: with the argument.

@@ -21,7 +21,7 @@ from ..simulation.simulate import run
 from ..simulation.solution import Solution
 from ..simulation.steppers import RK4, AbstractStepper
 
-PARTS = {  # of a likelihood: the class of each, and an example
+PART_EXAMPLES = {  # of a likelihood: the class of each, and an example
     "noise": (AbstractNoise, "jaxid.DiagonalNoise()"),
     "hold": (AbstractHold, "jaxid.hold.ZeroOrder()"),
     "stepper": (AbstractStepper, "jaxid.RK4(4)"),
@@ -46,7 +46,7 @@ class AbstractLikelihood(eqx.Module):
     noise: AbstractVar[AbstractNoise]
 
     def __check_init__(self):
-        for name, (kind, example) in PARTS.items():
+        for name, (kind, example) in PART_EXAMPLES.items():
             part = getattr(self, name, None)
             require(
                 part is None or isinstance(part, kind),

@@ -196,16 +196,18 @@ class Study:
         lines = self._summary_lines()
         for test in self.tests:
             lines += ["", _error_title(test), *self._errors(test).lines()]
-        return "\n".join([*lines, *self.runaways, "", str(self.after.estimate), *self._caution()])
+        caution = [self.caution] if self.caution else []
+        return "\n".join([*lines, *self.runaways, "", str(self.after.estimate), *caution])
 
-    def _caution(self) -> list[str]:
-        """Line on the meaning of the standard errors where an effect is still missing."""
+    @property
+    def caution(self) -> str:
+        """Meaning of the standard errors where an effect is missing or not certain, else empty."""
         if self.outcome not in (Outcome.PROXIES, Outcome.UNEXPLAINED):
-            return []
-        return [
-            "model:  an approximation, as an effect is missing or not certain. The standard errors "
-            "do not contain its error: a true parameter can lie many of them away."
-        ]
+            return ""
+        return (
+            "The model is an approximation, as an effect is missing or not certain. The standard "
+            "errors do not contain its error: a true parameter can lie many of them away."
+        )
 
     def _summary_lines(self) -> list[str]:
         """Verdict, search and location."""

@@ -64,8 +64,7 @@ def read_mat(
     remedy = "`columns` names the variable of a channel with another name."
     require_known(f"variable in {path.name}", variable_of.values(), variables, remedy)
     given = units_by_channel(units, variable_of, path)
-    known = [variable_of.get(n, "") for n in (*given, *([time] if TIME in given else []))]
-    of_titles = units_of_titles({v: v for v in variable_of.values()}, known, path.name)
+    file_units = _units_of_names(variable_of, given, time, path)
     sign_of = signs_by_channel(signs, (*inputs, *outputs), path)
     values = {n: sign_of.get(n, 1) * _vector(variables[v], v, path) for n, v in variable_of.items()}
     if sample_time is not None:
@@ -76,11 +75,22 @@ def read_mat(
         str(time),
         inputs,
         outputs,
-        {n: of_titles[v] for n, v in variable_of.items() if v in of_titles},
+        file_units,
         given,
         path.stem if name is None else name,
         constants,
     )
+
+
+def _units_of_names(
+    variable_of: Mapping[str, str], given: Mapping[str, str], time: str | None, path: Path
+) -> dict[str, str]:
+    """Units by channel in the names of variables; a name whose unit is not given is refused."""
+    known = {variable_of.get(name, "") for name in given}
+    if time is not None and TIME in given:
+        known.add(variable_of[time])
+    units = units_of_titles({name: name for name in variable_of.values()}, known, path.name)
+    return {name: units[v] for name, v in variable_of.items() if v in units}
 
 
 def mat_variables(path: str | Path) -> dict[str, np.ndarray]:

@@ -1,5 +1,6 @@
 """Study files: TOML with a model, its free parameters, CSV records and options of the loop."""
 
+import itertools
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -189,7 +190,6 @@ READING = (
     "constants",
 )
 LAYOUT = ("delimiter", "decimal", "encoding", "skip")  # one for all files, or a table by file
-NOT_OF_MAT = ("units_row", *LAYOUT)
 
 
 def read_study(path: str | Path) -> StudyFile:
@@ -292,13 +292,11 @@ def _records(path: Path, section: Mapping[str, Any]) -> _Records:
         **{f"test {n}": f for n, f in tests.items()},
     }
     _require_apart(path, parts)
-    every_name = [file for files in parts.values() for file in files]
-    for key in LAYOUT:
-        with within(path, "records", key):
-            require_known("file of the records", _by_file(section, key), every_name)
+    names = list(itertools.chain.from_iterable(parts.values()))
+    _check_layouts(path, section, names)
     read = {name: _read(path, name, files, section) for name, files in parts.items()}
     reported = {name: read[f"test {name}"] for name in tests}
-    every = tuple(path.parent / file for file in every_name)
+    every = tuple(path.parent / file for file in names)
     return _Records(read["train"], read["check"] or None, reported or None, every)
 
 
@@ -336,23 +334,28 @@ def _read(
     return tuple(records)
 
 
-def _by_file(section: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Return the table by file of a key of the layout, empty where one value holds for all."""
-    value = section.get(key)
-    return value if isinstance(value, dict) else {}
+def _check_layouts(path: Path, section: Mapping[str, Any], files: Sequence[str]) -> None:
+    """Refuse a layout of a file that is none of the records."""
+    for key in LAYOUT:
+        if isinstance(section.get(key), dict):
+            with within(path, "records", key):
+                require_known("file of the records", section[key], files)
+
+
+def _layout(file: str, section: Mapping[str, Any]) -> dict[str, Any]:
+    """The layout of a file: values for all files, and those in tables by file."""
+    given = {key: section[key] for key in LAYOUT if key in section}
+    tables = {key: value for key, value in given.items() if isinstance(value, dict)}
+    own = {key: value[file] for key, value in tables.items() if file in value}
+    return {key: value for key, value in given.items() if key not in tables} | own
 
 
 def _read_file(folder: Path, file: str, section: Mapping[str, Any]) -> Record:
     """The record of a CSV file, or of a MATLAB file by its ending."""
     options = {key: section[key] for key in READING if key in section}
-    for key in LAYOUT:
-        if key in section and not isinstance(section[key], dict):
-            options[key] = section[key]
-        elif file in _by_file(section, key):
-            options[key] = section[key][file]
     if Path(file).suffix.lower() != ".mat":
-        return read_csv(folder / file, **options)
-    options = {key: value for key, value in options.items() if key not in NOT_OF_MAT}
+        return read_csv(folder / file, **options, **_layout(file, section))
+    options.pop("units_row", None)
     if "sample_time" not in options:
         options.setdefault("time", TIME)
     return read_mat(folder / file, **options)

@@ -122,6 +122,15 @@ def test_process_noise_ends_on_its_bound(output):
     assert "process.v on the bound" in output("choose.md", "bounds:")
 
 
+def test_the_road_is_in_the_simulation_and_not_in_the_prediction(printed):
+    text = printed["choose.md"].output
+    tables = re.findall(r"Prediction of 1 record.*\n.*\nx +(\S+)", text)
+    filtered, simulated = map(float, tables)
+    assert filtered < 0.02  # the noise of the sensor is 0.01 m
+    assert simulated > 5 * filtered
+    assert "each predicted from the samples before it" in text
+
+
 def test_a_finer_step_changes_less_than_a_hundredth_of_the_noise(output):
     (change,) = numbers(output("choose.md", "change by a finer step").removesuffix(" mm"))
     assert change < 0.1

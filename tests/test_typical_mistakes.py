@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.io
 from small_spring import Spring
 
 import jaxid
@@ -45,6 +46,15 @@ class Branching(Spring):
         return x if x[0] > 0 else -x
 
 
+class CommaForgotten(Spring):
+    inputs = "force"
+
+
+class WithUnits(Spring):
+    def units(self):
+        return {"x": "rad"}
+
+
 class Accelerometer(Spring):
     outputs = ("a",)
     output = jaxid.AbstractModel.output
@@ -57,6 +67,12 @@ def other(inputs=("force",), outputs=("x",)):
 def fit(model=MODEL, free=None, records=None, **options):
     free = jaxid.free(model, "k", "c") if free is None else free
     return jaxid.estimate(model, free, records or record(), OutputError(), **options)
+
+
+def loop(effect, **options):
+    free = jaxid.free(MODEL, "k", "c")
+    records = {"train": record(), **options}
+    return jaxid.close_loop(MODEL, free, OutputError(), **records, effects=(effect,))
 
 
 RECORDS = {
@@ -123,12 +139,41 @@ MODELS = {
         lambda: jaxid.estimate(MODEL, jaxid.free(MODEL, "k"), [], OutputError()),
         "no rec",
     ),
+    "a comma forgotten in the names": (
+        lambda: fit(CommaForgotten(*[jnp.array(1.0)] * 2)),
+        r"`inputs`.*text 'force'.*\('force',\)",
+    ),
+    "1/min for rpm": (
+        lambda: fit(WithUnits(*[jnp.array(1.0)] * 2), records=record(units={"x": "1/min"})),
+        r"'x' is in \[1/s\].*\[rad\].*'rpm'",
+    ),
+    "an effect of another equation": (
+        lambda: loop(jaxid.effects.DryFriction("w", "v")),
+        "no equation.*'w'.*names are: x, v",
+    ),
+    "an effect of another speed": (
+        lambda: loop(jaxid.effects.DryFriction("v", "w")),
+        r"sign\(w\) in v.*'w'.*x, v, force",
+    ),
+    "a training record as test": (
+        lambda: loop(jaxid.effects.SensorBias("x"), test=record()),
+        "test set 'test' is a training record.*not used for fitting",
+    ),
+    "an effect of another sensor": (
+        lambda: loop(jaxid.effects.SensorBias("y")),
+        "no output.*'y'.*names are: x",
+    ),
     "a hole in time": (
         lambda: fit(records=record(t=T + 9 * (T > 1))),
         "1 hole: rows 10 to 11.*Split",
     ),
 }
 FILES = {
+    "several units in titles": (
+        "t,force,x_deg,y_ft\n0,1,2,3\n",
+        {"outputs": ("x_deg", "y_ft")},
+        "titles 'x_deg', 'y_ft'.*units={'x_deg': 'deg', 'y_ft': 'ft'}",
+    ),
     "no such column": ("t,force,y\n0,1,2\n", {}, "no column in log.csv 'x'.*names are"),
     "decimal comma": (
         "t;force;x\n0;1,5;2\n",
@@ -162,6 +207,55 @@ def test_mistake_in_a_file_has_a_message_with_its_remedy(mistake, tmp_path):
     text, options, words = FILES[mistake]
     with pytest.raises(InputError, match=f"(?s){words}"):
         csv(tmp_path, text, **options)
+
+
+def test_file_of_another_kind_names_its_reader(tmp_path):
+    scipy.io.savemat(tmp_path / "log.mat", {"t": T, "x": X})
+    with pytest.raises(InputError, match=r"log\.mat.*`jaxid\.read_mat`"):
+        jaxid.read_csv(tmp_path / "log.mat", **NAMES)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return fit()
+
+
+def rooted(model):
+    return np.sqrt(model.k)
+
+
+def as_number(model):
+    return float(model.k)
+
+
+def branched(model):
+    return model.k if model.k > 0 else -model.k
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (rooted, "'rooted'.*NumPy"),
+        (as_number, "'as_number'.*`float`"),
+        (branched, "'branched'.*if"),
+    ],
+)
+def test_function_of_python_numbers_is_refused_by_propagate(function, words, fitted):
+    with pytest.raises(InputError, match=words):
+        jaxid.propagate(fitted, function)
+
+
+def test_misspelt_parameter_of_a_fit_is_refused(fitted):
+    with pytest.raises(InputError, match="no shared free parameter 'kk'"):
+        fitted.value("kk")
+    with pytest.raises(InputError, match="`own`"):
+        fitted.standard_error("initial_state.x")
+
+
+def test_fit_of_too_few_samples_says_so():
+    free = jaxid.free(MODEL, "k", "c", per_record=("initial_state",))
+    few = jaxid.estimate(MODEL, free, record(T[:4], U[:4], X[:4]), OutputError())
+    assert "no more valid measurements than free parameters" in str(few)
 
 
 def test_there_are_forty():

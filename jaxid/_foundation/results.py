@@ -24,10 +24,11 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "nearer."
     )
     start_diverges = (
-        "The simulation diverges at the starting values, so there is nothing to improve on. Where "
-        "the model is faster than the samples, integrate in finer steps "
-        "(`OutputError(stepper=RK4(10))`); else start from values for which it is stable, or "
-        "shorten the record."
+        "The simulation diverges at the starting values, so there is nothing to improve on. "
+        "`jaxid.advice(records, model, free, likelihood)` names the probable cause. Where the "
+        "model is faster than the samples, integrate in finer steps "
+        "(`OutputError(stepper=RK4(10))`); else start from values for which it is stable, without "
+        "a zero in a denominator, or shorten the record."
     )
     at_bound = (
         "Converged with at least one parameter on its bound. Its standard error is not defined "

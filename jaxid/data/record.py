@@ -135,6 +135,11 @@ class Record(eqx.Module):
         rows = self.t.shape[-1]
         stop = rows if stop is None else stop
         require(
+            isinstance(start, SupportsIndex) and isinstance(stop, SupportsIndex),
+            f"Record {self.names[0]!r}: a window takes rows, and this is [{start}, {stop}). Give "
+            "whole numbers; `np.searchsorted(record.t, seconds)` is the row of a time.",
+        )
+        require(
             0 <= start < stop <= rows,
             f"Record {self.names[0]!r}: the window [{start}, {stop}) is empty or outside its "
             f"{rows} samples. Choose 0 <= start < stop <= {rows}.",

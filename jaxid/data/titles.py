@@ -30,30 +30,38 @@ _AFTER_A_NAME = (
 
 
 class UnclearUnitError(InputError):
-    """Title of a column that may hold a unit.
+    """Titles of columns that may hold units.
 
     Args:
         where: the file or table.
-        title: the title.
-        unit: the unit that it may hold.
-        option: the option that states the unit, as the user would write it.
+        units: the unit that each title may hold, by title.
+        is_toml: True where the option stands in a study file.
     """
 
-    def __init__(self, where: str, title: str, unit: str, option: str):
-        super().__init__(where, title, unit, option)
+    def __init__(self, where: str, units: dict[str, str], is_toml: bool = False):
+        super().__init__(where, units, is_toml)
 
     def __str__(self) -> str:
-        where, title, unit, option = self.args
+        where, units, is_toml = self.args
+        titles, texts = (", ".join(map(repr, words)) for words in (units, units.values()))
+        one = len(units) == 1
         return (
-            f"{where}: the title {title!r} seems to hold the unit {unit!r}, and no unit is given. "
-            f"Give `{option}`, or `''` in its place for numbers in SI."
+            f"{where}: the title{'s' * (not one)} {titles} seem{'s' * one} to hold the "
+            f"unit{'s' * (not one)} {texts}, and no unit is given. "
+            f"Give `{_option(units, is_toml)}`, or `''` in its place for numbers in SI."
         )
 
     def in_toml(self) -> "UnclearUnitError":
         """Return the error with the option as it stands in a study file."""
-        where, title, unit, _ = self.args
-        quoted = (json.dumps(text, ensure_ascii=False) for text in (title, unit))
-        return UnclearUnitError(where, title, unit, f"units = {{ {' = '.join(quoted)} }}")
+        return UnclearUnitError(*self.args[:2], is_toml=True)
+
+
+def _option(units: dict[str, str], is_toml: bool) -> str:
+    """Return the option that states units, as the user would write it."""
+    if not is_toml:
+        return f"units={units!r}"
+    pairs = ([json.dumps(text, ensure_ascii=False) for text in pair] for pair in units.items())
+    return f"units = {{ {', '.join(' = '.join(pair) for pair in pairs)} }}"
 
 
 class Title(NamedTuple):
@@ -116,15 +124,8 @@ def units_of_titles(
     Raises:
         InputError: when a title has what may be a unit.
     """
-    units = {
-        name: _unit_of_title(title, where) for name, title in titles.items() if name not in known
-    }
-    return {name: unit for name, unit in units.items() if unit}
-
-
-def _unit_of_title(title: str, where: str) -> str:
-    """Return the unit in the title of a column, "" if there is none."""
-    _, unit, unclear = parse_title(title)
+    parsed = {name: parse_title(title) for name, title in titles.items() if name not in known}
+    unclear = {titles[name]: title.unclear for name, title in parsed.items() if title.unclear}
     if unclear:
-        raise UnclearUnitError(where, title, unclear, f"units={{{title!r}: {unclear!r}}}")
-    return unit
+        raise UnclearUnitError(where, unclear)
+    return {name: title.unit for name, title in parsed.items() if title.unit}

@@ -1,6 +1,7 @@
 """Limits of a designed manoeuvre: the inputs' size, rate and energy, and the flight envelope."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -17,6 +18,19 @@ from ..simulation.solution import Solution
 SHARPNESS, PARTS = 200.0, 12
 
 
+def _number(value: Any) -> float | None:
+    """Return a number of any kind, such as `np.radians(3.0)`, as a float."""
+    return None if value is None else float(value)
+
+
+def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
+    return {name: float(value) for name, value in values.items()}
+
+
+def _ranges(values: Mapping[str, Any]) -> dict[str, tuple[float | None, float | None]]:
+    return {name: (_number(low), _number(high)) for name, (low, high) in values.items()}
+
+
 class Limits(eqx.Module):
     """Limits of a manoeuvre.
 
@@ -28,11 +42,11 @@ class Limits(eqx.Module):
             bound.
     """
 
-    amplitude: dict[str, float] = eqx.field(static=True)
-    rate: dict[str, float] = eqx.field(static=True, default_factory=dict)
-    energy: float | None = eqx.field(static=True, default=None)
+    amplitude: dict[str, float] = eqx.field(static=True, converter=_numbers)
+    rate: dict[str, float] = eqx.field(static=True, converter=_numbers, default_factory=dict)
+    energy: float | None = eqx.field(static=True, converter=_number, default=None)
     envelope: dict[str, tuple[float | None, float | None]] = eqx.field(
-        static=True, default_factory=dict
+        static=True, converter=_ranges, default_factory=dict
     )
 
 

@@ -92,7 +92,8 @@ class FrequencyResponse(eqx.Module):
             for j, channel in enumerate(self.inputs):
                 lines.append(f"{output} from {channel}, {self.segments} segments")
                 lines.append(
-                    f"{'rad/s':>9} {'gain':>10} {'phase deg':>10} {'coherence':>10} {'model':>21}"
+                    f"{'rad/s':>9} {'gain':>10} {'phase deg':>10} {'error %':>8} {'coherence':>10} "
+                    f"{'model':>21}"
                 )
                 lines += [self._row(row, k, j) for row in rows.tolist()]
         return "\n".join(lines)
@@ -103,6 +104,7 @@ class FrequencyResponse(eqx.Module):
     def _row(self, row: int, output: int, channel: int) -> str:
         """Return the line of one frequency."""
         cells = [f"{self.w[row]:>9.4g}", _gain_and_phase(self.measured[row, output, channel])]
+        cells.append(f"{100 * self.errors[row, output]:>8.3g}")
         cells.append(f"{self.coherence[row, output]:>10.3f}")
         if self.model is not None:
             cells.append(_gain_and_phase(self.model[row, output, channel]))

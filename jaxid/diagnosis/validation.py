@@ -15,6 +15,7 @@ from .._foundation.host import to_device
 from .._foundation.notebook import Table
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
+from ..estimation.argument_checks import check_arguments
 from ..estimation.estimate import as_stack, check_channels, check_sampling
 from ..estimation.host_iteration import minimise_by_steps
 from ..estimation.likelihoods import AbstractLikelihood
@@ -37,6 +38,7 @@ class Prediction(eqx.Module):
         initial_state: initial state of each record.
         outputs, units: names and units of the channels.
         names: names of the records.
+        simulated: False if each sample is predicted from the samples before it (Kalman filter).
     """
 
     t: Float[Array, "case time"]
@@ -47,6 +49,7 @@ class Prediction(eqx.Module):
     outputs: tuple[str, ...] = eqx.field(static=True)
     units: tuple[str, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
+    simulated: bool = eqx.field(static=True, default=True)
 
     def anonymous(self) -> "Prediction":
         """The same prediction without the names of its records, as `Record.anonymous`."""
@@ -74,6 +77,7 @@ class Prediction(eqx.Module):
         return (
             f"Prediction of {cases} record{'s' * (cases > 1)}{f' ({names})' if names else ''}, "
             f"{count} scored samples"
+            f"{'' if self.simulated else ', each predicted from the samples before it'}"
         )
 
     def _table(self) -> Table:
@@ -151,6 +155,10 @@ def predict(
     and every valid sample is scored. (An initial state fitted on the whole record would give
     another figure, which is not computed here.)
 
+    With `FilterError` each sample is predicted from the samples before it. The simulation by the
+    same model is `predict(fit.model, records, OutputError(), window=20)`; in gusts its error is
+    larger, as the gusts are unknown.
+
     Args:
         model: the model, with its parameter values.
         records: one record or a stack.
@@ -169,6 +177,7 @@ def predict(
             record.
     """
     records = as_stack(records)
+    check_arguments(model, records, likelihood)
     check_channels(model, records)
     check_sampling(model, records, likelihood)
     states = model.states if states is None else tuple(states)
@@ -177,7 +186,7 @@ def predict(
         check_window(model, records, window, len(states))
     predictor = Predictor(canonical(likelihood), window, states, records.n_cases)
     prediction = predictor.predict(canonical(model), records.anonymous())
-    return dataclasses.replace(prediction, names=records.names)
+    return dataclasses.replace(prediction, names=records.names, simulated=likelihood.simulates)
 
 
 def check_window(model: AbstractModel, records: Record, window: int, unknown: int) -> None:

@@ -23,6 +23,7 @@ from ..models.free import Free, Parameters, initial_parameters
 from ..sensitivity.information import Information, OwnBlock
 from ..sensitivity.spectrum import Spectrum, spectrum
 from ..simulation.simulate import explain_divergence
+from .argument_checks import check_arguments, require_records
 from .coloured_errors import coloured_variances
 from .likelihoods import AbstractLikelihood
 from .minimiser import State
@@ -134,6 +135,7 @@ def checked_case(
     """
     require_float64()
     records = as_stack(records)
+    check_arguments(model, records, likelihood)
     check_channels(model, records)
     model, free = canonical(model), canonical(free)
     check_known(model, records, likelihood)
@@ -283,6 +285,7 @@ def as_stack(records: Record | Sequence[Record]) -> Record:
     """Return one record or a sequence of records as a stack."""
     if isinstance(records, Record):
         return records if records.is_stack else jax.tree.map(_with_case_axis, records)
+    require_records(records)
     require(len(records) > 0, "There is no record to estimate from. Give at least one.")
     return stack(list(records))
 

@@ -1,12 +1,13 @@
 """Likelihoods: measures of the misfit between a model and its records."""
 
 import abc
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from equinox import AbstractVar
 
+from .._foundation.checks import require
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
@@ -19,6 +20,12 @@ from ..simulation.hold import AbstractHold, Linear
 from ..simulation.simulate import run
 from ..simulation.solution import Solution
 from ..simulation.steppers import RK4, AbstractStepper
+
+PART_EXAMPLES = {  # of a likelihood: the class of each, and an example
+    "noise": (AbstractNoise, "jaxid.DiagonalNoise()"),
+    "hold": (AbstractHold, "jaxid.hold.ZeroOrder()"),
+    "stepper": (AbstractStepper, "jaxid.RK4(4)"),
+}
 
 
 class Folded(NamedTuple):
@@ -38,9 +45,21 @@ class AbstractLikelihood(eqx.Module):
 
     Attributes:
         noise: the noise model by which the residuals are weighted.
+        simulates: True if the outputs of `solve` are a simulation, False if each is predicted from
+            the samples before it.
     """
 
+    simulates: ClassVar[bool] = True
     noise: AbstractVar[AbstractNoise]
+
+    def __check_init__(self):
+        for name, (kind, example) in PART_EXAMPLES.items():
+            part = getattr(self, name, None)
+            require(
+                part is None or isinstance(part, kind),
+                f"`{name}` of {type(self).__name__} is {part!r}. Give an object, such as "
+                f"`{example}`.",
+            )
 
     @abc.abstractmethod
     def solve(

@@ -5,6 +5,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from .._foundation.checks import require, require_known
 from .._foundation.host import on_host
 from .._foundation.notebook import preformatted
 from .._foundation.results import CONVERGED, RESULTS, is_one_of, with_undetermined
@@ -18,6 +19,7 @@ from ..sensitivity.spectrum import Spectrum, spectrum, weak_directions
 from .intervals import interval_ends, student_factor, upper_probability
 from .listing import estimate_to_dict, estimate_to_xarray, parameter_table
 
+OF_RECORDS = "Values of single records stand in `own`, in the order of `free.per_record`."
 NEAR_BOUND = 2.0  # standard errors; derived: a normal estimate lies beyond with 2.3 %
 
 
@@ -227,11 +229,16 @@ class Estimate(eqx.Module):
 
     def value(self, name: str) -> float:
         """Return the value of one shared parameter, by name."""
-        return float(np.asarray(self.values)[self.names.index(name)])
+        return float(np.asarray(self.values)[self._index(name)])
 
     def standard_error(self, name: str) -> float:
         """Return the standard error of one shared parameter, by name."""
-        return float(np.asarray(self.standard_errors)[self.names.index(name)])
+        return float(np.asarray(self.standard_errors)[self._index(name)])
+
+    def _index(self, name: str) -> int:
+        """Return the position of a shared parameter; an unknown name is refused."""
+        require_known("shared free parameter", [name], self.names, OF_RECORDS)
+        return self.names.index(name)
 
     @property
     def parameters(self) -> Parameters:
@@ -282,6 +289,8 @@ class Estimate(eqx.Module):
         """Return the quantiles that belong to the standard errors, in words."""
         if self.noise_known:
             return "R is known; intervals use normal quantiles."
+        if self.degrees_of_freedom <= 0:
+            return "none: there are no more valid measurements than free parameters. Add samples."
         return (
             "asymptotic, R estimated; `interval()` uses Student's t with "
             f"{int(self.degrees_of_freedom)} degrees of freedom."

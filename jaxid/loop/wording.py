@@ -85,4 +85,10 @@ def next_best_words(tree: SearchTree) -> str:
     other, worse = others[0]
     effects = " and ".join(other.effects) or "no effect"
     noise = other.hypothesis.noise.words
-    return f"Next best: {effects} with {noise}, worse by {worse:.1f} in chi-square."
+    distance = (
+        f"worse by {worse:.1f} in chi-square"
+        if worse >= 0
+        else f"better by {-worse:.1f} in chi-square, but refused: it predicts the check records "
+        "worse, or its noise depends on a signal"
+    )
+    return f"Next best: {effects} with {noise}, {distance}."

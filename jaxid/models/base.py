@@ -16,6 +16,8 @@ from ..data.arguments import OTHER_NAMES
 from ..data.record import Record
 from .pseudo_measurements import PseudoMeasurements, WeakMeasurements
 
+MOST_PRINTED = 16  # numbers of an array that are printed with a model (chosen)
+
 
 class AbstractModel(eqx.Module):
     r"""A continuous-time state-space model with sampled outputs.
@@ -268,6 +270,19 @@ class AbstractModel(eqx.Module):
         unknown.
         """
         return {}
+
+    def __repr__(self) -> str:
+        """The fields, with the values of small arrays."""
+        return eqx.tree_pformat(jax.tree.map(_printed, self))
+
+
+def _printed(leaf):
+    """Return the numbers of a small array to six digits, and any other leaf unchanged."""
+    if isinstance(leaf, Tracer) or not eqx.is_inexact_array_like(leaf):
+        return leaf
+    if np.size(leaf) > MOST_PRINTED or np.iscomplexobj(leaf):
+        return leaf
+    return jax.tree.map(lambda number: float(f"{number:.6g}"), np.asarray(leaf, float).tolist())
 
 
 def equations_of(model: AbstractModel) -> tuple[str, ...]:

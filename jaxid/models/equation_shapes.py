@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from .._foundation.checks import InputError, require
+from .._foundation.traced_errors import plain_errors
 from .base import AbstractModel, canonical
 
 STRUCTURES = 256  # chosen: number of structures whose check is cached
@@ -29,6 +30,7 @@ def check_equations(model: AbstractModel) -> None:
     Raises:
         InputError: it names the method, its return value or operation, and the remedy.
     """
+    check_names(model)
     leaves, structure = jax.tree.flatten(canonical(model))
     described = tuple(_described(leaf) for leaf in leaves)
     try:
@@ -37,6 +39,21 @@ def check_equations(model: AbstractModel) -> None:
         _check_structure.__wrapped__(structure, described)
     else:
         _check_structure(structure, described)
+
+
+def check_names(model: AbstractModel) -> None:
+    """Refuse channel names that are one text, which would be read letter by letter.
+
+    Raises:
+        InputError: with the attribute.
+    """
+    for kind in ("states", "inputs", "outputs"):
+        names = getattr(model, kind)
+        require(
+            not isinstance(names, str),
+            f"`{kind}` of {type(model).__name__} is the text {names!r}, not a tuple. Write "
+            f"{kind} = ({names!r},), with a comma.",
+        )
 
 
 def _described(leaf):
@@ -67,35 +84,25 @@ def _shape_of(model: AbstractModel, method: str, *arguments):
     """
     title = f"`{method}` of {type(model).__name__}"
     try:
-        return eqx.filter_eval_shape(
-            lambda of, *args: getattr(of, method)(*args), model, *arguments
-        )
+        with plain_errors(title):
+            return eqx.filter_eval_shape(
+                lambda of, *args: getattr(of, method)(*args), model, *arguments
+            )
     except InputError:
         raise
-    except jax.errors.TracerArrayConversionError as error:
+    except KeyError as error:
+        known = ", ".join((*model.states, *model.inputs))
         raise InputError(
-            f"{title} gives a traced number to NumPy. Compute with `jax.numpy` (`jnp.sin` for "
-            "`np.sin`, `jnp.stack` for `np.array`), which can be compiled and differentiated."
-        ) from error
-    except jax.errors.TracerBoolConversionError as error:
-        raise InputError(
-            f"{title} takes a Python branch (`if`, `while`, `and`, `or`, `min`, `max`) on a number "
-            "that is only known at run time. Use `jnp.where(condition, a, b)`, `jnp.minimum` or "
-            "`jnp.maximum`."
-        ) from error
-    except (jax.errors.ConcretizationTypeError, jax.errors.TracerIntegerConversionError) as error:
-        raise InputError(
-            f"{title} turns a traced number into a Python number (`float`, `int`, `range`, an "
-            "index, `math.sin`). Compute with `jax.numpy`: `jnp.sin` for `math.sin`, `jnp.take` "
-            "for an index, `jnp.where` for a choice."
+            f"{title} uses the name {error}, which it does not know. The model's states and inputs "
+            f"are {known}: correct the name."
         ) from error
     except (IndexError, TypeError, ValueError) as error:
-        words = str(error).strip().splitlines() or [type(error).__name__]
+        words = str(error).strip().rstrip(".").splitlines() or [type(error).__name__]
         raise InputError(
             f"{title} fails for a state of shape ({len(model.states)},) and an input of shape "
             f"({len(model.inputs)},): {words[0]}. The model names the states "
             f"({', '.join(model.states)}) and the inputs ({', '.join(model.inputs)}): "
-            "correct the method or the names."
+            "correct the method or the names. A single input or state is `u[0]`, `x[0]`, not `u`."
         ) from error
 
 

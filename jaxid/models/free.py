@@ -121,6 +121,11 @@ def free(
             given twice, bounds that are empty or exclude the model's value, a scale or standard
             deviation that is not positive.
     """
+    require(
+        isinstance(model, AbstractModel),
+        f"`free` needs a model, and this is {model!r}. Give the class with starting values, such "
+        "as Spring(k=1.0, c=0.1).",
+    )
     available = all_names(model)
     shared = _expand(names, available)
     rows = _expand(per_record, available)

@@ -48,9 +48,14 @@ def save(path: str | Path, model: AbstractModel, free: Free | None = None) -> Pa
         The path.
 
     Raises:
-        InputError: when the file exists, the folder does not, or the free parameters are those of
-            another model.
+        InputError: when the file exists, the folder does not, `model` is not a model, or the free
+            parameters are those of another model.
     """
+    require(
+        isinstance(model, AbstractModel),
+        f"`save` writes a model, and this is a {type(model).__name__}. Give "
+        "`save(path, fit.model, fit.free)`; `fit.to_dict()` holds the standard errors.",
+    )
     model = canonical(model)
     values = np.asarray(flat_vector(model))
     content = {
@@ -87,6 +92,10 @@ def load(path: str | Path, like: AbstractModel) -> Saved:
         InputError: when the file is not one of `save`, is of a newer version, or does not fit the
             model: another class, other channels, or parameters that only one of both has.
     """
+    require(
+        isinstance(like, AbstractModel),
+        f"`like` is {like!r}. Give a model: the class with values, such as Spring(k=1.0, c=0.1).",
+    )
     content = read_document(path, kind=DOCUMENT, version=FORMAT_VERSION)
     name, like = Path(path).name, canonical(like)
     _require_fit(content, like, name)

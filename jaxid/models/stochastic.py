@@ -42,6 +42,12 @@ class StochasticModel(AbstractModel):
     inputs: tuple[str, ...] = eqx.field(static=True)
     transparent: ClassVar[tuple[str, ...]] = ("model",)
 
+    def __getattr__(self, name: str):
+        """A field or method that only the model without noises has, such as a parameter."""
+        if name.startswith("__") or name == "model":
+            raise AttributeError(name)
+        return getattr(self.model, name)
+
     @property
     def states(self):
         own = self.model.states

@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from .._foundation.checks import require_float64
 from .._foundation.progress import text_progress
 from ..effects.base import Effect
+from ..effects.channel_checks import check_candidates
+from ..estimation.argument_checks import check_arguments
 from ..estimation.estimate import check_channels, check_sampling
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
@@ -66,17 +68,20 @@ def close_loop(
         search gives a study of the best hypothesis so far.
 
     Raises:
-        InputError: if channels differ, a record is too short to be cut or for the window, an
-            effect's name occurs twice, its gain is not zero or the model holds it already, the
-            check records have no valid sample, or JAX is in 32 bit.
+        InputError: if channels differ, a test record is a training record, a record is too short to
+            be cut or for the window, an effect's name occurs twice, its gain is not zero or the
+            model holds it already, the check records have no valid sample, or JAX is in 32 bit.
     """
     require_float64()
     options = options or LoopOptions()
     records = study_records(train, check, test, window)
     everything = (records.fitted, records.check, *records.tests.values())
     for stacked in everything:
+        check_arguments(model, stacked, likelihood)
         check_channels(model, stacked)
         check_sampling(model, stacked, likelihood)
+    if effects is not None:
+        check_candidates(model, effects)
     library = candidates(model, free, *everything) if effects is None else tuple(effects)
     problem = LoopProblem.of(
         model,

@@ -196,7 +196,18 @@ class Study:
         lines = self._summary_lines()
         for test in self.tests:
             lines += ["", _error_title(test), *self._errors(test).lines()]
-        return "\n".join([*lines, *self.runaways, "", str(self.after.estimate)])
+        caution = [self.caution] if self.caution else []
+        return "\n".join([*lines, *self.runaways, "", str(self.after.estimate), *caution])
+
+    @property
+    def caution(self) -> str:
+        """Meaning of the standard errors where an effect is missing or not certain, else empty."""
+        if self.outcome not in (Outcome.PROXIES, Outcome.UNEXPLAINED):
+            return ""
+        return (
+            "The model is an approximation, as an effect is missing or not certain. The standard "
+            "errors do not contain its error: a true parameter can lie many of them away."
+        )
 
     def _summary_lines(self) -> list[str]:
         """Verdict, search and location."""

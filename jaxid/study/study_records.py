@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from .._foundation.checks import require
 from ..data.record import Record
@@ -53,7 +54,30 @@ def study_records(
         complete = fitted
         fitted, check = _cut_last_third(fitted, window)
     check = as_stack(check)
-    return StudyRecords(fitted, complete, check, _tests(test, check), test is not None)
+    tests = _tests(test, check)
+    if test is not None:
+        for name, stacked in tests.items():
+            _require_apart(fitted if complete is None else complete, stacked, name)
+    return StudyRecords(fitted, complete, check, tests, test is not None)
+
+
+def _require_apart(train: Record, test: Record, name: str) -> None:
+    """Refuse a test record that is a training record: its error is no error of prediction."""
+    for record in unstack(test):
+        for other in unstack(train):
+            require(
+                not _are_equal(record, other),
+                f"The record {record.names[0]!r} of the test set {name!r} is a training record, "
+                f"{other.names[0]!r}. Give `test` records that are not used for fitting, or leave "
+                "it out.",
+            )
+
+
+def _are_equal(one: Record, other: Record) -> bool:
+    """True if two records hold the same samples."""
+    return all(
+        np.array_equal(getattr(one, part), getattr(other, part)) for part in ("t", "u", "z", "mask")
+    )
 
 
 def _tests(test, check: Record) -> dict[str, Record]:

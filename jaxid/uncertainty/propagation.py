@@ -11,6 +11,7 @@ from jax.flatten_util import ravel_pytree
 
 from .._foundation.checks import require
 from .._foundation.notebook import preformatted
+from .._foundation.traced_errors import plain_errors
 from .._foundation.types import Array, Float
 from ..estimation.coloured_errors import colour_ratio
 from ..estimation.result import Estimate
@@ -171,7 +172,8 @@ def _propagated(
     chosen, at = np.array(of_model, int).reshape(-1, 2).T
 
     def evaluate(quantities):
-        result = function(unflatten(vector.at[at].set(quantities[chosen])))
+        with plain_errors(f"The function {getattr(function, '__name__', '')!r} of `propagate`"):
+            result = function(unflatten(vector.at[at].set(quantities[chosen])))
         return jax.tree.map(lambda leaf: jnp.asarray(leaf, float), result)
 
     _, unravel = ravel_pytree(evaluate(spread.mean))

@@ -12,6 +12,16 @@ from ..arguments import text
 MOST_LINES = 10**6  # above a header (chosen)
 UTF8 = "utf-8-sig"  # UTF-8, with or without its mark at the start
 
+READERS = {  # by ending, for files that are not CSV
+    ".mat": "jaxid.read_mat",
+    ".h5": "jaxid.data.read_hdf5",
+    ".hdf5": "jaxid.data.read_hdf5",
+    ".parquet": "jaxid.data.read_parquet",
+    ".ulg": "jaxid.data.read_ulog",
+    ".mf4": "jaxid.data.read_mdf",
+    ".xlsx": "pandas.read_excel` and `jaxid.record",
+}
+
 
 class Layout(NamedTuple):
     """How a CSV file is written.
@@ -46,6 +56,10 @@ def cells_of(path: Path, layout: Layout) -> list[tuple[int, list[str]]]:
                 if any(cell.strip() for cell in cells)
             ]
     except (UnicodeError, csv.Error) as error:
+        reader = READERS.get(path.suffix.lower())
+        require(
+            reader is None, f"{path.name} does not look like a CSV file. Read it with `{reader}`."
+        )
         name = "UTF-8" if layout.encoding == UTF8 else layout.encoding
         raise InputError(
             f"{path.name} is not a CSV file in {name}: {error}. Save it again in UTF-8, or give "
@@ -73,7 +87,8 @@ def _require_delimiter(header: list[str], path: Path) -> None:
         not others,
         f"{path.name}: the header {header[0]!r} is one cell. Give "
         f"`delimiter={''.join(others[:1])!r}`, and `decimal=','` where the numbers have a decimal "
-        "comma.",
+        "comma; in a study file, where the files differ, "
+        f'`delimiter = {{ "{path.name}" = "{"".join(others[:1])}" }}`.',
     )
 
 

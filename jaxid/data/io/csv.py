@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from ..._foundation.checks import InputError, require, require_known, require_unique
-from ..arguments import by_name, channel_names, text, texts_by_name
+from ..arguments import channel_names, text
 from ..build import TIME
 from ..record import Record
 from ..titles import parse_title, units_of_titles
 from .assemble import assemble, clock, existing, parse_number
+from .by_channel import columns_by_channel, signs_by_channel, units_by_channel
 from .cells import UTF8, Layout, cells_of
 from .document import write_new
 
@@ -79,8 +80,8 @@ def read_csv(
     outputs = channel_names(outputs, "outputs", path.name)
     text(time, "time", path.name)
     wanted = (*inputs, *outputs) if sample_time is not None else (time, *inputs, *outputs)
-    column_of = _columns_by_channel(columns, wanted, path)
-    given = _units_by_channel(units, column_of, path)
+    column_of = columns_by_channel(columns, wanted, path)
+    given = units_by_channel(units, column_of, path)
     table, file_units, lines = named_columns(
         path,
         tuple(column_of.values()),
@@ -89,7 +90,7 @@ def read_csv(
         layout=Layout(delimiter, decimal, encoding, skip),
         time=None if sample_time is not None else column_of[time],
     )
-    sign_of = _signs_by_channel(signs, (*inputs, *outputs), path)
+    sign_of = signs_by_channel(signs, (*inputs, *outputs), path)
     values = {name: sign_of.get(name, 1) * table[column] for name, column in column_of.items()}
     if sample_time is not None:
         time, values[TIME] = TIME, clock(sample_time, len(lines), path)
@@ -103,37 +104,6 @@ def read_csv(
         path.stem if name is None else name,
         constants,
     )
-
-
-def _columns_by_channel(
-    columns: Mapping[str, str] | None, wanted: Sequence[str], path: Path
-) -> dict[str, str]:
-    """Column of the file by channel, for all channels and the time."""
-    given = texts_by_name(columns, "columns", path.name)
-    require_known(f"channel in `columns` of {path.name}", given, wanted, "Write {channel: column}.")
-    return {name: given.get(name, name) for name in wanted}
-
-
-def _signs_by_channel(
-    signs: Mapping[str, int] | None, channels: Sequence[str], path: Path
-) -> dict[str, int]:
-    """Signs of the channels that have one, 1 or -1."""
-    given = by_name(signs, "signs", path.name)
-    require_known(f"channel in `signs` of {path.name}", given, channels)
-    for name, sign in given.items():
-        require(sign in (1, -1), f"{path.name}: the sign of {name!r} is {sign!r}. Give 1 or -1.")
-    return given
-
-
-def _units_by_channel(
-    units: Mapping[str, str] | None, column_of: Mapping[str, str], path: Path
-) -> dict[str, str]:
-    """Units by channel, where some may be given by column; constants keep their names."""
-    given = texts_by_name(units, "units", path.name)
-    channel_of = {column: name for name, column in column_of.items() if column != name}
-    names = [name if name in column_of else channel_of.get(name, name) for name in given]
-    require_unique(f"unit in {path.name}:", names)
-    return dict(zip(names, given.values(), strict=True))
 
 
 def write_csv(record: Record, path: str | Path) -> Path:

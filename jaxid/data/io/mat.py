@@ -9,8 +9,10 @@ import numpy as np
 from ..._foundation.checks import InputError, require, require_known
 from ..build import TIME
 from ..record import Record
+from ..titles import units_of_titles
 from .assemble import assemble, clock, existing
 from .binary import mat73_variables
+from .by_channel import columns_by_channel, signs_by_channel, units_by_channel
 from .mat_structure import require_intact
 
 
@@ -19,9 +21,11 @@ def read_mat(
     *,
     inputs: Sequence[str],
     outputs: Sequence[str],
+    columns: Mapping[str, str] | None = None,
     time: str | None = None,
     sample_time: float | int | None = None,
     units: Mapping[str, str] | None = None,
+    signs: Mapping[str, int] | None = None,
     name: str | None = None,
     constants: Mapping[str, Any] | None = None,
 ) -> Record:
@@ -29,11 +33,15 @@ def read_mat(
 
     Args:
         path: the file.
-        inputs: variables that are inputs, each a vector.
-        outputs: variables that are measured outputs, each a vector.
+        inputs: names of the inputs, which are variables (vectors) unless `columns` names others.
+        outputs: names of the measured outputs, by the same rule.
+        columns: the file's variable by channel, where the two names differ, such as
+            `{"alpha": "AOA_1"}`.
         time: name of the time variable; give either `time` or `sample_time`.
         sample_time: time between samples [s], for a file without a time variable.
-        units: unit by name of variable or constant.
+        units: unit by name of channel, variable or constant.
+        signs: 1 or -1 by channel, such as `{"az": -1}` for one recorded positive up; 1 for the
+            other channels.
         name: name of the record; the stem of the file when left out.
         constants: known quantities that are constant over the record [`units`, else SI].
 
@@ -52,23 +60,37 @@ def read_mat(
     )
     variables = mat_variables(path)
     wanted = (*inputs, *outputs) if time is None else (time, *inputs, *outputs)
-    require_known(f"variable in {path.name}", wanted, variables)
-    columns = {n: _vector(variables[n], n, path) for n in wanted}
+    variable_of = columns_by_channel(columns, wanted, path)
+    remedy = "`columns` names the variable of a channel with another name."
+    require_known(f"variable in {path.name}", variable_of.values(), variables, remedy)
+    given = units_by_channel(units, variable_of, path)
+    file_units = _units_of_names(variable_of, given, time, path)
+    sign_of = signs_by_channel(signs, (*inputs, *outputs), path)
+    values = {n: sign_of.get(n, 1) * _vector(variables[v], v, path) for n, v in variable_of.items()}
     if sample_time is not None:
-        time, columns[TIME] = (
-            TIME,
-            clock(sample_time, max(map(len, columns.values()), default=0), path),
-        )
+        rows = max(map(len, values.values()), default=0)
+        time, values[TIME] = TIME, clock(sample_time, rows, path)
     return assemble(
-        columns,
+        values,
         str(time),
         inputs,
         outputs,
-        {},
-        units,
+        file_units,
+        given,
         path.stem if name is None else name,
         constants,
     )
+
+
+def _units_of_names(
+    variable_of: Mapping[str, str], given: Mapping[str, str], time: str | None, path: Path
+) -> dict[str, str]:
+    """Units by channel in the names of variables; a name whose unit is not given is refused."""
+    known = {variable_of.get(name, "") for name in given}
+    if time is not None and TIME in given:
+        known.add(variable_of[time])
+    units = units_of_titles({name: name for name in variable_of.values()}, known, path.name)
+    return {name: units[v] for name, v in variable_of.items() if v in units}
 
 
 def mat_variables(path: str | Path) -> dict[str, np.ndarray]:

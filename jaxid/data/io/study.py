@@ -1,5 +1,6 @@
 """Study files: TOML with a model, its free parameters, CSV records and options of the loop."""
 
+import itertools
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..._foundation.checks import InputError, require, require_known
+from ..build import TIME
 from ..record import Record
 from ..smoothing.fourier import Fourier
 from ..smoothing.smooth import differentiate
@@ -15,6 +17,7 @@ from ..stack import segment
 from ..titles import UnclearUnitError
 from .assemble import existing
 from .csv import read_csv
+from .mat import read_mat
 
 
 class StudyFile(NamedTuple):
@@ -108,6 +111,16 @@ TEXTS_BY_NAME = Kind(
 )
 NUMBER = Kind("a number", "0.5", _is_number)
 LINES = Kind("a number of lines", "2", lambda value: type(value) is int and value >= 0)
+LAYOUT_TEXT = Kind(
+    "a text, or a table of texts by file",
+    '{ "first.csv" = ";" }',
+    lambda value: _is_text(value) or _table_of(_is_text)(value),
+)
+LAYOUT_LINES = Kind(
+    "a number of lines, or a table of such numbers by file",
+    '{ "first.csv" = 2 }',
+    lambda value: LINES.fits(value) or _table_of(LINES.fits)(value),
+)
 COUNT = Kind("a whole number, at least 1", "2", lambda value: type(value) is int and value >= 1)
 NUMBERS_BY_NAME = Kind("a table of numbers", "{ mass = 12.0 }", _table_of(_is_number))
 BOUNDS = Kind("a table of pairs", "{ k = [0.0, inf] }", _table_of(_list_of(_is_number, 2)))
@@ -138,10 +151,8 @@ SECTIONS: dict[str, dict[str, Kind]] = {
             "units": TEXT_BY_NAME,
             "signs": NUMBERS_BY_NAME,
             "units_row": SWITCH,
-            "delimiter": TEXT,
-            "decimal": TEXT,
-            "encoding": TEXT,
-            "skip": LINES,
+            **{"delimiter": LAYOUT_TEXT, "decimal": LAYOUT_TEXT, "encoding": LAYOUT_TEXT},
+            "skip": LAYOUT_LINES,
         },
         **{"constants": NUMBERS_BY_NAME, "derivatives": TEXT_BY_NAME, "cut": NUMBER},
     },
@@ -176,12 +187,9 @@ READING = (
     "units",
     "signs",
     "units_row",
-    "delimiter",
-    "decimal",
-    "encoding",
-    "skip",
     "constants",
 )
+LAYOUT = ("delimiter", "decimal", "encoding", "skip")  # one for all files, or a table by file
 
 
 def read_study(path: str | Path) -> StudyFile:
@@ -284,9 +292,11 @@ def _records(path: Path, section: Mapping[str, Any]) -> _Records:
         **{f"test {n}": f for n, f in tests.items()},
     }
     _require_apart(path, parts)
+    names = list(itertools.chain.from_iterable(parts.values()))
+    _check_layouts(path, section, names)
     read = {name: _read(path, name, files, section) for name, files in parts.items()}
     reported = {name: read[f"test {name}"] for name in tests}
-    every = tuple(path.parent / file for files in parts.values() for file in files)
+    every = tuple(path.parent / file for file in names)
     return _Records(read["train"], read["check"] or None, reported or None, every)
 
 
@@ -309,10 +319,9 @@ def _read(
     path: Path, name: str, files: Sequence[str], section: Mapping[str, Any]
 ) -> tuple[Record, ...]:
     """The records of one part, with the requested derivatives and cut into segments."""
-    options = {key: section[key] for key in READING if key in section}
     with within(path, "records", name.split()[0]):
         try:
-            records = [read_csv(path.parent / file, **options) for file in files]
+            records = [_read_file(path.parent, file, section) for file in files]
         except UnclearUnitError as error:
             raise error.in_toml() from error
     derivatives = section.get("derivatives")
@@ -323,3 +332,30 @@ def _read(
         with within(path, "records", "cut"):
             records = [piece for record in records for piece in segment(record, section["cut"])]
     return tuple(records)
+
+
+def _check_layouts(path: Path, section: Mapping[str, Any], files: Sequence[str]) -> None:
+    """Refuse a layout of a file that is none of the records."""
+    for key in LAYOUT:
+        if isinstance(section.get(key), dict):
+            with within(path, "records", key):
+                require_known("file of the records", section[key], files)
+
+
+def _layout(file: str, section: Mapping[str, Any]) -> dict[str, Any]:
+    """The layout of a file: values for all files, and those in tables by file."""
+    given = {key: section[key] for key in LAYOUT if key in section}
+    tables = {key: value for key, value in given.items() if isinstance(value, dict)}
+    own = {key: value[file] for key, value in tables.items() if file in value}
+    return {key: value for key, value in given.items() if key not in tables} | own
+
+
+def _read_file(folder: Path, file: str, section: Mapping[str, Any]) -> Record:
+    """The record of a CSV file, or of a MATLAB file by its ending."""
+    options = {key: section[key] for key in READING if key in section}
+    if Path(file).suffix.lower() != ".mat":
+        return read_csv(folder / file, **options, **_layout(file, section))
+    options.pop("units_row", None)
+    if "sample_time" not in options:
+        options.setdefault("time", TIME)
+    return read_mat(folder / file, **options)

@@ -1,6 +1,7 @@
 """`FilterError`: the likelihood of models with process noise, by an extended Kalman filter."""
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -72,6 +73,7 @@ class FilterError(AbstractLikelihood):
             standard errors.
     """
 
+    simulates: ClassVar[bool] = False
     process: dict[str, Number | FirstOrder]
     sensors: dict[str, Number]
     initial: dict[str, Number]

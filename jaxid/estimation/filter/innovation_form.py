@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Mapping
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -49,6 +50,7 @@ class InnovationForm(AbstractLikelihood):
         stepper: the integration of the state from sample to sample.
     """
 
+    simulates: ClassVar[bool] = False
     gains: dict[str, dict[str, Float[Array, ""]]] | None
     noise: AbstractNoise
     hold: AbstractHold

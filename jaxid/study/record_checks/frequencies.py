@@ -37,6 +37,7 @@ def modes(record: Measured, model: Response) -> Iterator[Finding]:
         return
     if fastest * step > LARGEST_STEP * model.substeps:
         numbers = {"rate": fastest, "samples": PERIOD / (fastest * step)}
+        numbers["substeps"] = max(float(np.ceil(fastest * step / LARGEST_STEP)), 2.0)
         yield Finding(FindingKind.SLOW_SAMPLING, record.name, (), numbers)
     for pole in unique_poles(model):
         rate, length = abs(pole), PERIOD if pole.imag else 1.0

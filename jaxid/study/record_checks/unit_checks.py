@@ -41,7 +41,8 @@ def degrees(record: Measured, name: str, unit: str, model: Response) -> Iterator
     else:
         column = record.outputs.index(name)
         values = record.z[:, column]
-        simulated = np.nanstd(model.y[:, column])
+        with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverges
+            simulated = np.nanstd(model.y[:, column])
         ratio = np.nanstd(values) / simulated if simulated > 0 else np.nan
         low, high = DEGREES_RATIO
         wrong = low < ratio < high and np.nanmax(np.abs(values)) > 1.0

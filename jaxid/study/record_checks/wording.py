@@ -12,7 +12,8 @@ SENTENCES = {
     "CONSTANT": "{names} has the value {value:.4g} in all samples. An input that rests shows none "
     "of its parameters; an output that rests may be a dead sensor.",
     "SLOW_SAMPLING": "the fastest mode of the model ({rate:.3g} rad/s) has {samples:.2g} samples "
-    "in a period. Take more steps in an interval (`RK4(substeps)`), or sample faster.",
+    "in a period. Take more steps in an interval (`OutputError(stepper=RK4({substeps:.0f}))`), or "
+    "sample faster.",
     "SHORT_RECORD": "it covers {periods:.2g} of the period or time constant of a mode at "
     "{rate:.3g} rad/s. Parameters of slow motion need a longer record.",
     "UNEXCITED_MODE": "{share:.1e} of the power of the inputs is near the mode at {rate:.3g} "
@@ -35,8 +36,8 @@ SENTENCES = {
     "UNIT": "{names} is in [{units[0]}] in the record and in [{units[1]}] in the model.",
     "DEGREES": "{names} reaches {largest:.3g} with the unit {units[0]}. If it is in degrees, give "
     "`units`.",
-    "MILLISECONDS": "t increases by {step:.3g} s, in whole numbers, and the model is much faster. "
-    "If it is in milliseconds, give `units={{'t': 'ms'}}`.",
+    "MILLISECONDS": "the time t increases by {step:.3g} s, in whole numbers, and the model is much "
+    "faster. If it is in milliseconds, give `units={{'t': 'ms'}}`.",
     "RATE": "{names} moves {ratio:.3g} times as far as the integral of its rate, which the other "
     "channels give. Probable cause: {units[0]}. Give `units` (or `signs`) when reading.",
     "DIVERGENCE": "the simulation with the present values is not finite after {seconds:.3g} s. "

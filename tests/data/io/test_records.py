@@ -201,6 +201,28 @@ def test_mat_file_is_read_with_time_or_sample_time(tmp_path):
             read_mat(path, **(good | change))
 
 
+def test_mat_variables_are_renamed_with_units_and_signs(tmp_path):
+    path = tmp_path / "flight.mat"
+    values = {"TIME": [0.0, 1.0, 2.0], "DE": [1.0, 2.0, 3.0], "AOA_DEG": [180.0, 0.0, -180.0]}
+    savemat(path, values | {"NZ": [1.0, 1.5, 1.0]})
+    names = {"inputs": ("elevator",), "outputs": ("alpha", "az"), "time": "TIME"}
+    names["columns"] = {"elevator": "DE", "alpha": "AOA_DEG", "az": "NZ"}
+    for unit in ({"alpha": "deg"}, {"AOA_DEG": "deg"}):
+        r = read_mat(path, **names, units=unit | {"TIME": "ms"}, signs={"az": -1})
+        np.testing.assert_allclose(r.t, [0, 1e-3, 2e-3], rtol=1e-15)
+        np.testing.assert_allclose(r.z[:, 0], [np.pi, 0, -np.pi], rtol=1e-15)
+        np.testing.assert_array_equal(r.z[:, 1], [-1.0, -1.5, -1.0])
+        np.testing.assert_array_equal(r.u[:, 0], values["DE"])
+    for change, words in (
+        ({}, "title 'AOA_DEG' seems to hold the unit 'deg'"),
+        ({"columns": {"alpha": "AOA"}, "units": {}}, "no variable.*'elevator'.*`columns`"),
+        ({"columns": {"q": "Q"}, "units": {}}, "no channel in `columns` of flight.mat 'q'"),
+        ({"units": {"alpha": "deg"}, "signs": {"az": 2}}, "sign of 'az' is 2"),
+    ):
+        with pytest.raises(InputError, match=words):
+            read_mat(path, **(names | change))
+
+
 def test_mat_file_of_version_73_or_other_format_is_refused(tmp_path):
     path = tmp_path / "new.mat"
     header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"

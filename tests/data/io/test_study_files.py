@@ -4,6 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
+import scipy.io
 
 from jaxid._foundation.checks import InputError
 from jaxid.data.io.study import read_study
@@ -196,3 +197,18 @@ def test_unit_in_a_title_is_advised_in_toml(folder):
 def test_missing_study_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="There is no file"):
         read_study(tmp_path / "none.toml")
+
+
+def test_files_of_several_layouts_and_matlab_are_read_together(folder):
+    expected = read(folder, GOOD).train[0].z
+    text = (folder / "c.csv").read_text().replace(",", ";").replace(".", ",")
+    (folder / "c.csv").write_text("bench 3\n" + text)
+    t, _, x = np.loadtxt(folder / "d.csv", delimiter=",", skiprows=1).T
+    scipy.io.savemat(folder / "d.mat", {"s": t, "force": t, "x": x})
+    layout = 'delimiter = { "c.csv" = ";" }\ndecimal = { "c.csv" = "," }\nskip = { "c.csv" = 1 }\n'
+    text = GOOD.replace('"d.csv"', '"d.mat"').replace("constants =", f"{layout}constants =")
+    test = read(folder, text).test
+    for part in (test["slow"], test["fast"]):
+        np.testing.assert_allclose(part[0].z, expected, rtol=0, atol=1e-14)
+    with pytest.raises(InputError, match=r"\[records\] skip.*no file.*'e.csv'.*Did you mean"):
+        read(folder, text.replace('skip = { "c.csv"', 'skip = { "e.csv"'))

@@ -1,0 +1,45 @@
+"""`check_candidates`: refuse candidate effects that do not fit a model."""
+
+from collections.abc import Sequence
+
+from .._foundation.checks import InputError, require, require_known
+from .._foundation.location import LocationKind
+from ..models.base import AbstractModel, equations_of
+from ..models.equation_shapes import check_equations
+from .augmented import Augmented
+from .base import Effect
+
+EXAMPLE = "such as `jaxid.effects.DryFriction('v', 'v')`"
+
+
+def check_candidates(model: AbstractModel, effects: Sequence[Effect]) -> None:
+    """Refuse objects that are no effects, and effects of channels or signals that the model lacks.
+
+    The equations are evaluated in the abstract, each effect by itself: nothing is compiled.
+
+    Args:
+        model: the declared model.
+        effects: candidates for its missing effects.
+
+    Raises:
+        InputError: it names the effect and the channel, and lists the model's channels.
+    """
+    channels = {
+        LocationKind.EQUATION: equations_of(model),
+        LocationKind.INPUT: model.inputs,
+        LocationKind.SENSOR: model.outputs,
+    }
+    for effect in effects:
+        require(
+            isinstance(effect, Effect),
+            f"The candidate {effect!r} is not an effect. Give an object, {EXAMPLE}; "
+            "`jaxid.effects.general_effects(model)` is the default.",
+        )
+        location = effect.card.location
+        if location.kind in channels:
+            kind = f"{location.kind.label} of the model, named by the candidate {effect.name!r},"
+            require_known(kind, [location.name], channels[location.kind])
+        try:
+            check_equations(Augmented(model, (effect,)))
+        except InputError as error:
+            raise InputError(f"The candidate {effect.name!r}: {error}") from error

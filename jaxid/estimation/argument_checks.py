@@ -1,0 +1,73 @@
+"""Checks of the arguments of `estimate`, `predict` and `close_loop`, before any computation."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from .._foundation.checks import InputError, require
+from ..data.record import Record
+from ..data.units import convert, is_unit
+from ..models.base import AbstractModel
+from ..models.equation_shapes import check_names
+from .likelihoods import AbstractLikelihood
+
+MOST_SHOWN = 60  # characters of a refused argument in its message (chosen)
+
+
+def check_arguments(model: Any, records: Record, likelihood: Any) -> None:
+    """Refuse a class in place of a model or a likelihood, and channels in units of another kind.
+
+    Args:
+        model: the model.
+        records: a stack.
+        likelihood: the likelihood.
+
+    Raises:
+        InputError: with the argument or the channel, and the remedy.
+    """
+    require(
+        isinstance(model, AbstractModel),
+        f"The model is {_shown(model)}. Give an object with starting values, such as "
+        "Spring(k=1.0, c=0.1).",
+    )
+    check_names(model)
+    require(
+        isinstance(likelihood, AbstractLikelihood),
+        f"The likelihood is {_shown(likelihood)}. Give an object, such as `jaxid.OutputError()`.",
+    )
+    declared, channels = model.units(), (*records.inputs, *records.outputs)
+    for name, unit in zip(channels, (*records.input_units, *records.output_units), strict=True):
+        _require_kind(name, unit, declared.get(name, ""))
+
+
+def require_records(records: Any) -> None:
+    """Refuse anything but a sequence of records, such as the name of a file.
+
+    Raises:
+        InputError: with the argument.
+    """
+    require(
+        isinstance(records, Sequence)
+        and not isinstance(records, str)
+        and all(isinstance(record, Record) for record in records),
+        f"Records are needed, and this is {_shown(records)}. Make them with `jaxid.record(...)` or "
+        "`jaxid.read_csv(...)`.",
+    )
+
+
+def _require_kind(name: str, recorded: str, declared: str) -> None:
+    """Refuse units of different kinds, such as [1/s] and [rad/s]; unknown ones are not compared."""
+    if not (recorded and declared and is_unit(declared)):
+        return
+    try:
+        convert(0.0, recorded, declared)
+    except InputError as error:
+        raise InputError(
+            f"{name!r} is in [{recorded}] in the records and in [{declared}] in the model. Give "
+            "the unit of the recorded numbers in `units`, such as 'rpm' for revolutions per "
+            "minute, or correct the method `units` of the model."
+        ) from error
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."

@@ -5,7 +5,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from .._foundation.checks import require, require_known
+from .._foundation.checks import require_known
 from .._foundation.host import on_host
 from .._foundation.notebook import preformatted
 from .._foundation.results import CONVERGED, RESULTS, is_one_of, with_undetermined

@@ -1,7 +1,7 @@
 """`fit`: estimate of a hypothesis; `LoopFit` owns its linearisation."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 
 import equinox as eqx
@@ -10,12 +10,10 @@ import numpy as np
 
 from .._foundation.checks import InputError
 from .._foundation.compiler import fast_compile_jit
-from .._foundation.evicting_jit import EvictingJit, compile_together
 from .._foundation.host import to_device
 from .._foundation.results import RESULTS
 from .._foundation.types import Array, Float
 from ..diagnosis.autoregression import autoregressive_r2
-from ..diagnosis.free_form import linear_models
 from ..diagnosis.validation import Prediction
 from ..effects.augmented import Augmented
 from ..estimation.estimate import Fit
@@ -41,11 +39,6 @@ MIN_COST_FALL = 0.5
 # Chosen: share of the fall of all continuations so far below which a fit is not continued. Stops
 # fits that creep along an undetermined direction.
 MIN_CONTINUATION_SHARE = 0.1
-# Chosen: compiled fits that are kept. At most as many are added in one round, and those of a
-# large model then leave half of the memory maps of a process free.
-MAX_COMPILED_FITS = 48
-# Counted: programs of one kind in a study that fits all sets of effects by one program.
-PROGRAMS_OF_A_STUDY = 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -260,55 +253,6 @@ def fit(
         known = {name: float(shared[k]) for k, name in enumerate(estimation.free.shared)}
         chosen = problem.columns.chosen(hypothesis.effects)
         values[chosen], rows = shared[: len(chosen)], solution.parameters.rows
-
-
-def make_room(count: int) -> None:
-    """Release all programs if a number of further ones would make too many."""
-    for program in (*PROGRAMS, linear_models):
-        program.make_room(count, MAX_COMPILED_FITS)
-
-
-def compile_programs(problem: LoopProblem) -> None:
-    """Compile the programs of the declared fit, of all columns, of its linear model, and of a
-    prediction of the check records at once.
-    """
-    make_room(PROGRAMS_OF_A_STUDY)
-    model = problem.model_at(problem.initial_values, ())
-    start = _begin(problem, Hypothesis())
-    motion = LinearMotion(problem, (), problem.initial_values, start.parameters.rows)
-    columns = next(motion.column_arguments(problem.columns.names))
-    compile_together(
-        [
-            *_programs_of(start),
-            (PROGRAMS.sensitivities, columns),
-            (linear_models, motion.linear_arguments),
-            *problem.predictor.programs(model, problem.check),
-        ]
-    )
-
-
-def compile_fits(problem: LoopProblem, hypotheses: Sequence[Hypothesis]) -> None:
-    """Compile the programs of fits of hypotheses at once, if each has programs of its own."""
-    if problem.uses_reduced_model:
-        make_room(len(hypotheses))
-        starts = [_begin(problem, hypothesis) for hypothesis in hypotheses]
-        compile_together([program for start in starts for program in _programs_of(start)])
-
-
-def _begin(problem: LoopProblem, hypothesis: Hypothesis) -> Estimation:
-    """Return the estimation problem of a hypothesis at the declared values."""
-    return estimation_of(problem, hypothesis, problem.initial_values, {}, None)
-
-
-def _programs_of(start: Estimation) -> list[tuple[EvictingJit, tuple]]:
-    """Return the programs of a fit by output error, with their arguments; of others none."""
-    if not isinstance(start.problem.likelihood, OutputError):
-        return []
-    case = FlatProblem.of(start.problem)
-    return [
-        (PROGRAMS.outputs, case.outputs_arguments(start.parameters)),
-        (PROGRAMS.sensitivities, case.sensitivities_arguments(start.parameters)),
-    ]
 
 
 def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None, start):

@@ -18,9 +18,11 @@ import numpy as np
 
 from .._foundation.types import Bool, Float, Int
 
-# Chosen, above the rounding error: share of a column's squared length, orthogonal to the free
-# columns, below which it counts as their linear combination.
-IDENTIFIABLE = 1e-8
+# Chosen: share of a column's squared length, orthogonal to the free columns, below which it counts
+# as their linear combination. It is 0.3 % of the length: the shapes of equations and effects, such
+# as the width of a friction, are not known better, and with such a column the others are free to
+# take senseless values.
+IDENTIFIABLE = 1e-5
 # Chosen: least share of a column's squared length outside the span of the columns added with it. A
 # pair that overlaps more has gains that grow without limit against each other.
 LEAST_APART = 0.02

@@ -12,6 +12,7 @@ from ..effects.library import initialise_shapes
 from ..effects.shape_initialisation import RESIDUAL, SIMULATED
 from ..estimation.estimate import divergence
 from ..estimation.likelihoods import OutputError
+from .compilation import compile_programs, compiled_ahead
 from .dependence import followed_signals
 from .evidence import (
     INSEPARABLE,
@@ -23,7 +24,7 @@ from .evidence import (
     is_noise_like,
     worth,
 )
-from .fit import LoopFit, check_finite, compile_fits, compile_programs, fit
+from .fit import LoopFit, check_finite, fit
 from .hypothesis import Hypothesis, White
 from .moves import Move, MoveKind, Proposals, localise_fit
 from .noise import noise_moves
@@ -237,23 +238,31 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
 
 def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> list[Step]:
     """Return the refits of moves, without candidates that cannot compete with the best so far."""
-    compile_fits(tree.problem, [move.hypothesis for move in moves])
     steps: list[Step] = []
     best = 0.0
-    for move in sorted(moves, key=lambda move: -move.expected):
-        simple = move.kind is MoveKind.ADD and not tree.problem.has_shape(move.into[0])
-        if simple and move.expected < HOPELESS_SHARE * best:
-            continue
-        progress(f"refit with {move.hypothesis}")
-        new = refit(parent, move)
-        step = Step(parent, move, new, compare(parent, new, options, count))
-        if move.kind is MoveKind.NOISE and step.comparison.accepted:
-            step = _without_dependence(tree, step, options)
-        steps.append(step)
-        tree.steps.append(step)
-        if steps[-1].comparison.accepted:
-            best = max(best, steps[-1].comparison.fall)
+    ordered = sorted(moves, key=lambda move: -move.expected)
+    with compiled_ahead(tree.problem, [move.hypothesis for move in ordered]) as wait_for:
+        for move in ordered:
+            simple = move.kind is MoveKind.ADD and not tree.problem.has_shape(move.into[0])
+            if simple and move.expected < HOPELESS_SHARE * best:
+                continue
+            progress(f"refit with {move.hypothesis}")
+            wait_for(move.hypothesis)
+            step = _step(tree, parent, move, count, options)
+            steps.append(step)
+            tree.steps.append(step)
+            if step.comparison.accepted:
+                best = max(best, step.comparison.fall)
     return steps
+
+
+def _step(tree: SearchTree, parent: LoopFit, move: Move, count: int, options) -> Step:
+    """Return the step of a move, refused if its noise depends on a signal."""
+    new = refit(parent, move)
+    step = Step(parent, move, new, compare(parent, new, options, count))
+    if move.kind is MoveKind.NOISE and step.comparison.accepted:
+        return _without_dependence(tree, step, options)
+    return step
 
 
 def _without_dependence(tree: SearchTree, step: Step, options: LoopOptions) -> Step:

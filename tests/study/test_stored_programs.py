@@ -180,7 +180,9 @@ def local_class():
 
 
 @pytest.mark.parametrize(
-    "value", [lambda x: x, object(), np.array([None]), Spring, local_class()], ids=str
+    "value",
+    [lambda x: x, object(), np.array([None]), Spring, local_class()],
+    ids=["lambda", "object", "array of objects", "class of a test", "local class"],
 )
 def test_value_with_unknown_effect_on_a_trace_has_no_key(value):
     with pytest.raises(stored_programs._NotDescribedError):

@@ -223,17 +223,19 @@ def fit(
     hypothesis: Hypothesis,
     parent: LoopFit | None = None,
     start: Mapping[str, float] | None = None,
+    target: float = np.inf,
 ) -> LoopFit:
     """Estimate all parameters of a hypothesis together.
 
-    A fit stopped by its iteration limit is continued: comparing unconverged fits can select the
-    wrong candidate.
+    A fit stopped by its iteration limit is continued, unless its target is out of reach: comparing
+    unconverged fits can select the wrong candidate.
 
     Args:
         problem: the problem of the search.
         hypothesis: effects and noise.
         parent: fit from whose values it starts; by default from the declared values.
         start: starting values of some parameters, by name.
+        target: cost from which on the fit is of interest.
     """
     values, known = _start(problem, hypothesis, parent, start or {})
     rows = None if parent is None else parent.solution.parameters.rows
@@ -247,7 +249,7 @@ def fit(
             S = _known_sensitivities(parent, estimation, hypothesis, values)
         solution = fit_by_steps(estimation.problem, estimation.parameters, solver, S)
         costs, S = [*costs, float(solution.cost)], None
-        if solution.result != RESULTS.steps_exhausted or not worth_continuing(costs):
+        if solution.result != RESULTS.steps_exhausted or not worth_continuing(costs, target):
             return LoopFit(problem, hypothesis, estimation, solution)
         shared = np.asarray(solution.parameters.shared)
         known = {name: float(shared[k]) for k, name in enumerate(estimation.free.shared)}
@@ -283,16 +285,19 @@ def _known_sensitivities(
     return to_device(np.pad(S, ((0, 0), (0, 0), (0, 0), (0, padding))))
 
 
-def worth_continuing(costs: list[float]) -> bool:
-    """Return True if a fit that its iteration limit stopped should be continued, given its cost
-    after the first run and after each continuation so far.
+def worth_continuing(costs: list[float], target: float = np.inf) -> bool:
+    """Return True if a fit that its iteration limit stopped should be continued.
+
+    Args:
+        costs: its cost after the first run and after each continuation so far.
+        target: cost that it should reach, with as much fall in each further continuation.
     """
-    if len(costs) > MAX_CONTINUATIONS:
-        return False
-    if len(costs) < 2:
-        return True  # no fall is known yet
+    left = MAX_CONTINUATIONS - len(costs) + 1
+    if left < 1 or len(costs) < 2:
+        return left > 0  # no fall is known yet
     fall, total = costs[-2] - costs[-1], costs[0] - costs[-1]
-    return fall > max(MIN_COST_FALL, MIN_CONTINUATION_SHARE * total)
+    enough = fall > max(MIN_COST_FALL, MIN_CONTINUATION_SHARE * total)
+    return enough and costs[-1] - left * fall < target
 
 
 def check_finite(declared: LoopFit) -> None:

@@ -35,6 +35,9 @@ from .problem import LoopProblem
 STALLED = 0.25
 # Chosen: share of the best fall; a candidate without a shape that scores less cannot compete.
 HOPELESS_SHARE = 0.05
+# Chosen: rise of the cost above its parent's beyond which a refit is not continued; no change of
+# hypothesis is made at such a rise.
+NEAR_PARENT = 25.0
 Progress = Callable[[str], None]
 
 
@@ -281,7 +284,8 @@ def refit(parent: LoopFit, move: Move) -> LoopFit:
     A refit that brings much less than the linear model predicts, or does not converge, is repeated
     from the gain that the linear model predicts, and from the declared values.
     """
-    first = fit(parent.problem, move.hypothesis, parent, move.start)
+    target = parent.cost + NEAR_PARENT
+    first = fit(parent.problem, move.hypothesis, parent, move.start, target)
     others: list[tuple[LoopFit | None, Mapping[str, float]]] = []
     if move.kind is MoveKind.NOISE:
         if not (move.start and first.converged):  # forces start at their most probable values
@@ -291,7 +295,7 @@ def refit(parent: LoopFit, move: Move) -> LoopFit:
             others.append((parent, {**move.start, **move.estimated}))
         if not first.converged:
             others.append((None, move.start))
-    fits = [first, *(fit(parent.problem, move.hypothesis, *other) for other in others)]
+    fits = [first, *(fit(parent.problem, move.hypothesis, *other, target) for other in others)]
     return min(fits, key=lambda fitted: fitted.cost)
 
 

@@ -113,6 +113,12 @@ def test_creeping_fit_is_continued_only_to_finish_it(costs, continues):
     assert worth_continuing(costs) is continues
 
 
+def test_fit_that_cannot_reach_its_target_is_not_continued():
+    falling = [100.0, 80.0]  # by at most 20 in each of ten continuations, of which one is done
+    assert worth_continuing(falling, -99.0)
+    assert not worth_continuing(falling, -100.0)
+
+
 def test_reduced_model_is_used_for_small_model_on_long_records():
     small = Augmented(Spring(jnp.array(1.5), jnp.array(0.2)), LIBRARY)
     assert not use_reduced_model(small, 300)

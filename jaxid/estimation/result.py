@@ -289,11 +289,12 @@ class Estimate(eqx.Module):
         """Return the quantiles that belong to the standard errors, in words."""
         if self.noise_known:
             return "R is known; intervals use normal quantiles."
-        if self.degrees_of_freedom <= 0:
+        freedom = float(self.degrees_of_freedom)
+        if freedom <= 0:
             return "none: there are no more valid measurements than free parameters. Add samples."
         return (
             "asymptotic, R estimated; `interval()` uses Student's t with "
-            f"{int(self.degrees_of_freedom)} degrees of freedom."
+            f"{int(freedom)} degrees of freedom."
         )
 
     def _bounds_in_words(self) -> list[str]:

@@ -5,8 +5,9 @@ an aircraft with its candidates takes longer than all the rest of a fit. A progr
 stored as JAX exports it (StableHLO), under a key of everything that its trace depends on: the
 shapes of its arrays, all other values, the source of this package, versions and settings. A trace
 runs the code of the classes of its arguments, so that a program is stored only if all of them are
-classes of this package or of those whose versions are in the key. Code of these packages that is
-replaced while a process runs is not in the key: such a process sets `configure(cache=False)`.
+classes of this package or of those whose versions are in the key. If the source has changed since
+its import, nothing is stored. Code of these packages that is replaced in memory is not in the key:
+such a process leaves `configure` out, or calls it with `cache=False`.
 """
 
 import dataclasses
@@ -17,6 +18,7 @@ import os
 import pickle
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
@@ -31,7 +33,12 @@ from .host import are_known, to_device
 
 PACKAGE = __name__.partition(".")[0]
 # Packages whose code a trace may run; their versions are in the key.
-VERSIONED = ("jax", "jaxlib", "equinox", "diffrax", "interpax", "lineax", "optimistix", "numpy")
+VERSIONED = (
+    *("jax", "jaxlib", "equinox", "diffrax", "interpax", "lineax", "optimistix"),
+    *("numpy", "scipy"),
+)
+EQUINOX_SETTINGS = "EQX_"  # beginning of the environment variables that change Equinox's traces
+IMPORTED = time.time()  # [s]
 # Folder of stored programs within that of JAX's persistent cache.
 SUBFOLDER = "jaxid-exported"
 # Of callbacks, operations of no known format, and results that cannot be pickled.
@@ -41,7 +48,7 @@ DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 class _NotDescribedError(Exception):
-    """A value whose effect on a trace is unknown."""
+    """A value or source whose effect on a trace is unknown."""
 
 
 @dataclasses.dataclass
@@ -185,9 +192,10 @@ def joined_leaves(arrays: list, others: tuple) -> Any:
 
 
 def types_of(arrays: list, others: tuple) -> tuple:
-    """Return a key of the program for some split arguments."""
+    """Return a key of the program for some split arguments, within this process."""
     known = (a for a in arrays if a is not None)
-    return others, tuple((a.shape, a.dtype, getattr(a, "weak_type", False)) for a in known)
+    types = tuple((a.shape, a.dtype, getattr(a, "weak_type", False)) for a in known)
+    return others, types, _STORE.settings()
 
 
 def _key(function: Callable[..., Any], arguments: Any, arrays: list) -> str:
@@ -200,12 +208,22 @@ def _key(function: Callable[..., Any], arguments: Any, arrays: list) -> str:
 
 @functools.cache
 def _code() -> bytes:
-    """Return a digest of the source of this package, and of the versions of those that it uses."""
+    """Return a digest of the source of this package, and of the versions and the settings of those
+    that it uses.
+
+    Raises:
+        _NotDescribedError: if the source is not in files, or has changed since its import.
+    """
     digest = hashlib.sha256(repr(sys.version_info).encode())
+    environment = sorted(os.environ.items())
+    digest.update(repr([(n, v) for n, v in environment if n.startswith(EQUINOX_SETTINGS)]).encode())
     for name in VERSIONED:
         digest.update(f"{name} {metadata.version(name)}\0".encode())
     package = Path(__file__).parents[1]
-    for path in sorted(package.rglob("*.py")):
+    paths = sorted(package.rglob("*.py"))
+    if not paths or max(path.stat().st_mtime for path in paths) > IMPORTED:
+        raise _NotDescribedError
+    for path in paths:
         digest.update(str(path.relative_to(package)).encode() + path.read_bytes())
     return digest.digest()
 
@@ -273,8 +291,9 @@ def _write(path: Path, stored: bytes) -> None:
     """Write a program with its digest, whole or not at all; without it the next process traces."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(hashlib.sha256(stored).digest() + stored)
-        os.replace(file.name, path)
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            file = Path(folder) / path.name
+            file.write_bytes(hashlib.sha256(stored).digest() + stored)
+            file.replace(path)
     except OSError:
         return

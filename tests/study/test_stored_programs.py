@@ -121,6 +121,42 @@ def test_a_folder_that_cannot_be_written_to_costs_the_trace_alone(tmp_path):
         stored_programs.store_programs(None)
 
 
+def test_a_full_disk_leaves_no_part_of_a_file(folder, monkeypatch):
+    def refuse(*_):
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(type(folder), "replace", refuse)
+    stored_programs._write(folder / "key", b"program")
+    assert not list(folder.iterdir())
+
+
+def test_source_that_has_changed_since_its_import_is_not_stored(folder, monkeypatch):
+    stored_programs._code.cache_clear()
+    monkeypatch.setattr(stored_programs, "IMPORTED", 0.0)
+    (program, arguments), *_ = programs_of(LINEAR)
+    assert np.all(np.isfinite(program(*arguments)[1]))
+    assert not files_of(folder)
+
+
+def test_settings_of_equinox_are_in_the_key(monkeypatch):
+    key = key_of(2)
+    monkeypatch.setenv("EQX_ON_ERROR", "nan")
+    stored_programs._code.cache_clear()
+    assert key != key_of(2)
+    stored_programs._code.cache_clear()
+
+
+def test_a_program_belongs_to_the_settings_of_jax_in_a_context(folder):
+    stored_programs.store_programs(folder.parent, configuration._settings_of_jax)
+    (program, arguments), *_ = programs_of(LINEAR)
+    before = files_of(folder)
+    program(*arguments)
+    assert len(files_of(folder) - before) == 1
+    with jax.default_matmul_precision("bfloat16"):
+        program(*arguments)
+    assert len(files_of(folder) - before) == 2
+
+
 def test_a_derivative_passes_through_a_stored_program(folder):
     (program, arguments), *_ = programs_of(LINEAR)
     model, flat, *others = arguments

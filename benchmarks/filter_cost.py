@@ -2,8 +2,8 @@
 
 The aircraft of `reference_problem` (9 states, 10 outputs, 30 free coefficients) with random moments
 in its three rotational equations. A pass is the simulation or the filter with all derivatives, and
-the square-root information. Filter error has 3 intensities and 10 sensor deviations as parameters
-besides; its innovation form, the gain constant, has 3 gains. `FrozenGain` is filter error in the
+the square-root information. Filter error has 3 intensities and 10 sensor deviations as further
+parameters; its innovation form, the gain constant, has 3 gains. `FrozenGain` is filter error in the
 iterations with which `FilterError(frozen_gain=True)` starts. The ratios to the pass of output error
 are of one run, in turns.
 """

@@ -1,4 +1,4 @@
-"""Forty typical mistakes of users: each message names the thing, and the remedy."""
+"""Typical mistakes of users: each message names the thing, and the remedy."""
 
 import jax.numpy as jnp
 import numpy as np

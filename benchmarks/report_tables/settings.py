@@ -20,7 +20,7 @@ Our own, because the report gives no setting:
 - Lateral 3 is also identified by filter error. The gusts of its flight are white at the samples and
   linear between them, which has the spectrum at low frequency of a process of first order with half
   the sample time as correlation time; their deviation is estimated. The noise of the sensors is
-  that of Table 6.6.
+  as in Table 6.6.
 """
 
 from typing import NamedTuple

@@ -39,7 +39,7 @@ VERSIONED = (
 )
 EQUINOX_SETTINGS = "EQX_"  # beginning of the environment variables that change Equinox's traces
 IMPORTED = time.time()  # [s]
-# Folder of stored programs within that of JAX's persistent cache.
+# Name of the folder of stored programs, inside the folder of JAX's persistent cache.
 SUBFOLDER = "jaxid-exported"
 # Of callbacks, operations of no known format, and results that cannot be pickled.
 NOT_EXPORTED = (ValueError, NotImplementedError, pickle.PicklingError, AttributeError, TypeError)
@@ -63,7 +63,7 @@ _STORE = _Store()
 
 
 def store_programs(folder: Path | None, settings: Callable[[], str] = str) -> None:
-    """Store exported programs in a folder of their own within that of JAX's cache, or nowhere.
+    """Store exported programs in a folder of their own inside the folder of JAX's cache, or nowhere.
 
     Args:
         folder: folder of JAX's cache; None to store nothing.
@@ -255,7 +255,7 @@ def _described(node: Any, traced: frozenset[int]) -> Iterator[str]:
 
 
 def _apart(node: Any) -> tuple[str, list]:
-    """Return the name of a container or module and its parts, or that of a class or function."""
+    """Return the name of a container or module and its parts; a class or function has no parts."""
     if isinstance(node, dict):
         parts = [part for pair in node.items() for part in pair]
     elif isinstance(node, tuple | list):

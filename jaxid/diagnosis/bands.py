@@ -65,7 +65,7 @@ def prediction_bands(
 
     with `dc/dtheta` along the whole trajectory, so that the effect of an uncertain parameter on the
     state is included, and with the records' own unknowns (initial state, biases) among the
-    parameters. With process noise (`FilterError`) the histories are those of the smoother, and
+    parameters. With process noise (`FilterError`) the histories are the smoother's, and
     `dc/dx P dc/dx'` is added, with the covariance P of its states. The deviations assume a correct
     model and, unless they are `coloured`, white residuals. A direction that the data do not
     determine is treated as known; `Estimate.weak_directions` names it.

@@ -235,7 +235,7 @@ class _Robust(NamedTuple):
 def _robust(problem: Problem, parameters: Parameters, linearised, covariance, half) -> _Robust:
     """Return the covariances corrected for the colour of the residuals.
 
-    Variances that this would make smaller than those of white residuals keep the latter value. The
+    Variances that this would make smaller than under white residuals keep the latter value. The
     own part of a stack too large to keep its sensitivities is corrected by the shared one alone.
     """
     score = problem.score_spectrum(parameters, linearised, half)
@@ -254,7 +254,7 @@ def _robust(problem: Problem, parameters: Parameters, linearised, covariance, ha
 
 
 def _robust_own(own: OwnBlock, half, products, least) -> Float[Array, "case own unknown"]:
-    """Return the covariances of own parameters from those of residual and columns.
+    """Return the covariances of own parameters from `ColouredVariances.products`.
 
     d_own = inverse (Q_own'v - coupling d_shared),    d_shared = half Q_shared'v
     """

@@ -50,7 +50,7 @@ class Estimate(eqx.Module):
         residuals: `v = z - y`, zero at missing samples.
         result: status, one for each case.
         iterations, costs, decrements: the history: accepted steps, cost and length of the remaining
-            step at each.
+            step at each. Of `FilterError(frozen_gain=True)` the part with exact derivatives alone.
         threshold: eigenvalues below this share of the largest are weak.
         noise_known: True if R was given.
     """

@@ -52,9 +52,9 @@ class GaussNewton(eqx.Module):
 def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[Parameters, State]:
     """Return the best parameters of a problem and the last state of the solver.
 
-    A likelihood with an approximation is minimised with its derivatives first, until these would
-    move the parameters by less than `NEAR` standard errors or lower the cost no more, then with its
-    own, whose iterations alone the state contains.
+    A likelihood with an approximation is minimised twice, each time in at most `max_steps` steps:
+    with the derivatives of the approximation, until a full step is shorter than `NEAR` standard
+    errors or lowers the cost no more; then with its own. The state is of the second part.
 
     Args:
         problem: the estimation problem.

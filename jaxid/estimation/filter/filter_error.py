@@ -70,7 +70,7 @@ class FilterError(AbstractLikelihood):
             the update for strongly nonlinear outputs.
         frozen_gain: `estimate` starts the iteration with the gain frozen within each step, as
             `FrozenGain` does, and ends it with the exact derivatives: the same estimates and
-            standard errors.
+            standard errors. `Estimate.iterations` counts the exact part alone.
     """
 
     simulates: ClassVar[bool] = False
@@ -211,12 +211,12 @@ class FilterError(AbstractLikelihood):
 class FrozenGain(AbstractLikelihood):
     """Filter error whose derivatives hold the gain of the filter at the present parameters.
 
-    The cost is the one of `of`. The derivatives contain neither the change of the gain nor that of
-    the covariances with the parameters of the model, so that the gradient vanishes at other
-    parameters than the cost's: consistent ones, which do not have the least variance.
+    The cost is that likelihood's. The derivatives leave out the changes of gain and covariances
+    with the parameters of the model, so that the gradient vanishes near the minimum of the cost and
+    not at it: at consistent estimates, which do not have the least variance.
 
     Args:
-        of: the likelihood.
+        of: the likelihood with the moving gain.
     """
 
     of: FilterError

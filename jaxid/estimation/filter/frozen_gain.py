@@ -74,8 +74,8 @@ class Derivatives(NamedTuple):
         leaves: the leaves that hold free parameters.
         acting: indices of the leaves that act on the input.
         noise: indices of the leaves that are parameters of the noises, one number each.
-        in_diffusion: those of them on which the diffusion alone depends.
-        in_rates: those of them on which the rates of the states depend: correlation times.
+        in_diffusion: noise leaves on which the diffusion depends, and the rates do not.
+        in_rates: noise leaves on which the rates of the states depend: correlation times.
         equations, outputs: the rates of the states and the outputs.
         variances: derivatives of the variances of the sensors by the parameters of the noises.
     """

@@ -112,9 +112,9 @@ def measured_jacobians(
     d_inputs: Float[Array, "sample input element"],
 ):
     """Return the derivatives of the outputs by the state and by the parameters, zero at missing
-    samples, and those of the inputs by the parameters, None if none acts on them.
+    samples; and of the inputs by the parameters, None if none acts on them.
 
-    The arguments are those of `differentiate_update`.
+    Args: as in `differentiate_update`.
     """
     H, B_u, y_p = outputs.apply(outputs.linearise(leaves, now.t, now.x, now.u)[1])
     d_u = None

@@ -59,10 +59,10 @@ class Error(NamedTuple):
     shape: float
 
 
-def error_of(coefficient: str, part: str, history: Estimated) -> Error:
+def error_of(coefficient: str, part: str, value: np.ndarray, true: np.ndarray) -> Error:
     """Return the error of one history."""
-    apart = history.value - history.true
-    rms, span = float(np.sqrt(np.mean(apart**2))), float(np.ptp(history.true))
+    apart = value - true
+    rms, span = float(np.sqrt(np.mean(apart**2))), float(np.ptp(true))
     relative, shape = (
         size / span if span > 0 else float("nan") for size in (rms, float(np.std(apart)))
     )
@@ -83,10 +83,8 @@ def total_errors(identified: Identification, flights: list[Flight]) -> list[list
         rows = []
         for name in names:
             true = np.asarray(flight.truth.channel(name))
-            value, deviation = (
-                np.asarray(each)[row, : true.size] for each in bands[name].__dict__.values()
-            )
-            rows.append(error_of(name, "total", Estimated(value, deviation, true)))
+            value = np.asarray(bands[name].value)[row, : true.size]
+            rows.append(error_of(name, "total", value, true))
         by_record.append(rows)
     return by_record
 
@@ -96,14 +94,12 @@ def part_errors(identified: Identification, flight: Flight) -> list[Error]:
     true = angles(flight)
     aerodynamics = flight.aircraft.airframe.aerodynamics
     names = kept(identified)
-    rows = [error_of(name, "static", part(identified, aerodynamics, name, true)) for name in names]
-    for name in names:
-        for control in CONTROLS[name]:
-            rows.append(
-                error_of(
-                    name, f"d/d {control}", part(identified, aerodynamics, name, true, control)
-                )
-            )
+    chosen = [(name, "static", None) for name in names]
+    chosen += [(name, f"d/d {by}", by) for name in names for by in CONTROLS[name]]
+    rows = []
+    for name, title, by in chosen:
+        history = part(identified, aerodynamics, name, true, by)
+        rows.append(error_of(name, title, history.value, history.true))
     return rows
 
 
@@ -112,9 +108,9 @@ def motion_errors(identified: Identification, flight: Flight) -> list[Error]:
     true = motion_signals(flight)
     rows = []
     for name in kept(identified):
-        value, deviation = estimated(identified, name, true)
-        history = Estimated(value, deviation, np.asarray(flight.truth.channel(name)))
-        rows.append(error_of(name, "at the true motion", history))
+        value, _ = estimated(identified, name, true)
+        known = np.asarray(flight.truth.channel(name))
+        rows.append(error_of(name, "at the true motion", value, known))
     return rows
 
 

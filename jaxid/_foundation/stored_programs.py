@@ -63,7 +63,7 @@ _STORE = _Store()
 
 
 def store_programs(folder: Path | None, settings: Callable[[], str] = str) -> None:
-    """Store exported programs in a folder of their own inside the folder of JAX's cache, or nowhere.
+    """Store exported programs in a subfolder of the folder of JAX's cache, or nowhere.
 
     Args:
         folder: folder of JAX's cache; None to store nothing.

@@ -44,7 +44,8 @@ class StochasticModel(AbstractModel):
 
     def __getattr__(self, name: str):
         """A field or method that only the model without noises has, such as a parameter."""
-        if name.startswith("__") or name == "model":
+        # also where a property of this class fails, whose name the model without noises has too
+        if name.startswith("__") or name == "model" or hasattr(type(self), name):
             raise AttributeError(name)
         return getattr(self.model, name)
 

@@ -167,7 +167,7 @@ def test_band_counts_terms_kept_at_the_regression():
 def test_error_of_history_equals_hand_calculation():
     part = module("report_tables.coefficients")
     true, apart = np.array([0.0, 1.0, 2.0, 4.0]), np.array([0.3, 0.1, 0.3, 0.1])
-    error = part.error_of("Cm", "static", part.Estimated(true + apart, np.full(4, 0.06), true))
+    error = part.error_of("Cm", "static", true + apart, true)
     np.testing.assert_allclose((error.rms, error.range), (np.sqrt(0.05), 4.0))
     np.testing.assert_allclose((error.relative, error.shape), (np.sqrt(0.05) / 4.0, 0.1 / 4.0))
 

@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import pytest
 from small_spring import Spring
 
 import jaxid
@@ -39,3 +40,10 @@ def test_model_with_noises_has_the_parameters_of_its_model():
     noisy = StochasticModel(Spring(2.0, 0.1), {"v": jnp.ones(())}, {}, {}, {}, ("force",))
     assert (noisy.k, noisy.c) == (2.0, 0.1)
     assert not hasattr(noisy, "mass")
+
+
+def test_property_of_model_with_noises_that_fails_is_not_taken_from_its_model(monkeypatch):
+    noisy = StochasticModel(Spring(2.0, 0.1), {"v": jnp.ones(())}, {}, {}, {}, ("force",))
+    monkeypatch.setattr(StochasticModel, "with_memory", property(lambda self: self.absent))
+    with pytest.raises(AttributeError):
+        _ = noisy.states

@@ -105,10 +105,10 @@ def _default_folder() -> str:
     )
 
 
-def _settings_of_jax() -> str:
-    """Return all settings of JAX but the folder of its cache, as a text."""
-    settings = sorted(jax.config.values.items())
-    return repr([setting for setting in settings if setting[0] != "jax_compilation_cache_dir"])
+def _settings_of_jax() -> tuple:
+    """Return all settings of JAX but the folder of its cache, as they are in this context."""
+    settings = jax.config.values.items()
+    return tuple(setting for setting in settings if setting[0] != "jax_compilation_cache_dir")
 
 
 def _folder_in_use() -> str | None:

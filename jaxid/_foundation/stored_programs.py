@@ -56,13 +56,13 @@ class _Store:
     """Where programs are stored, nowhere until `store_programs` is called; settings of JAX."""
 
     folder: Path | None = None
-    settings: Callable[[], str] = str
+    settings: Callable[[], tuple] = tuple
 
 
 _STORE = _Store()
 
 
-def store_programs(folder: Path | None, settings: Callable[[], str] = str) -> None:
+def store_programs(folder: Path | None, settings: Callable[[], tuple] = tuple) -> None:
     """Store exported programs in a subfolder of the folder of JAX's cache, or nowhere.
 
     Args:
@@ -200,7 +200,7 @@ def types_of(arrays: list, others: tuple) -> tuple:
 
 def _key(function: Callable[..., Any], arguments: Any, arrays: list) -> str:
     """Return the key of a program, in hexadecimal digits."""
-    digest = hashlib.sha256(_code() + _STORE.settings().encode())
+    digest = hashlib.sha256(_code() + repr(_STORE.settings()).encode())
     for part in _described((function, arguments), frozenset(map(id, arrays))):
         digest.update(part.encode() + b"\0")
     return digest.hexdigest()

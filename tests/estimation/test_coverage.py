@@ -152,8 +152,8 @@ def test_interval_for_coloured_residuals_covers_with_200_samples(coloured):
 
 
 def test_corrected_error_of_initial_state_covers_under_coloured_noise(coloured):
-    """The corrected variances are estimates themselves: the normal quantile covers as much as of
-    Student's t with the degrees of freedom of the shared parameters.
+    """The corrected variances are estimates themselves: the normal quantile covers its share of
+    Student's t, with the degrees of freedom of the shared parameters.
     """
     apart = np.abs(coloured.own[:, 0, 0] - X0)
     assert np.mean(apart < WIDTH * coloured.own_errors[:, 0, 0]) < 0.75

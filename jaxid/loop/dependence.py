@@ -68,8 +68,8 @@ def followed_signals(best: LoopFit, level: float) -> tuple[str, ...]:
     """
     problem, noise, motion = best.problem, best.hypothesis.noise, best.motion
     if isinstance(noise, RandomForces):
-        # Anew, as the filter of the fit has another force between samples: its estimates may not
-        # whiten the innovations here, if the force forgets within a step.
+        # The filter of the fit has another force between samples: if the force forgets within a
+        # step, the estimates of that filter do not whiten the innovations of this one.
         forces = fit_forces(motion, noise, noise.initial(best.noise_covariance))
         return followed_by_forces(best, forces, noise, level)
     if not isinstance(best.estimation.problem.likelihood, OutputError):

@@ -6,7 +6,7 @@ from .._foundation.checks import InputError, require, require_known
 from .._foundation.location import LocationKind
 from ..models.base import AbstractModel, equations_of
 from ..models.equation_shapes import check_equations
-from .augmented import Augmented
+from .augmented import Augmented, split_effects
 from .base import Effect
 
 EXAMPLE = "such as `jaxid.effects.DryFriction('v', 'v')`"
@@ -35,6 +35,8 @@ def check_candidates(model: AbstractModel, effects: Sequence[Effect]) -> None:
             f"The candidate {effect!r} is not an effect. Give an object, {EXAMPLE}; "
             "`jaxid.effects.general_effects(model)` is the default.",
         )
+    check_absent(effects, model)
+    for effect in effects:
         location = effect.card.location
         if location.kind in channels:
             kind = f"{location.kind.label} of the model, named by the candidate {effect.name!r},"
@@ -43,3 +45,20 @@ def check_candidates(model: AbstractModel, effects: Sequence[Effect]) -> None:
             check_equations(Augmented(model, (effect,)))
         except InputError as error:
             raise InputError(f"The candidate {effect.name!r}: {error}") from error
+
+
+def check_absent(library: Sequence[Effect], model: AbstractModel) -> None:
+    """Refuse candidates that the declared model already holds, or whose gain is not zero."""
+    known = {effect.name for effect in split_effects(model)[1]}
+    for effect in library:
+        require(
+            effect.name not in known,
+            f"The declared model holds {effect.name!r} already. Leave this candidate out.",
+        )
+        gain = float(effect.gain)
+        require(
+            gain == 0.0,
+            f"The candidate {effect.name!r} has a gain of {gain:g}; a candidate starts absent. "
+            "Leave its gain out. An effect known to be present belongs in the model: "
+            "Augmented(model, (effect,)).",
+        )

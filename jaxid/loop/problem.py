@@ -1,7 +1,7 @@
 """`LoopProblem`: declared model, library of candidate effects and records of a search."""
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from functools import cached_property
 
 import jax
@@ -13,9 +13,10 @@ from .._foundation.host import to_device
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..diagnosis.validation import Predictor, check_window
-from ..effects.augmented import Augmented, split_effects
+from ..effects.augmented import Augmented
 from ..effects.base import Effect
 from ..effects.card import EffectCard
+from ..effects.channel_checks import check_absent
 from ..effects.library import uncertain_equations
 from ..estimation.estimate import as_stack, check_channels, check_samples, check_sampling
 from ..estimation.filter.filter_error import FilterError
@@ -89,7 +90,7 @@ class LoopProblem:
         check_sampling(model, train, likelihood)
         check_samples(train)
         likelihood.check(model, train)
-        _check_absent(library, model)
+        check_absent(library, model)
         augmented = canonical(Augmented(model, tuple(library)))
         problem = cls(
             augmented.model,
@@ -269,23 +270,6 @@ class LoopProblem:
     def is_evident(self, name: str) -> bool:
         """Return True if the records show an effect without a model."""
         return self.effects[name].evident_in_data(self.measured)
-
-
-def _check_absent(library: Sequence[Effect], model: AbstractModel) -> None:
-    """Refuse candidates that the declared model already holds, or whose gain is not zero."""
-    known = {effect.name for effect in split_effects(model)[1]}
-    for effect in library:
-        require(
-            effect.name not in known,
-            f"The declared model holds {effect.name!r} already. Leave this candidate out.",
-        )
-        gain = float(effect.gain)
-        require(
-            gain == 0.0,
-            f"The candidate {effect.name!r} has a gain of {gain:g}; a candidate starts absent. "
-            "Leave its gain out. An effect known to be present belongs in the model: "
-            "Augmented(model, (effect,)).",
-        )
 
 
 def regular(R: Float[Array, "output output"]) -> Float[Array, "output output"]:

@@ -606,12 +606,12 @@ def test_json_is_plain_and_complete():
     ],
 )
 def test_invalid_input_raises_error_before_computation(change, words):
-    flight, _ = fly(1, None)
+    flight, other = (fly(seed, None)[0] for seed in (1, 2))
     model = Spring(1.0, 0.1)
     arguments = {
         "train": [flight],
         "check": [flight],
-        "test": [flight],
+        "test": [other],
         "effects": (SensorScale("x"),),
     } | change
     with pytest.raises(InputError, match=words):

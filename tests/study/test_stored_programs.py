@@ -1,5 +1,6 @@
 """Programs on disk: the same numbers without a trace, and none for classes that may differ."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -208,7 +209,7 @@ def test_key_depends_on_settings_of_jax_and_not_on_values_of_arrays(folder):
 
 
 def local_class():
-    class Local(Term):
+    class Local(eqx.Module):
         """Not at the top level of a module."""
 
     Local.__module__ = Term.__module__

@@ -41,8 +41,12 @@ EQUINOX_SETTINGS = "EQX_"  # beginning of the environment variables that change 
 IMPORTED = time.time()  # [s]
 # Name of the folder of stored programs, inside the folder of JAX's persistent cache.
 SUBFOLDER = "jaxid-exported"
-# Of callbacks, operations of no known format, and results that cannot be pickled.
-NOT_EXPORTED = (ValueError, NotImplementedError, pickle.PicklingError, AttributeError, TypeError)
+# Of callbacks, operations of no known format, results that cannot be pickled, and flatbuffers, by
+# which JAX writes, where it is not installed.
+NOT_EXPORTED = (
+    *(ValueError, NotImplementedError, pickle.PicklingError, AttributeError, TypeError),
+    ImportError,
+)
 SCALARS = (bool, int, float, complex, str, bytes)
 DIGEST_BYTES = hashlib.sha256().digest_size
 

@@ -122,6 +122,19 @@ def test_a_folder_that_cannot_be_written_to_costs_the_trace_alone(tmp_path):
         stored_programs.store_programs(None)
 
 
+def test_a_program_that_jax_cannot_write_is_traced(folder, monkeypatch):
+    """Without flatbuffers the export of a program ends in an ImportError."""
+
+    def absent(_):
+        raise ImportError("Please install 'flatbuffers'")
+
+    monkeypatch.setattr(jax.export.Exported, "serialize", absent)
+    (program, arguments), *_ = programs_of(LINEAR)
+    before = files_of(folder)
+    assert np.all(np.isfinite(program(*arguments)[1]))
+    assert files_of(folder) == before
+
+
 def test_a_full_disk_leaves_no_part_of_a_file(folder, monkeypatch):
     def refuse(*_):
         raise OSError("No space left on device")

@@ -200,11 +200,17 @@ def _expand(tree, parent: LoopFit, path, options: LoopOptions, progress) -> list
         progress(f"round {rounds + 1}: {text}")
 
     for moves, count in _stages(tree, Proposals(parent, options), rounds, progress):
-        steps = _refits(tree, parent, moves, count, options, report)
+        steps = _refits(tree, parent, _new(tree, parent, moves), count, options, report)
         accepted = [step for step in steps if step.comparison.accepted]
         if accepted:
             return _ordered(accepted)
     return []
+
+
+def _new(tree: SearchTree, parent: LoopFit, moves: Iterable[Move]) -> list[Move]:
+    """Return the moves that no earlier stage from a fit has refitted."""
+    known = {step.move.hypothesis.key for step in tree.steps if step.parent is parent}
+    return [move for move in moves if move.hypothesis.key not in known]
 
 
 def _stages(

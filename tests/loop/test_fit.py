@@ -1,6 +1,7 @@
 """Fits with the complete library and with the reduced model are the same; continuation of fits."""
 
 import dataclasses
+from threading import Event, Timer
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,9 +14,10 @@ from jaxid.effects.equation import StateLimit, Term
 from jaxid.effects.input import InputLag
 from jaxid.effects.sensor import SensorBias
 from jaxid.estimation.estimate import as_stack
-from jaxid.loop import Hypothesis, LoopProblem, problem
+from jaxid.loop import Hypothesis, LoopProblem, compilation, problem
 from jaxid.loop import fit as fits
 from jaxid.loop.fit import MIN_COST_FALL, fit, worth_continuing
+from jaxid.loop.linear_motion import LinearMotion
 from jaxid.loop.problem import SEARCH_SOLVER, operations, use_reduced_model
 from jaxid.loop.search import with_shapes
 
@@ -114,9 +116,57 @@ def test_creeping_fit_is_continued_only_to_finish_it(costs, continues):
 
 
 def test_fit_that_cannot_reach_its_target_is_not_continued():
-    falling = [100.0, 80.0]  # by at most 20 in each of ten continuations, of which one is done
+    falling = [100.0, 80.0]  # by 20 in the first of ten continuations
     assert worth_continuing(falling, -99.0)
     assert not worth_continuing(falling, -100.0)
+
+
+@pytest.mark.parametrize("effects", [(), ("x^3 in v", "bias of x")])
+def test_columns_with_linearised_steps_equal_those_of_forward_mode(monkeypatch, effects):
+    """On long records the columns of all candidates come from one pass, in reverse mode."""
+    found = []
+    for least in (problem.LINEARISED_FROM, 10):
+        monkeypatch.setattr(problem, "LINEARISED_FROM", least)
+        given = _problem(monkeypatch, True)
+        values = given.initial_values + 0.01
+        rows = fit(given, Hypothesis()).solution.parameters.rows
+        found.append(LinearMotion(given, effects, values, rows).sensitivities)
+        assert given.is_long is (least == 10)
+    (v, S), (expected_v, expected) = found
+    np.testing.assert_allclose(v, expected_v, rtol=0, atol=1e-10)
+    scale = np.max(np.abs(expected), axis=(0, 1, 2))
+    assert np.count_nonzero(scale) > 4
+    assert np.max(np.abs(S - expected) / np.where(scale > 0, scale, 1.0)) < 1e-10
+
+
+def test_programs_that_are_not_waited_for_are_not_compiled(monkeypatch):
+    """A search that ends early, by an error or Ctrl-C, leaves no compilation behind."""
+    made = []
+    monkeypatch.setattr(compilation, "_compile", lambda _, hypothesis: made.append(hypothesis))
+    given = _problem(monkeypatch, True)
+    hypotheses = [Hypothesis((effect.name,)) for effect in LIBRARY]
+    with compilation.compiled_ahead(given, hypotheses) as wait_for:
+        wait_for(hypotheses[-1])
+    assert made == hypotheses  # in their order
+    begun = []
+
+    def slow(_, hypothesis):
+        begun.append(hypothesis)
+        first.set()
+        go_on.wait()
+
+    first, go_on = Event(), Event()
+    monkeypatch.setattr(compilation, "_compile", slow)
+
+    def interrupted():
+        with compilation.compiled_ahead(given, hypotheses):
+            first.wait()
+            Timer(0.2, go_on.set).start()  # while the search ends
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert begun == hypotheses[:1]
 
 
 def test_reduced_model_is_used_for_small_model_on_long_records():

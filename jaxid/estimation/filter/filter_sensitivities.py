@@ -17,23 +17,19 @@ import jax.numpy as jnp
 from ..._foundation.types import Array, Float
 from ...data.record import Record
 from ...models.free_model import FreeModel
-from ...models.stochastic import StochasticModel
 from ...sensitivity.jacobian import value_and_jacobian
-from ...sensitivity.linearisation import Trajectory, in_blocks, input_derivatives
+from ...sensitivity.linearisation import in_blocks
 from ...simulation.hold import AbstractHold
-from ...simulation.steppers import RK4
+from .filter_run import SAMPLES_TOGETHER, FilterRun, stochastic
 from .innovation_rows import white_rows
-from .kalman import filter_signals, initial_moments, kalman_filter
+from .kalman import initial_moments
 from .matrix_derivatives import congruence, left_product
 from .prediction_derivatives import Prediction, PredictionModel, differentiate_prediction
 from .update_derivatives import (
-    Measured,
     Update,
     differentiate_update,
     output_derivatives,
 )
-
-SAMPLES_TOGETHER = 32  # samples differentiated at once; chosen: some megabytes for 40 parameters
 
 
 class FilterSensitivities(NamedTuple):
@@ -66,20 +62,13 @@ def filter_sensitivities(
         theta: values of the parameters.
         record, hold, substeps, steady: as in `kalman_filter`.
     """
-    model, x0 = _built(family, theta)
-    filtered = kalman_filter(model, record, x0, hold, substeps, steady=steady)
-    start, dR = _start(family, theta, record, hold, substeps, steady)
     leaves = family.leaves(theta)
-    trajectory = Trajectory(record.t, record.u, filtered.x, hold, RK4(substeps))
-    acting, inputs = input_derivatives(family, leaves, trajectory)
-    samples, steps = filter_signals(model, record, hold, substeps)
-    at = record.t[0], x0, samples.u[0]
+    run = FilterRun.of(family, leaves, record, hold, substeps, steady=steady)
+    filtered, measured, acting, inputs = run.filtered, run.measured, run.acting, run.inputs
+    start, dR = _start(family, theta, record, hold, substeps, steady)
+    at = record.t[0], run.initial_state, measured.u[0]
     outputs = output_derivatives(family, leaves, at, acting)
     moving = PredictionModel.of(family, leaves, at, acting)
-    measured = Measured(
-        *(samples.t, samples.u, record.mask, filtered.v, filtered.B),
-        *(filtered.x_predicted, filtered.P_predicted, filtered.P),
-    )
 
     def block(carry, now):
         measured, d_samples, x, steps, d_stages = now
@@ -87,17 +76,11 @@ def filter_sensitivities(
         prediction = differentiate_prediction(moving, x, measured.P_after, steps, d_stages)
         return jax.lax.scan(_sample, carry, (update, prediction))
 
-    now = (measured, inputs.d_samples, filtered.x, steps, inputs.d_stages)
+    now = (measured, inputs.d_samples, filtered.x, run.steps, inputs.d_stages)
     blocks = jax.tree.map(lambda leaf: in_blocks(leaf, SAMPLES_TOGETHER), now)
     _, rows = jax.lax.scan(block, start, blocks)
     rows = rows.reshape(-1, *rows.shape[2:])[: record.t.size]
     return FilterSensitivities(filtered.v, filtered.B, rows)
-
-
-def _built(family: FreeModel, theta) -> tuple[StochasticModel, Float[Array, " state"]]:
-    model, x0 = family(theta)
-    assert isinstance(model, StochasticModel), "a model from `prepared`"
-    return model, x0
 
 
 def _start(family, theta, record, hold, substeps, steady):
@@ -106,14 +89,18 @@ def _start(family, theta, record, hold, substeps, steady):
     """
 
     def begin(theta):
-        model, x0 = _built(family, theta)
+        model, x0 = stochastic(family, family.leaves(theta))
         moments = initial_moments(model, record, x0, hold, substeps, steady)
         return jnp.concatenate([part.reshape(-1) for part in moments])
 
     n = len(family.model.states)
     start = value_and_jacobian(begin, theta)[1]
-    dR = value_and_jacobian(lambda theta: _built(family, theta)[0].sensor_deviations() ** 2, theta)
-    return (start[:n], start[n:].reshape(n, n, theta.size)), dR[1]
+
+    def variances(theta):
+        return stochastic(family, family.leaves(theta))[0].sensor_deviations() ** 2
+
+    _, dR = value_and_jacobian(variances, theta)
+    return (start[:n], start[n:].reshape(n, n, theta.size)), dR
 
 
 def _sample(carry, now: tuple[Update, Prediction]):

@@ -32,38 +32,31 @@ from ...sensitivity.jacobians import Differentiation, by_elements
 from ...sensitivity.linearisation import (
     INPUTS,
     Inputs,
-    Trajectory,
     equation_derivatives,
     in_blocks,
     initial_sensitivities,
-    input_derivatives,
     stage_jacobians,
     step,
 )
 from ...simulation.hold import AbstractHold
-from ...simulation.steppers import RK4
 from ..likelihoods import Folded
+from .filter_run import SAMPLES_TOGETHER, FilterRun, Measured, stochastic
 from .innovation_rows import innovation_rows, pairs
 from .kalman import (
     MIDDLE,
     SERIES_TERMS,
     SERIES_WEIGHTS,
     Steps,
-    filter_signals,
     initial_moments,
     inverse_cholesky,
-    kalman_filter,
     predicted,
 )
 from .matrix_derivatives import congruence, left_product
 from .update_derivatives import (
-    Measured,
     measured_jacobians,
     noise_forms,
     output_derivatives,
 )
-
-SAMPLES_TOGETHER = 32  # samples differentiated and folded at once (chosen)
 
 
 class Derivatives(NamedTuple):
@@ -147,22 +140,13 @@ def frozen_gain(
         theta: values of the parameters.
         record, hold, substeps, steady: as in `kalman_filter`.
     """
-    model, x0 = family(theta)
-    assert isinstance(model, StochasticModel), "a model from `prepared`"
-    filtered = kalman_filter(model, record, x0, hold, substeps, steady=steady)
-    samples, steps = filter_signals(model, record, hold, substeps)
-    trajectory = Trajectory(record.t, record.u, filtered.x, hold, RK4(substeps))
-    leaves = family.leaves(theta)
-    acting, inputs = input_derivatives(family, leaves, trajectory)
-    derivatives = _derivatives(family, leaves, trajectory, acting)
+    leaves, m = family.leaves(theta), record.z.shape[-1]
+    run = FilterRun.of(family, leaves, record, hold, substeps, steady=steady)
+    filtered = run.filtered
+    derivatives = _derivatives(family, leaves, run.trajectory, run.acting)
     rows = innovation_rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
-    m = record.z.shape[-1]
-    measured = Measured(
-        *(samples.t, samples.u, record.mask, filtered.v, filtered.B),
-        *(filtered.x_predicted, filtered.P_predicted, filtered.P),
-    )
     block = Block(
-        *(measured, filtered.x, steps, inputs),
+        *(run.measured, filtered.x, run.steps, run.inputs),
         *(rows[:, : m * (m + 3) // 2], jnp.ones_like(record.t)),
     )
     block = jax.tree.map(lambda leaf: in_blocks(leaf, SAMPLES_TOGETHER), block)
@@ -170,8 +154,8 @@ def frozen_gain(
     block = block._replace(weight=(index < record.t.size) * 1.0)
 
     def start(*leaves):
-        model = _stochastic(family, leaves)
-        return initial_moments(model, record, x0, hold, substeps, steady)[1]
+        model, _ = stochastic(family, leaves)
+        return initial_moments(model, record, run.initial_state, hold, substeps, steady)[1]
 
     X = initial_sensitivities(family, leaves)
     dP = by_elements(start, leaves, derivatives.noise)[1]
@@ -187,11 +171,11 @@ def _derivatives(family: FreeModel, leaves: Leaves, trajectory, acting) -> Deriv
     at = trajectory.t[0], trajectory.x[0], trajectory.u[0]
 
     def acts(function):
-        used = depends_on(lambda *leaves: function(_stochastic(family, leaves)), leaves)
+        used = depends_on(lambda *leaves: function(stochastic(family, leaves)[0]), leaves)
         return tuple(index for index in noise if used[index])
 
     def variances(*leaves):
-        return _stochastic(family, leaves).sensor_deviations() ** 2
+        return stochastic(family, leaves)[0].sensor_deviations() ** 2
 
     in_rates = acts(lambda model: model.rhs(*at))
     in_diffusion = acts(lambda model: model.diffusion(*at))
@@ -202,12 +186,6 @@ def _derivatives(family: FreeModel, leaves: Leaves, trajectory, acting) -> Deriv
         output_derivatives(family, leaves, at, acting),
         by_elements(variances, leaves, noise)[1],
     )
-
-
-def _stochastic(family: FreeModel, leaves: Leaves) -> StochasticModel:
-    model, _ = family.build(leaves)
-    assert isinstance(model, StochasticModel), "a model from `prepared`"
-    return model
 
 
 def _folded(derivatives: Derivatives, begin, blocks: Block) -> Float[Array, "column column"]:
@@ -302,7 +280,7 @@ def _noise_of_steps(derivatives: Derivatives, points, A, length):
     """
 
     def diffusion(*leaves):
-        return jax.vmap(_stochastic(derivatives.family, leaves).diffusion)(*points)
+        return jax.vmap(stochastic(derivatives.family, leaves)[0].diffusion)(*points)
 
     G, dG = by_elements(diffusion, derivatives.leaves, derivatives.in_diffusion)
     both, h = jnp.concatenate([G[..., None], dG], axis=-1), length[:, None, None]
@@ -320,7 +298,7 @@ def _by_rates(derivatives: Derivatives, now: Block):
     """Return the derivatives of `Phi P+ Phi' + Qd` by the parameters of the rates."""
 
     def covariance(*leaves):
-        model = _stochastic(derivatives.family, leaves)
+        model, _ = stochastic(derivatives.family, leaves)
 
         def one(x, P, steps):
             _, Phi, Q = predicted(model, x, steps)

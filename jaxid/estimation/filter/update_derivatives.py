@@ -18,25 +18,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ..._foundation.types import Array, Bool, Float
+from ..._foundation.types import Array, Float
 from ...models.free_model import FreeModel, Leaves
 from ...sensitivity.jacobians import Differentiation
+from .filter_run import Measured
 from .innovation_rows import white_rows
 from .kalman import inverse_cholesky
 from .prediction_derivatives import Partials
-
-
-class Measured(NamedTuple):
-    """The filter at the samples of a block; `x` and `P` before, `P_after` after the measurement."""
-
-    t: Float[Array, " sample"]
-    u: Float[Array, "sample input"]
-    mask: Bool[Array, "sample output"]
-    v: Float[Array, "sample output"]
-    B: Float[Array, "sample output output"]
-    x: Float[Array, "sample state"]
-    P: Float[Array, "sample state state"]
-    P_after: Float[Array, "sample state state"]
 
 
 class Update(NamedTuple):

@@ -12,7 +12,6 @@ from .compiler import compiler_options
 from .host import are_known
 from .stored_programs import joined_leaves, split_leaves, stored_program, types_of
 
-
 # Chosen: programs of one function that are kept. Each takes some 300 of the 65,530 memory maps that
 # Linux grants a process (`vm.max_map_count`), and that of a fit on long records some 50 MB.
 MOST_PROGRAMS = 16

@@ -226,14 +226,14 @@ def _stages(
         return
     swaps = proposals.swaps(0.0)[: options.swap_limit]
     yield [*proposals.additions(), *proposals.groups(), *swaps], count
-    second = _second_steps(tree, proposals.fit, options)
+    second = second_steps(tree, proposals.fit, options)
     yield [*proposals.pairs(), *second], count * (count - 1) // 2
     if len(proposals.fit.effects) > 1:
         yield proposals.swaps(np.inf)[: options.swap_limit], count
     yield _noises(tree, proposals.fit, options, progress), 1
 
 
-def _second_steps(tree: SearchTree, parent: LoopFit, options: LoopOptions) -> list[Move]:
+def second_steps(tree: SearchTree, parent: LoopFit, options: LoopOptions) -> list[Move]:
     """Return pairs of the best refused addition, if it has evidence, with a further effect.
 
     While several effects are missing, the residual after each one is so coloured by the others that

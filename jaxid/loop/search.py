@@ -119,10 +119,10 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
     """Return the search tree of a problem.
 
     From each hypothesis of the beam the moves are refitted in stages: removals; additions, groups
-    and profitable swaps; pairs; swaps where there are two effects; noise models. The first stage
-    with an accepted move ends the expansion, and the best `beam_width` results of all expansions
-    are the next beam. The search stops when no move is accepted. Ctrl-C ends it with the best
-    hypothesis so far.
+    and profitable swaps; pairs, also of the best refused addition; swaps where there are two
+    effects; noise models. The first stage with an accepted move ends the expansion, and the best
+    `beam_width` results of all expansions are the next beam. The search stops when no move is
+    accepted. Ctrl-C ends it with the best hypothesis so far.
     """
     progress("compilation of the model with its candidates")
     compile_programs(problem)

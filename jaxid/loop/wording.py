@@ -60,7 +60,7 @@ def objection_words(objection: Objection) -> str:
     """Return the objection of a check as a sentence."""
     names = ", ".join(objection.names)
     numbers = ", ".join(
-        f"{name} ({number:.3g})"
+        f"{name} ({round(number, 3) + 0.0:.3g})"  # not -0
         for name, number in zip(objection.names, objection.numbers, strict=False)
     )
     return {

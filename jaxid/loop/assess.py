@@ -207,7 +207,7 @@ def unit_gain(best: LoopFit) -> Objection | None:
 def alternative(tree: SearchTree) -> Objection | None:
     """Return an objection if another shape fits nearly as well as an effect.
 
-    Refitted alternatives of no more parameters, and shapes next to those of the effects that the
+    Refitted alternatives of no more parameters or effects, and shapes next to those of the effects that the
     library need not hold, such as the next higher power.
 
     It alone decides when an effect is faint (`test_faint_effect_is_proxy`), or when another one
@@ -221,7 +221,7 @@ def alternative(tree: SearchTree) -> Objection | None:
         str(other.hypothesis): worse
         for other, worse in tree.alternatives()
         if worse < margin
-        and other.count <= best.count
+        and _is_as_simple(best, other)
         and not (abs(worse) <= SAME_SHARE * explained and _one_cause(best, other))
     }
     if not near:
@@ -229,6 +229,15 @@ def alternative(tree: SearchTree) -> Objection | None:
             n: w for n, w in neighbours(best).items() if w < margin / SETTLED * SETTLED_NEIGHBOUR
         }
     return Objection(Check.ALTERNATIVE, tuple(near), tuple(near.values())) if near else None
+
+
+def _is_as_simple(best: LoopFit, other: LoopFit) -> bool:
+    """Return True if a fit has no more parameters than the best one, or with the same noise no more
+    effects; the price of its parameters counts already.
+    """
+    same_noise = other.hypothesis.noise == best.hypothesis.noise
+    fewer_effects = len(other.effects) <= len(best.effects)
+    return other.count <= best.count or (same_noise and fewer_effects)
 
 
 def _one_cause(best: LoopFit, other: LoopFit) -> bool:

@@ -81,7 +81,7 @@ def compare(old: LoopFit, new: LoopFit, options: LoopOptions, count: int) -> Com
 
     Added parameters must lower twice the cost by more than chance would with as many candidates
     (chi-square, Bonferroni), multiplied by the variance inflation of the new residual. A removal
-    must raise it by less; a swap is priced by the number of parameters. Where the residual is still
+    must raise it by less; a swap must pay the price of its parameters, multiplied likewise. Where the residual is still
     predictable, train and check records decide together, by the probability of both improvements
     (`improvement_chance`), and the check records must gain materially. A noise must not be as slow
     as a drift.
@@ -173,9 +173,10 @@ def _required(old: LoopFit, new: LoopFit, level: float) -> float:
     more, before, after = new.count - old.count, set(old.effects), set(new.effects)
     if after < before:
         return -float(chi2.isf(level, -more))
+    colour, price = inflation(new, after - before), new.problem.price
     if more > 0 and before <= after:
-        return float(chi2.isf(level, more)) * inflation(new, after - before)
-    return new.problem.price * more + INSEPARABLE * (more == 0)
+        return float(chi2.isf(level, more)) * colour
+    return price * more if more < 0 else colour * (price * more or INSEPARABLE)
 
 
 def inflation(fit: LoopFit, effects) -> float:

@@ -9,6 +9,7 @@ from .fit import LoopFit
 from .outcome import Outcome
 from .search import SearchTree
 
+EQUAL = 0.05  # difference of chi-square that is printed as zero
 NO_EFFECT = (
     "No effect is missing that these records could show: the residual is consistent with {}."
 )
@@ -86,8 +87,8 @@ def next_best_words(tree: SearchTree) -> str:
     effects = " and ".join(other.effects) or "no effect"
     noise = other.hypothesis.noise.words
     distance = (
-        f"worse by {worse:.1f} in chi-square"
-        if worse >= 0
+        f"worse by {max(worse, 0.0):.1f} in chi-square"
+        if worse > -EQUAL
         else f"better by {-worse:.1f} in chi-square, but refused: it predicts the check records "
         "worse, or its noise depends on a signal"
     )

@@ -743,7 +743,7 @@ IMPORT_PLANTS = [
     ("__init__.py", "import warnings\nwarnings.simplefilter('ignore')", "warnings.filters"),
     ("__init__.py", "import os\nos.environ['XLA_FLAGS'] = ''", "environment"),
     ("__init__.py", "import matplotlib", "import of matplotlib"),
-    ("data/record.py", "import scipy.stats", "import of scipy.stats"),
+    ("__init__.py", "import scipy.stats", "import of scipy.stats"),
     ("report/table.py", "import matplotlib\nmatplotlib.use('agg')", "matplotlib.backend"),
     ("report/table.py", "plt.rcParams['lines.linewidth'] = 9", "matplotlib.rcParams"),
 ]

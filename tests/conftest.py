@@ -6,6 +6,7 @@ of them.
 """
 # ruff: noqa: E402
 
+import ctypes
 import gc
 import os
 import subprocess
@@ -61,6 +62,8 @@ hypothesis.settings.register_profile("jaxid", deadline=None, derandomize=True, p
 hypothesis.settings.load_profile("jaxid")
 
 STATM = Path("/proc/self/statm")  # on Linux: pages of memory of this process
+# with the C library of GNU: returns free memory to the system
+TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
 LARGEST_WORKER = 1.5e9  # bytes beyond which compiled programs are released (chosen)
 CACHE_RACE = "ignore:Error (reading|writing) persistent compilation cache entry:UserWarning"
 
@@ -89,6 +92,9 @@ def compiler_setting_stays():
 def release_compiled_programs():
     """Release the compiled programs after a module if the process has become large; a worker would
     grow by several gigabytes.
+
+    The allocator keeps the memory of released programs unless it is trimmed, and the next module
+    would find the process as large as before and release its programs again.
     """
     from jaxid._foundation.memory import release_compiled_programs_if_needed
 
@@ -96,6 +102,8 @@ def release_compiled_programs():
     pages = int(STATM.read_text().split()[1]) if STATM.exists() else None
     if pages is None or pages * os.sysconf("SC_PAGE_SIZE") > LARGEST_WORKER:
         jax.clear_caches()
+        if TRIM is not None:
+            TRIM(0)
     release_compiled_programs_if_needed()
 
 

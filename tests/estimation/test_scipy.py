@@ -45,7 +45,7 @@ NOISES = {
 
 
 def predict_joint(made):
-    """All outputs as a function of (shared, initial state of record 0, of record 1)."""
+    """All outputs as a function of columns (shared, initial state of record 0, of record 1)."""
 
     def predict(theta):
         rows = [

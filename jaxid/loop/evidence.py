@@ -5,7 +5,6 @@ import enum
 
 import equinox as eqx
 import numpy as np
-from scipy.stats import chi2, norm
 
 from .._foundation.grid import typical_step
 from .._foundation.types import Array, Float
@@ -140,6 +139,8 @@ def improvement_chance(old: LoopFit, new: LoopFit, fall: float, check_fall: floa
     check records' error, divided by its standard error, are independent. Their probabilities are
     combined by Fisher's method (Statistical Methods for Research Workers, 1932, section 21.1).
     """
+    from scipy.stats import chi2, norm  # slow to import
+
     added = set(new.effects) - set(old.effects)
     of_train = chi2.logsf(max(fall, 0.0) / inflation(new, added), new.count - old.count)
     scatter = difference_error(old.check_prediction, new.check_prediction)
@@ -170,6 +171,8 @@ def _is_swap(old: LoopFit, new: LoopFit) -> bool:
 
 def _required(old: LoopFit, new: LoopFit, level: float) -> float:
     """Return the least fall of chi-square by which the new hypothesis is better."""
+    from scipy.stats import chi2  # slow to import
+
     more, before, after = new.count - old.count, set(old.effects), set(new.effects)
     if after < before:
         return -float(chi2.isf(level, -more))

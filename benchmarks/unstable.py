@@ -3,8 +3,8 @@
 
 The short period of a relaxed aircraft, whose motion doubles in one second, is flown for 20 s under
 a feedback that keeps it in the air, in calm air and in light turbulence; the recorded elevator is
-the input. From every combination of parameters 50 % too small and 50 % too large the parameters are
-estimated: in calm air by output error from one simulation of the whole record and from twenty pieces
+the input. From every combination of parameters 50 % too small and 50 % too large the parameters
+are estimated: in calm air by output error from one simulation of the record and from twenty pieces
 of it (multiple shooting), in turbulence by output error, filter error and its innovation form.
 """
 

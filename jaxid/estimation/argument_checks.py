@@ -39,7 +39,7 @@ def check_arguments(model: Any, records: Record, likelihood: Any) -> None:
         _require_kind(name, unit, declared.get(name, ""))
 
 
-def require_whole_records(likelihood: AbstractLikelihood, function: str) -> None:
+def require_no_shooting(likelihood: AbstractLikelihood, function: str) -> None:
     """Refuse multiple shooting in a function that simulates each record as a whole.
 
     Raises:

@@ -4,6 +4,7 @@ import abc
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from equinox import AbstractVar
 
@@ -74,6 +75,26 @@ class AbstractLikelihood(eqx.Module):
         states for known parameters; None without process noise.
         """
         return self.solve(model, record, initial_state), None
+
+    def drawn(
+        self,
+        model: AbstractModel,
+        record: Record,
+        initial_state: Float[Array, " state"],
+        root: Float[Array, "output output"],
+        key: Array,
+    ) -> Float[Array, "time output"]:
+        """Return measurements of one record, drawn from the model with its noise.
+
+        Args:
+            model: the model.
+            record: times and inputs.
+            initial_state: state at the first sample, or its mean.
+            root: Cholesky factor of R, of noise without memory.
+            key: random key.
+        """
+        y = self.solve(model, record, initial_state).y
+        return y + jax.random.normal(key, y.shape) @ root.T
 
     def prepared(
         self, model: AbstractModel, free: Free, records: Record

@@ -62,8 +62,8 @@ def shot(
         if parameters is not None:
             begin = Parameters(parameters.shared, _starts(parameters.rows, records.n_cases))
         parameters, length = _minimised(problem, begin, coarse), length * JOINED
-    whole = Problem.of(model, free, records, likelihood)
-    begin = initial_parameters(model, whole.positions, whole.records)
+    problem = Problem.of(model, free, records, likelihood)
+    begin = initial_parameters(model, problem.positions, problem.records)
     if parameters is None:
         return begin
     first = parameters.rows.reshape(records.n_cases, -1, parameters.rows.shape[-1])[:, 0]

@@ -33,7 +33,7 @@ from ..sensitivity.spectrum import spectrum
 
 # Chosen: largest ratio of the scatter of all draws to the one within the chains (A. Gelman,
 # D. B. Rubin, Statistical Science 7, 1992), and least effective number of draws.
-LARGEST_RATIO, FEWEST_DRAWS = 1.01, 400.0
+LARGEST_RATIO, LEAST_EFFECTIVE = 1.01, 400.0
 # Chosen: share of the range, or of the size of the bound, by which a start is moved off a bound.
 INSIDE = 1e-6
 
@@ -61,7 +61,7 @@ class Posterior(eqx.Module):
     @property
     def agree(self) -> bool:
         """True if the chains agree and are long enough for an interval."""
-        return bool(jnp.all(self.ratio < LARGEST_RATIO) & jnp.all(self.effective > FEWEST_DRAWS))
+        return bool(jnp.all(self.ratio < LARGEST_RATIO) & jnp.all(self.effective > LEAST_EFFECTIVE))
 
     def interval(self, level: float = 0.95) -> Float[Array, "parameter 2"]:
         """Return the quantiles that hold each parameter with a probability, equal tails outside.
@@ -79,8 +79,8 @@ class Posterior(eqx.Module):
         """
         import xarray as xr  # slow to import
 
-        shape = ("chain", "draw")
-        variables = {
+        shape: tuple[str, ...] = ("chain", "draw")
+        variables: dict[str, Any] = {
             name: (shape, np.asarray(self.draws[..., k])) for k, name in enumerate(self.names)
         }
         for k, name in enumerate(self.own_names):
@@ -185,7 +185,7 @@ def posterior(
 
 def _blackjax() -> Any:
     try:
-        import blackjax
+        import blackjax  # pyright: ignore[reportMissingImports]  (an extra)
     except ImportError as error:
         raise InputError(
             'The posterior is drawn by blackjax. Install it: pip install "jaxid[posterior]".'
@@ -231,8 +231,8 @@ def _chains(blackjax, problem: Problem, centre: _Coordinates, key, draws, warmup
         shared, rows = centre.centre.shared.shape, centre.centre.rows.shape
         start = Parameters(jax.random.normal(first, shared), jax.random.normal(second, rows))
         warm = blackjax.window_adaptation(blackjax.nuts, log_density)
-        (state, found), _ = warm.run(adapt, _within(log_density, start), num_steps=warmup)
-        kernel = blackjax.nuts(log_density, **found).step
+        (state, tuned), _ = warm.run(adapt, _within(log_density, start), num_steps=warmup)
+        kernel = blackjax.nuts(log_density, **tuned).step
 
         def step(state, key):
             state, info = kernel(key, state)

@@ -22,6 +22,7 @@ from ...simulation.solution import Solution
 from ...simulation.steppers import RK4
 from ..likelihoods import AbstractLikelihood
 from .backward_pass import smooth_filtered
+from .drawn import drawn
 from .filter_sensitivities import FilterSensitivities, filter_sensitivities
 from .frozen_gain import frozen_gain
 from .innovation_rows import innovation_rows, white_rows
@@ -33,7 +34,7 @@ from .kalman import (
     require_outputs_without_memory,
 )
 from .noise_identifiability import check_noise_identifiable
-from .noise_options import FirstOrder, Number, number
+from .noise_options import FirstOrder, Number, number, sensor_parts
 from .noise_parameters import check_names, check_values, with_noise_parameters
 
 
@@ -57,9 +58,11 @@ class FilterError(AbstractLikelihood):
             `model.with_disturbance_inputs()`: white [unit of the state per sqrt(s); unit of the
             input times sqrt(s)], or with memory, as `FirstOrder(deviation, correlation_time)`
             [unit of the state per second; unit of the input].
-        noise: standard deviation of the white noise of each sensor, by output [its unit]. A
-            sensor that is not named is estimated, from a start by the second differences of its
-            record.
+        noise: noise of each sensor, by output [its unit]: the standard deviation of white noise,
+            `FirstOrder(deviation, correlation_time)` for noise with memory, or several of them,
+            whose sum is the noise, such as `(0.01, FirstOrder(0.02, 0.5))`. Each sensor has a white
+            part; one that is not given is estimated, from a start by the second differences of the
+            record. The deviation of a part with memory is the parameter `process.noise_NAME`.
         initial: standard deviation of the initial state, by state [its unit]. A state that is not
             named starts as the model (or the free initial state) has it, without error.
         hold: interpolation of the inputs between their samples.
@@ -76,6 +79,7 @@ class FilterError(AbstractLikelihood):
     simulates: ClassVar[bool] = False
     process: dict[str, Number | FirstOrder]
     sensors: dict[str, Number]
+    coloured: dict[str, dict[str, FirstOrder]]
     initial: dict[str, Number]
     hold: AbstractHold
     stepper: RK4
@@ -100,7 +104,9 @@ class FilterError(AbstractLikelihood):
             name: option if isinstance(option, FirstOrder) else number(option)
             for name, option in (process or {}).items()
         }
-        self.sensors = {name: number(option) for name, option in (noise or {}).items()}
+        parts = {name: sensor_parts(name, option) for name, option in (noise or {}).items()}
+        self.sensors = {name: white for name, (white, _) in parts.items() if white is not None}
+        self.coloured = {name: coloured for name, (_, coloured) in parts.items() if coloured}
         self.initial = {name: number(option) for name, option in (initial or {}).items()}
         self.hold, self.stepper = hold or Linear(), stepper or RK4()
         self.steady, self.updates, self.noise = steady, updates, InnovationNoise()
@@ -120,16 +126,17 @@ class FilterError(AbstractLikelihood):
             "A frozen gain belongs to one linearisation of the outputs at each sample. Leave out "
             "`updates`, or `frozen_gain`.",
         )
-        check_values(self.process, self.sensors, self.initial)
+        check_values(self.process, self.sensors, self.initial, self.coloured)
 
     def prepared(
         self, model: AbstractModel, free: Free, records: Record
     ) -> tuple[AbstractModel, Free]:
         if isinstance(model, StochasticModel):
             return model, free
-        check_names(model, free, self.process, self.sensors, self.initial)
+        sensors = (*self.sensors, *self.coloured)
+        check_names(model, free, self.process, sensors, self.initial)
         stochastic, chosen = with_noise_parameters(
-            model, free, records, self.process, self.sensors, self.initial
+            model, free, records, self.process, self.sensors, self.initial, self.coloured
         )
         check_noise_identifiable(stochastic, chosen, records)
         return stochastic, chosen
@@ -153,6 +160,11 @@ class FilterError(AbstractLikelihood):
         y = jax.vmap(model.output)(record.t, x, samples.u)
         succeeded = jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y))
         return Solution(record.t, x, y, succeeded), factor @ jnp.swapaxes(factor, -1, -2)
+
+    def drawn(self, model, record, initial_state, root, key):
+        assert isinstance(model, StochasticModel), "a model from `prepared`"
+        substeps = self.stepper.substeps
+        return drawn(model, record, initial_state, self.hold, substeps, steady=self.steady, key=key)
 
     def rows(self, model, record, initial_state):
         filtered = self.filter(model, record, initial_state)

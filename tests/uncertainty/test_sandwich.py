@@ -10,7 +10,7 @@ from scipy.stats import t as t_distribution
 import jaxid
 from jaxid import InputError
 from jaxid.models import AbstractModel
-from jaxid.uncertainty import sandwich
+from jaxid.uncertainty import ErrorKind, compare_errors, sandwich
 
 ROWS, CASES = 12, 20
 
@@ -95,6 +95,9 @@ def test_errors_equal_scatter_where_cramer_rao_is_a_third_of_it(seed):
         plain.append(fit.standard_errors[0])
     assert abs(np.mean(errors) / slopes.std() - 1.0) < 0.16
     assert np.mean(plain) < 0.45 * slopes.std()
+    comparison = compare_errors(fit, sandwich=sandwich(fit, records, jaxid.OutputError()))
+    assert comparison.advice[0].kind is ErrorKind.SANDWICH
+    assert "sandwich" in str(comparison)
 
 
 def test_too_few_groups_are_refused(seed):

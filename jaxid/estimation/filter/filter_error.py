@@ -71,6 +71,9 @@ class FilterError(AbstractLikelihood):
             replaces `initial`.
         updates: number of linearisations of the outputs at each sample; more than one iterates
             the update for strongly nonlinear outputs.
+        unscented: update by outputs at points around the predicted state, as far apart as its
+            covariance states, in place of their derivative: for outputs that are curved within the
+            uncertainty of the state.
         frozen_gain: `estimate` starts the iteration with the gain frozen within each step, as
             `FrozenGain` does, and ends it with the exact derivatives: the same estimates and
             standard errors. `Estimate.iterations` counts the exact part alone.
@@ -85,6 +88,7 @@ class FilterError(AbstractLikelihood):
     stepper: RK4
     steady: bool = eqx.field(static=True)
     updates: int = eqx.field(static=True)
+    unscented: bool = eqx.field(static=True)
     frozen_gain: bool = eqx.field(static=True)
     noise: InnovationNoise
 
@@ -98,6 +102,7 @@ class FilterError(AbstractLikelihood):
         stepper: RK4 | None = None,
         steady: bool = False,
         updates: int = 1,
+        unscented: bool = False,
         frozen_gain: bool = False,
     ):
         self.process = {
@@ -110,7 +115,7 @@ class FilterError(AbstractLikelihood):
         self.initial = {name: number(option) for name, option in (initial or {}).items()}
         self.hold, self.stepper = hold or Linear(), stepper or RK4()
         self.steady, self.updates, self.noise = steady, updates, InnovationNoise()
-        self.frozen_gain = frozen_gain
+        self.frozen_gain, self.unscented = frozen_gain, unscented
         require(
             isinstance(self.stepper, RK4),
             "FilterError needs the derivative of a fixed step. Use `stepper=RK4(substeps)`.",
@@ -122,9 +127,14 @@ class FilterError(AbstractLikelihood):
             "Leave out `initial`, or `steady`.",
         )
         require(
-            not (frozen_gain and updates > 1),
+            not (frozen_gain and (updates > 1 or unscented)),
             "A frozen gain belongs to one linearisation of the outputs at each sample. Leave out "
-            "`updates`, or `frozen_gain`.",
+            "`updates` and `unscented`, or `frozen_gain`.",
+        )
+        require(
+            not (unscented and updates > 1),
+            "The unscented update has no linearisation to iterate. Leave out `updates`, or "
+            "`unscented`.",
         )
         check_values(self.process, self.sensors, self.initial, self.coloured)
 
@@ -146,7 +156,8 @@ class FilterError(AbstractLikelihood):
     ) -> Filtered:
         """Return the filter's states and innovations for one record."""
         assert isinstance(model, StochasticModel), "a model from `prepared`"
-        substeps, options = self.stepper.substeps, {"updates": self.updates, "steady": self.steady}
+        options = {"updates": self.updates, "steady": self.steady, "unscented": self.unscented}
+        substeps = self.stepper.substeps
         return kalman_filter(model, record, initial_state, self.hold, substeps, **options)
 
     def solve(self, model, record, initial_state):
@@ -176,7 +187,7 @@ class FilterError(AbstractLikelihood):
 
     def _derivatives(self, family: FreeModel, theta, record: Record) -> FilterSensitivities:
         """Return the innovations, their covariances and the derivatives of the rows."""
-        if self.updates == 1:
+        if self.updates == 1 and not self.unscented:
             return filter_sensitivities(
                 family, theta, record, self.hold, self.stepper.substeps, steady=self.steady
             )

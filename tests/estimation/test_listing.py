@@ -56,5 +56,5 @@ def test_value_against_sign_of_its_start_is_remarked(fit):
         in text
     )
     assert "sign: damping" not in text
-    uncertain = dataclasses.replace(against, standard_errors=0.6 * np.abs(fit.values))
+    uncertain = dataclasses.replace(against, standard_errors=0.6 * abs(fit.values))
     assert "sign:" not in str(uncertain)

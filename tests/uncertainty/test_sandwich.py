@@ -95,9 +95,22 @@ def test_errors_equal_scatter_where_cramer_rao_is_a_third_of_it(seed):
         plain.append(fit.standard_errors[0])
     assert abs(np.mean(errors) / slopes.std() - 1.0) < 0.16
     assert np.mean(plain) < 0.45 * slopes.std()
-    comparison = compare_errors(fit, sandwich=sandwich(fit, records, jaxid.OutputError()))
+
+
+def test_advice_is_the_sandwich_where_noise_grows_with_the_input(seed):
+    """White noise of size |u|: the scores have sqrt(3) times the stated deviation."""
+    rng, t, records = np.random.default_rng(seed), 0.1 * np.arange(ROWS), []
+    for u in rng.normal(size=(200, ROWS)):
+        z = 2.0 * u + 1.0 + u * rng.normal(size=ROWS)
+        records.append(jaxid.record(t, u, z, inputs=("u",), outputs=("y",)))
+    fit = fitted(records, "slope", "level")
+    result = sandwich(fit, records, jaxid.OutputError())
+    comparison = compare_errors(fit, sandwich=result)
     assert comparison.advice[0].kind is ErrorKind.SANDWICH
-    assert "sandwich" in str(comparison)
+    assert comparison.advice[1].kind is ErrorKind.CRAMER_RAO
+    np.testing.assert_allclose(comparison.errors(ErrorKind.SANDWICH), result.standard_errors)
+    ratio = float(result.standard_errors[0] / fit.standard_errors[0])
+    assert abs(ratio / np.sqrt(3.0) - 1.0) < 0.2  # 200 groups: 5 % (one sigma)
 
 
 def test_too_few_groups_are_refused(seed):

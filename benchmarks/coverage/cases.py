@@ -72,6 +72,7 @@ HELD = {"Zw": 0.1}
 PRIOR = {"Mq": 0.15}
 BOUNDED, DISTANCES = "Mq", (0.0, 0.5, 1.0, 3.0)
 
+STRONG = (3.0, 6.0)  # m/s, intensities of further gusts
 in_gusts = partial(fly, gust=GUST)
 coloured = partial(fly, colour=CORRELATION)
 corrected = asymptotic(OutputError, coloured=True)
@@ -117,4 +118,19 @@ CASES = {
     ),
     # the wrong likelihood
     "output error, the same gusts": Case(2000, in_gusts, asymptotic(OutputError), claimed=False),
+    **{
+        f"filter error, gusts of {size:g} m/s": Case(
+            2000,
+            partial(fly, gust=size),
+            asymptotic(_filter_error),
+            SENSORS | GUSTS | {"process.gust": size},
+        )
+        for size in STRONG
+    },
+    **{
+        f"output error, gusts of {size:g} m/s": Case(
+            2000, partial(fly, gust=size), asymptotic(OutputError), claimed=False
+        )
+        for size in STRONG
+    },
 }

@@ -14,6 +14,7 @@ from .._foundation.checks import InputError, require, require_float64
 from .._foundation.device import require_threads
 from .._foundation.host import on_cpu
 from ..data.record import Record
+from ..estimation.argument_checks import require_no_shooting
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel, canonical
@@ -99,6 +100,7 @@ def estimate_many(
             32 bit.
     """
     require_float64()
+    require_no_shooting(likelihood, "estimate_many")
     solver, own_part = solver or GaussNewton(), _part(part, store)
     with on_cpu():
         read = read_cases(model, free, cases, likelihood, models, starts)

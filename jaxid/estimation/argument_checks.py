@@ -39,6 +39,19 @@ def check_arguments(model: Any, records: Record, likelihood: Any) -> None:
         _require_kind(name, unit, declared.get(name, ""))
 
 
+def require_no_shooting(likelihood: AbstractLikelihood, function: str) -> None:
+    """Refuse multiple shooting in a function that simulates each record as a whole.
+
+    Raises:
+        InputError: with the function.
+    """
+    require(
+        getattr(likelihood, "shooting", None) is None,
+        f"`shooting` is an option of `estimate` and `identify`; `{function}` simulates each record "
+        "as a whole. Leave it out, and start from the model of an estimate with it.",
+    )
+
+
 def require_records(records: Any) -> None:
     """Refuse anything but a sequence of records, such as the name of a file.
 

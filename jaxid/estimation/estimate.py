@@ -25,10 +25,11 @@ from ..sensitivity.spectrum import Spectrum, spectrum
 from ..simulation.simulate import explain_divergence
 from .argument_checks import check_arguments, require_records
 from .coloured_errors import coloured_variances
-from .likelihoods import AbstractLikelihood
+from .likelihoods import AbstractLikelihood, OutputError
 from .minimiser import State
 from .problem import Problem
 from .result import Estimate
+from .shooting import shot
 from .solver import GaussNewton, minimise
 
 
@@ -91,7 +92,7 @@ def estimate(
     """
     case = checked_case(model, free, records, likelihood)
     solver = solver or GaussNewton()
-    fit = fit_problem(case.problem, case.begin, solver)
+    fit = fit_problem(case.problem, case.start(solver), solver)
     result = case.estimate(fit, solver)
     if throw and not bool(jnp.all(result.successful)):
         raise failure(case.problem, fit, result)
@@ -116,6 +117,15 @@ class Case(NamedTuple):
     def begin(self) -> Parameters:
         """The initial parameters."""
         return initial_parameters(self.model, self.problem.positions, self.problem.records)
+
+    def start(self, solver: GaussNewton) -> Parameters:
+        """Return the parameters from which an iteration starts: the initial ones, or with
+        `OutputError(shooting=...)` those of the pieces of the records.
+        """
+        likelihood = self.problem.likelihood
+        if isinstance(likelihood, OutputError) and likelihood.shooting is not None:
+            return shot(self.model, self.free, self.records, likelihood, solver)
+        return self.begin
 
     def estimate(self, fit: Fit, solver: GaussNewton) -> Estimate:
         """Return the estimate of a fit of the problem by a solver."""

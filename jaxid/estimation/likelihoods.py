@@ -4,6 +4,7 @@ import abc
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from equinox import AbstractVar
 
@@ -74,6 +75,26 @@ class AbstractLikelihood(eqx.Module):
         states for known parameters; None without process noise.
         """
         return self.solve(model, record, initial_state), None
+
+    def drawn(
+        self,
+        model: AbstractModel,
+        record: Record,
+        initial_state: Float[Array, " state"],
+        root: Float[Array, "output output"],
+        key: Array,
+    ) -> Float[Array, "time output"]:
+        """Return measurements of one record, drawn from the model with its noise.
+
+        Args:
+            model: the model.
+            record: times and inputs.
+            initial_state: state at the first sample, or its mean.
+            root: Cholesky factor of R, of noise without memory.
+            key: random key.
+        """
+        y = self.solve(model, record, initial_state).y
+        return y + jax.random.normal(key, y.shape) @ root.T
 
     def prepared(
         self, model: AbstractModel, free: Free, records: Record
@@ -180,11 +201,21 @@ class OutputError(AbstractLikelihood):
         noise: R fixed, diagonal or full; an unknown R is re-estimated at every iteration (Eq. 4.4).
         hold: the interpolation of the inputs between their samples.
         stepper: the integration of the state from sample to sample.
+        shooting: number of pieces of each record from which `estimate` starts (multiple shooting),
+            for long or unstable records; None for one simulation of each record from the start. The
+            estimate and its errors are those of the whole records.
     """
 
     noise: AbstractNoise = eqx.field(default_factory=DiagonalNoise)
     hold: AbstractHold = eqx.field(default_factory=Linear)
     stepper: AbstractStepper = eqx.field(default_factory=RK4)
+    shooting: int | None = eqx.field(static=True, default=None)
+
+    def __check_init__(self):
+        require(
+            self.shooting is None or self.shooting >= 2,
+            f"`shooting` is {self.shooting}; give the number of pieces of each record, 2 or more.",
+        )
 
     def solve(self, model, record, initial_state):
         return run(model, record.t, record.u, initial_state, self.hold, self.stepper)

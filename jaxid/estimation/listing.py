@@ -22,6 +22,7 @@ PARAMETER_COLUMNS = (
     "on_bound",
     "near_bound",
 )
+SIGNIFICANT = 2.0  # chosen
 MOST_FIXED = 40  # fixed parameters in the print; chosen
 
 
@@ -76,6 +77,27 @@ def parameter_table(estimate: Any) -> Table:
         (9, 11, 13, 11, 11, 10),
         tuple(zip(estimate.names, *columns, estimate.units, strict=True)),
     )
+
+
+def sign_remarks(estimate: Any) -> list[str]:
+    """Return a remark on each shared parameter whose sign differs from its start, such as a
+    negative stiffness or damping.
+
+    Only values that differ from zero by more than `SIGNIFICANT` standard errors are remarked.
+
+    Args:
+        estimate: an `Estimate` of one case.
+    """
+    start, values = np.asarray(estimate.start), np.asarray(estimate.values)
+    against = (start * values < 0) & (
+        np.abs(values) > SIGNIFICANT * np.asarray(estimate.standard_errors)
+    )
+    return [
+        f"sign: {name} is {values[at]:.4g}, against the sign of its start {start[at]:.4g}. If this "
+        "is not physical, an effect may be missing, or the search ended at another minimum."
+        for at, name in enumerate(estimate.names)
+        if against[at]
+    ]
 
 
 def estimate_to_dict(estimate: Any) -> dict[str, Any]:

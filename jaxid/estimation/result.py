@@ -17,7 +17,7 @@ from ..models.free_model import insert
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum, weak_directions
 from .intervals import interval_ends, student_factor, upper_probability
-from .listing import estimate_to_dict, estimate_to_xarray, parameter_table
+from .listing import estimate_to_dict, estimate_to_xarray, parameter_table, sign_remarks
 
 OF_RECORDS = "Values of single records stand in `own`, in the order of `free.per_record`."
 NEAR_BOUND = 2.0  # standard errors; derived: a normal estimate lies beyond with 2.3 %
@@ -276,10 +276,11 @@ class Estimate(eqx.Module):
         return "\n".join([*parameter_table(self).lines(), *self._notes()])
 
     def _notes(self) -> list[str]:
-        """Return weak directions, bounds, the kind of the errors and the status, in words."""
+        """Return weak directions, bounds, signs, kind of the errors and status, in words."""
         return [
             *(f"weak: {sentence}" for sentence in self.weak_directions),
             *self._bounds_in_words(),
+            *sign_remarks(self),
             f"errors: {self._errors_in_words()}",
             f"status: {self.status} ({int(self.iterations)} iterations, cost "
             f"{float(self.cost):.6g})",
@@ -309,8 +310,7 @@ class Estimate(eqx.Module):
         if on := named(self.on_bound):
             lines.append(
                 f"bounds: {on} on the bound, without a standard error. The standard errors of the "
-                "other parameters take this "
-                "value as known; their intervals can cover less than they state."
+                "others take this value as known; their intervals can cover less than they state."
             )
         if near := named(self.near_bound):
             lines.append(

@@ -36,7 +36,8 @@ def estimate_case(
         solver: options of the iteration.
         begin: initial parameters, by default those of the case.
     """
-    solver, problem, begin = solver or GaussNewton(), case.problem, begin or case.begin
+    solver, problem = solver or GaussNewton(), case.problem
+    begin = begin or case.start(solver)
     # on the host a chord needs residuals as rows
     by_steps = not solver.chord or isinstance(problem.likelihood, OutputError)
     if not (by_steps and _kept(problem)):

@@ -15,11 +15,12 @@ class StochasticModel(AbstractModel):
 
         dx = rhs(t, x, [u, d]) dt + diag(process) dw,
         d_k = c_k dw_k/dt (white),    or    d(d_k) = -d_k/T_k dt + sqrt(2/T_k) s_k dw_k,
-        z_i = output(t_i, x_i, [u_i, d_i]) + e_i,    e_i ~ N(0, diag(sensor^2))
+        z_i = output(t_i, x_i, [u_i, d_i]) + n(t_i) + e_i,    e_i ~ N(0, diag(sensor^2))
 
     A disturbance acts through an input of the model, or is a force that is added to the rate of a
-    state. Its states are the states of the model followed by the disturbances with memory; the
-    force in the equation of `v` is `force_v`. Simulated, it moves without noise. An output that
+    state. The coloured noise n of a sensor is the sum of disturbances with memory that act on its
+    output alone. The states are the states of the model followed by the disturbances with memory;
+    the force in the equation of `v` is `force_v`. Simulated, it moves without noise. An output that
     depends on the rate of a state contains no white noise of its equation.
 
     Args:
@@ -32,6 +33,7 @@ class StochasticModel(AbstractModel):
         initial: standard deviation of the initial state, by state [unit of the state]; zero if
             missing.
         inputs: names of the recorded inputs.
+        on_outputs: output on which a disturbance with memory acts, by disturbance, as pairs.
     """
 
     model: AbstractModel
@@ -40,6 +42,7 @@ class StochasticModel(AbstractModel):
     sensor: dict[str, Float[Array, ""]]
     initial: dict[str, Float[Array, ""]]
     inputs: tuple[str, ...] = eqx.field(static=True)
+    on_outputs: tuple[tuple[str, str], ...] = eqx.field(static=True, default=())
     transparent: ClassVar[tuple[str, ...]] = ("model",)
 
     def __getattr__(self, name: str):
@@ -95,7 +98,11 @@ class StochasticModel(AbstractModel):
     def output_given(self, t, x, u, dx):
         own, disturbances = self._split(x)
         inputs = self._inputs(u, disturbances)
-        return self.model.output_given(t, own, inputs, dx[: len(self.model.states)])
+        y = self.model.output_given(t, own, inputs, dx[: len(self.model.states)])
+        for name, output in self.on_outputs:
+            value = disturbances[self.with_memory.index(name)]
+            y = y.at[self.outputs.index(output)].add(value)
+        return y
 
     def input_signal(self, path):
         return self.model.input_signal(path)
@@ -116,6 +123,7 @@ class StochasticModel(AbstractModel):
         noise = {f"sensor.{name}": units.get(name, "") for name in self.sensor}
         noise |= {f"initial.{name}": units.get(name, "") for name in self.initial}
         noise |= {f"correlation_time.{name}": "s" for name in self.correlation_time}
+        units |= {name: units.get(output, "") for name, output in self.on_outputs}
         for name in self.process:
             time = "s" if name in self.correlation_time else "sqrt(s)"
             unit, is_state = units.get(name, ""), name in self.model.states

@@ -8,7 +8,7 @@ from .._foundation.checks import require_float64
 from .._foundation.progress import text_progress
 from ..effects.base import Effect
 from ..effects.channel_checks import check_candidates
-from ..estimation.argument_checks import check_arguments
+from ..estimation.argument_checks import check_arguments, require_no_shooting
 from ..estimation.estimate import check_channels, check_sampling
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
@@ -75,6 +75,7 @@ def close_loop(
     require_float64()
     options = options or LoopOptions()
     records = study_records(train, check, test, window)
+    require_no_shooting(likelihood, "close_loop")
     everything = (records.fitted, records.check, *records.tests.values())
     for stacked in everything:
         check_arguments(model, stacked, likelihood)

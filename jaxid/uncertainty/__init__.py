@@ -5,8 +5,10 @@ from .combination import ParameterTable, combine, constrain
 from .comparison import ErrorComparison, ErrorKind, compare_errors
 from .curves import Curve, combine_curves, curve
 from .fixed_constants import FixedConstants, consider
+from .posterior import Posterior, posterior
 from .profile import Profile, Shape, profile_likelihood
 from .propagation import Propagated, propagate
+from .sandwich import Sandwich, sandwich
 from .trims import TrimPolynomial, combine_trims
 
 __all__ = [
@@ -16,8 +18,10 @@ __all__ = [
     "ErrorKind",
     "FixedConstants",
     "ParameterTable",
+    "Posterior",
     "Profile",
     "Propagated",
+    "Sandwich",
     "Shape",
     "TrimPolynomial",
     "bootstrap",
@@ -28,6 +32,8 @@ __all__ = [
     "consider",
     "constrain",
     "curve",
+    "posterior",
     "profile_likelihood",
     "propagate",
+    "sandwich",
 ]

@@ -16,7 +16,10 @@ from ..estimation.problem import Problem, kept_bytes
 from ..estimation.result import Estimate
 from ..estimation.solver import GaussNewton
 from ..models.free import Parameters
+from ..models.free_model import FreeModel
+from ..models.noise import DiagonalNoise, FixedNoise, FullNoise, InnovationNoise
 
+WHITE_NORMAL = (FixedNoise, DiagonalNoise, FullNoise, InnovationNoise)
 FEWEST_DRAWS = 20  # successful ones for a standard error, which is then right to 16 %; chosen
 
 
@@ -97,8 +100,9 @@ def bootstrap(
 
         z* = y(theta) + e*
 
-    The parametric bootstrap draws `e*` from white noise of the estimated covariance R: it shows
-    the effects of a model that is not linear. The block bootstrap joins blocks of consecutive
+    The parametric bootstrap draws `e*` from white noise of the estimated covariance R, and for
+    filter error the process noise and the initial states as well: it shows the effects of a model
+    that is not linear. The block bootstrap joins blocks of consecutive
     residuals, all channels together, drawn at random with replacement from the same record: it
     keeps the correlation of the residuals within a block (Kuensch, Annals of Statistics 17(3),
     1989), less the share `lag / block` of each lag. The residuals are scaled by
@@ -114,12 +118,14 @@ def bootstrap(
         solver: options of the iteration, which starts at the estimate.
 
     Raises:
-        InputError: when there are less than 20 draws, or blocks are longer than a record or
-            requested from records in which samples are missing.
+        InputError: when there are less than 20 draws; for blocks that are longer than a record, of
+            records in which samples are missing, or of innovations; for a parametric bootstrap of
+            noise with memory or outliers.
     """
     records = as_stack(records)
     check_channels(estimate.model, records)
     require(draws >= FEWEST_DRAWS, f"{draws} draws give no standard error; take 200.")
+    _check_noise(likelihood, block)
     samples = np.atleast_1d(np.asarray(records.samples))
     if block:
         complete = np.arange(records.t.shape[1])[None] < samples[:, None]
@@ -152,23 +158,62 @@ def bootstrap(
     return Bootstrap(estimate.names, estimate.values, values, successful, block)
 
 
+def drawn_records(
+    problem: Problem, parameters: Parameters, root: Float[Array, "output output"], key: Array
+) -> Float[Array, "case time output"]:
+    """Return measurements of every record, drawn from the model with its noise.
+
+    Args:
+        problem: the estimation problem.
+        parameters: values of the parameters.
+        root: Cholesky factor of R, of noise without memory.
+        key: random key.
+    """
+
+    def of_case(own, case, key):
+        flat, record = case
+        family = FreeModel(problem.model, flat, problem.positions)
+        model, initial_state = family(jnp.concatenate([own, parameters.shared]))
+        return problem.likelihood.drawn(model, record, initial_state, root, key)
+
+    keys = jax.random.split(key, problem.records.n_cases)
+    return jax.vmap(of_case)(parameters.rows, problem.cases(), keys)
+
+
+def _check_noise(likelihood: AbstractLikelihood, block: int) -> None:
+    """Refuse a kind of bootstrap that does not repeat the experiment of a likelihood."""
+    if block:
+        require(
+            likelihood.simulates,
+            f"The residuals of {type(likelihood).__name__} are innovations, and no blocks of them "
+            "make a record. Take the parametric bootstrap (`block=0`).",
+        )
+        return
+    name = type(likelihood.noise).__name__
+    require(
+        isinstance(likelihood.noise, WHITE_NORMAL),
+        f"The parametric bootstrap draws white normal noise, and the noise is {name}. Take blocks "
+        "of the residuals: `block=1` for noise without memory, otherwise several times its memory.",
+    )
+
+
 @eqx.filter_jit
 def _repeated(problem: Problem, estimate: Estimate, keys, ratio, samples, block, batch, solver):
     """Return the estimates of all repetitions and their success (jitted)."""
     parameters: Parameters = estimate.parameters
-    y, mask = problem.outputs(parameters), problem.records.mask
-    v = ratio * estimate.residuals
+    mask, v = problem.records.mask, ratio * estimate.residuals
+    y = problem.outputs(parameters) if block else None
     root = ratio * jnp.linalg.cholesky(estimate.noise)
 
-    def noise(key):
-        if not block:
-            return jax.random.normal(key, y.shape) @ root.T
-        return jax.vmap(lambda key, v, count: _blocks(key, v, count, block))(
+    def measured(key):
+        if y is None:
+            return drawn_records(problem, parameters, root, key)
+        return y + jax.vmap(lambda key, v, count: _blocks(key, v, count, block))(
             jax.random.split(key, y.shape[0]), v, samples
         )
 
     def repeated(key):
-        z = jnp.where(mask, y + noise(key), 0.0)
+        z = jnp.where(mask, measured(key), 0.0)
         again = eqx.tree_at(lambda node: node.records.z, problem, z)
         fit = fit_problem(again, parameters, solver)
         return fit.parameters.shared, fit.result

@@ -13,10 +13,12 @@ from ..estimation.result import Estimate
 from .bootstrap import Bootstrap
 from .fixed_constants import FixedConstants
 from .profile import Profile, Shape
+from .sandwich import Sandwich
 
 # Chosen: ratios of two errors that make a difference to a user.
 COLOURED_RATIO = 1.1
 CONSTANTS_RATIO = 1.05
+SANDWICH_RATIO = 1.25
 BOOTSTRAP_RATIO = 1.25
 # Chosen: ratio of the two sides of a profile beyond which a symmetric interval misleads.
 ASYMMETRY = 1.25
@@ -29,6 +31,7 @@ class ErrorKind(enum.Enum):
     CRAMER_RAO = "interval()"
     COLOURED = "interval(coloured=True)"
     CONSTANTS = "consider(...).standard_errors"
+    SANDWICH = "sandwich(...).interval()"
     BOOTSTRAP = "bootstrap(...).interval()"
     PROFILE = "profile_likelihood(...).ends"
     NOTHING = "none"
@@ -69,6 +72,7 @@ class ErrorComparison(eqx.Module):
             ErrorKind.CRAMER_RAO: "Cramer-Rao",
             ErrorKind.COLOURED: "coloured",
             ErrorKind.CONSTANTS: "constants",
+            ErrorKind.SANDWICH: "sandwich",
             ErrorKind.BOOTSTRAP: "bootstrap",
         }
         width = max([len(name) for name in self.names] + [9])
@@ -85,12 +89,16 @@ class ErrorComparison(eqx.Module):
 
 
 def _require_same_parameters(
-    estimate: Estimate, considered: FixedConstants | None, bootstrap: Bootstrap | None
+    estimate: Estimate,
+    considered: FixedConstants | None,
+    bootstrap: Bootstrap | None,
+    sandwich: Sandwich | None,
 ) -> None:
     """Refuse results of another estimate."""
     for name, other in (
         ("considered", considered and considered.parameters),
         ("bootstrap", bootstrap and bootstrap.names),
+        ("sandwich", sandwich and sandwich.names),
     ):
         require(
             other is None or tuple(other) == estimate.names,
@@ -103,23 +111,26 @@ def compare_errors(
     *,
     considered: FixedConstants | None = None,
     bootstrap: Bootstrap | None = None,
+    sandwich: Sandwich | None = None,
     profiles: Sequence[Profile] = (),
 ) -> ErrorComparison:
     """Return all standard errors of an estimate, and which one to take for each parameter and why.
 
     The first reason that applies decides: not determined; on or near a bound; a profile that is
-    not symmetric; a bootstrap that disagrees; fixed constants; coloured residuals; few samples.
+    not symmetric; a bootstrap that disagrees; fixed constants; scores of records or blocks that
+    scatter more than the likelihood states; coloured residuals; few samples.
 
     Args:
         estimate: from `estimate`, of one case.
         considered: from `consider`.
         bootstrap: from `bootstrap`.
+        sandwich: from `sandwich`.
         profiles: from `profile_likelihood`, of some parameters.
 
     Raises:
         InputError: for results of another estimate.
     """
-    _require_same_parameters(estimate, considered, bootstrap)
+    _require_same_parameters(estimate, considered, bootstrap, sandwich)
     coloured = np.asarray(estimate.corrected_errors)
     errors = {
         ErrorKind.CRAMER_RAO: np.asarray(estimate.standard_errors),
@@ -128,6 +139,8 @@ def compare_errors(
     if considered is not None:
         added = np.sum(np.asarray(considered.contributions) ** 2, axis=1)
         errors[ErrorKind.CONSTANTS] = np.sqrt(coloured**2 + added)
+    if sandwich is not None:
+        errors[ErrorKind.SANDWICH] = np.asarray(sandwich.standard_errors)
     if bootstrap is not None:
         errors[ErrorKind.BOOTSTRAP] = np.asarray(bootstrap.standard_errors)
     by_name = {profile.name: profile for profile in profiles}
@@ -190,6 +203,13 @@ def _of_errors(estimate: Estimate, own: dict[ErrorKind, float]) -> ErrorAdvice:
         return ErrorAdvice(
             ErrorKind.CONSTANTS,
             f"the fixed constants widen the error {with_constants / coloured:.2g} times.",
+        )
+    scattered = own.get(ErrorKind.SANDWICH, coloured)
+    if scattered > SANDWICH_RATIO * coloured:
+        return ErrorAdvice(
+            ErrorKind.SANDWICH,
+            f"records or blocks disagree {scattered / coloured:.2g} times more than their noise "
+            "explains.",
         )
     if coloured > COLOURED_RATIO * plain:
         return ErrorAdvice(

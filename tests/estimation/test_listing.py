@@ -42,3 +42,19 @@ def test_weak_eigenvalue_is_marked(fit):
 
     weak = dataclasses.replace(fit, threshold=0.999)
     assert "*" in listing(weak).split("eigenvalues: ")[1]
+
+
+def test_value_against_sign_of_its_start_is_remarked(fit):
+    """Of a value within two standard errors of zero the sign is not known."""
+    import dataclasses
+
+    assert "sign:" not in str(fit)
+    against = dataclasses.replace(fit, start=fit.start * np.array([-1.0, 1.0]))
+    text = str(against)
+    assert (
+        f"sign: stiffness is {fit.value('stiffness'):.4g}, against the sign of its start -3.5"
+        in text
+    )
+    assert "sign: damping" not in text
+    uncertain = dataclasses.replace(against, standard_errors=0.6 * abs(fit.values))
+    assert "sign:" not in str(uncertain)

@@ -57,6 +57,11 @@ CASES = {
         free(PENDULUM, *PHYSICS[:2]),
         FilterError({"gust": FirstOrder(0.5, 1.0), "rate": 0.2}, initial={"angle": 0.1}),
     ),
+    "coloured noise of a sensor": (
+        PENDULUM,
+        free(PENDULUM, *PHYSICS[:2]),
+        FilterError({"rate": 0.2}, {"force": (0.1, FirstOrder(0.3, 0.4))}),
+    ),
 }
 
 

@@ -43,17 +43,21 @@ def _factors(filtered: Filtered) -> Float[Array, "time state state"]:
     def back(F_later, now):
         P, Phi, Q, P_next = now
         gain = P @ Phi.T @ _pseudoinverse(P_next)
-        parts = [(jnp.eye(P.shape[0]) - gain @ Phi) @ _factor(P), gain @ _factor(Q), gain @ F_later]
+        parts = [
+            (jnp.eye(P.shape[0]) - gain @ Phi) @ square_factor(P),
+            gain @ square_factor(Q),
+            gain @ F_later,
+        ]
         triangle = jnp.linalg.qr(jnp.concatenate(parts, axis=1).T, mode="r").T
         return triangle, triangle
 
     before = (filtered.P[:-1], filtered.Phi[:-1], filtered.Q[:-1], filtered.P_predicted[1:])
-    last = _factor(filtered.P[-1])
+    last = square_factor(filtered.P[-1])
     _, F = jax.lax.scan(back, last, before, reverse=True)
     return jnp.concatenate([F, last[None]])
 
 
-def _factor(P):
+def square_factor(P):
     """Return a square factor `F` with `F F' = P`, for a singular P too."""
     scale = _scale(P)
     values, vectors = jnp.linalg.eigh(P / scale[:, None] / scale[None])

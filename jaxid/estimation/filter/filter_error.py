@@ -22,6 +22,7 @@ from ...simulation.solution import Solution
 from ...simulation.steppers import RK4
 from ..likelihoods import AbstractLikelihood
 from .backward_pass import smooth_filtered
+from .drawn import drawn
 from .filter_sensitivities import FilterSensitivities, filter_sensitivities
 from .frozen_gain import frozen_gain
 from .innovation_rows import innovation_rows, white_rows
@@ -33,7 +34,7 @@ from .kalman import (
     require_outputs_without_memory,
 )
 from .noise_identifiability import check_noise_identifiable
-from .noise_options import FirstOrder, Number, number
+from .noise_options import FirstOrder, Number, number, sensor_parts
 from .noise_parameters import check_names, check_values, with_noise_parameters
 
 
@@ -57,9 +58,11 @@ class FilterError(AbstractLikelihood):
             `model.with_disturbance_inputs()`: white [unit of the state per sqrt(s); unit of the
             input times sqrt(s)], or with memory, as `FirstOrder(deviation, correlation_time)`
             [unit of the state per second; unit of the input].
-        noise: standard deviation of the white noise of each sensor, by output [its unit]. A
-            sensor that is not named is estimated, from a start by the second differences of its
-            record.
+        noise: noise of each sensor, by output [its unit]: the standard deviation of white noise,
+            `FirstOrder(deviation, correlation_time)` for noise with memory, or several of them,
+            whose sum is the noise, such as `(0.01, FirstOrder(0.02, 0.5))`. Each sensor has a white
+            part; one that is not given is estimated, from a start by the second differences of the
+            record. The deviation of a part with memory is the parameter `process.noise_NAME`.
         initial: standard deviation of the initial state, by state [its unit]. A state that is not
             named starts as the model (or the free initial state) has it, without error.
         hold: interpolation of the inputs between their samples.
@@ -68,6 +71,9 @@ class FilterError(AbstractLikelihood):
             replaces `initial`.
         updates: number of linearisations of the outputs at each sample; more than one iterates
             the update for strongly nonlinear outputs.
+        unscented: update by outputs at points around the predicted state, as far apart as its
+            covariance states, in place of their derivative: for outputs that are curved within the
+            uncertainty of the state.
         frozen_gain: `estimate` starts the iteration with the gain frozen within each step, as
             `FrozenGain` does, and ends it with the exact derivatives: the same estimates and
             standard errors. `Estimate.iterations` counts the exact part alone.
@@ -76,11 +82,13 @@ class FilterError(AbstractLikelihood):
     simulates: ClassVar[bool] = False
     process: dict[str, Number | FirstOrder]
     sensors: dict[str, Number]
+    coloured: dict[str, dict[str, FirstOrder]]
     initial: dict[str, Number]
     hold: AbstractHold
     stepper: RK4
     steady: bool = eqx.field(static=True)
     updates: int = eqx.field(static=True)
+    unscented: bool = eqx.field(static=True)
     frozen_gain: bool = eqx.field(static=True)
     noise: InnovationNoise
 
@@ -94,17 +102,20 @@ class FilterError(AbstractLikelihood):
         stepper: RK4 | None = None,
         steady: bool = False,
         updates: int = 1,
+        unscented: bool = False,
         frozen_gain: bool = False,
     ):
         self.process = {
             name: option if isinstance(option, FirstOrder) else number(option)
             for name, option in (process or {}).items()
         }
-        self.sensors = {name: number(option) for name, option in (noise or {}).items()}
+        parts = {name: sensor_parts(name, option) for name, option in (noise or {}).items()}
+        self.sensors = {name: white for name, (white, _) in parts.items() if white is not None}
+        self.coloured = {name: coloured for name, (_, coloured) in parts.items() if coloured}
         self.initial = {name: number(option) for name, option in (initial or {}).items()}
         self.hold, self.stepper = hold or Linear(), stepper or RK4()
         self.steady, self.updates, self.noise = steady, updates, InnovationNoise()
-        self.frozen_gain = frozen_gain
+        self.frozen_gain, self.unscented = frozen_gain, unscented
         require(
             isinstance(self.stepper, RK4),
             "FilterError needs the derivative of a fixed step. Use `stepper=RK4(substeps)`.",
@@ -116,20 +127,26 @@ class FilterError(AbstractLikelihood):
             "Leave out `initial`, or `steady`.",
         )
         require(
-            not (frozen_gain and updates > 1),
+            not (frozen_gain and (updates > 1 or unscented)),
             "A frozen gain belongs to one linearisation of the outputs at each sample. Leave out "
-            "`updates`, or `frozen_gain`.",
+            "`updates` and `unscented`, or `frozen_gain`.",
         )
-        check_values(self.process, self.sensors, self.initial)
+        require(
+            not (unscented and updates > 1),
+            "The unscented update has no linearisation to iterate. Leave out `updates`, or "
+            "`unscented`.",
+        )
+        check_values(self.process, self.sensors, self.initial, self.coloured)
 
     def prepared(
         self, model: AbstractModel, free: Free, records: Record
     ) -> tuple[AbstractModel, Free]:
         if isinstance(model, StochasticModel):
             return model, free
-        check_names(model, free, self.process, self.sensors, self.initial)
+        sensors = (*self.sensors, *self.coloured)
+        check_names(model, free, self.process, sensors, self.initial)
         stochastic, chosen = with_noise_parameters(
-            model, free, records, self.process, self.sensors, self.initial
+            model, free, records, self.process, self.sensors, self.initial, self.coloured
         )
         check_noise_identifiable(stochastic, chosen, records)
         return stochastic, chosen
@@ -139,7 +156,8 @@ class FilterError(AbstractLikelihood):
     ) -> Filtered:
         """Return the filter's states and innovations for one record."""
         assert isinstance(model, StochasticModel), "a model from `prepared`"
-        substeps, options = self.stepper.substeps, {"updates": self.updates, "steady": self.steady}
+        options = {"updates": self.updates, "steady": self.steady, "unscented": self.unscented}
+        substeps = self.stepper.substeps
         return kalman_filter(model, record, initial_state, self.hold, substeps, **options)
 
     def solve(self, model, record, initial_state):
@@ -154,6 +172,11 @@ class FilterError(AbstractLikelihood):
         succeeded = jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y))
         return Solution(record.t, x, y, succeeded), factor @ jnp.swapaxes(factor, -1, -2)
 
+    def drawn(self, model, record, initial_state, root, key):
+        assert isinstance(model, StochasticModel), "a model from `prepared`"
+        substeps = self.stepper.substeps
+        return drawn(model, record, initial_state, self.hold, substeps, steady=self.steady, key=key)
+
     def rows(self, model, record, initial_state):
         filtered = self.filter(model, record, initial_state)
         return innovation_rows(filtered.v, inverse_cholesky(filtered.B), record.mask)
@@ -164,7 +187,7 @@ class FilterError(AbstractLikelihood):
 
     def _derivatives(self, family: FreeModel, theta, record: Record) -> FilterSensitivities:
         """Return the innovations, their covariances and the derivatives of the rows."""
-        if self.updates == 1:
+        if self.updates == 1 and not self.unscented:
             return filter_sensitivities(
                 family, theta, record, self.hold, self.stepper.substeps, steady=self.steady
             )

@@ -91,21 +91,32 @@ class InnovationForm(AbstractLikelihood):
         return InnovationModel(model, gains), chosen
 
     def solve(self, model, record, initial_state):
+        x, y = self._path(model, record, initial_state, None)
+        return Solution(record.t, x, y, jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y)))
+
+    def drawn(self, model, record, initial_state, root, key):
+        e = jax.random.normal(key, record.z.shape) @ root.T
+        return self._path(model, record, initial_state, e)[1] + e
+
+    def _path(self, model, record, initial_state, drawn):
+        """Return predicted states and outputs, by the innovations of the record or by drawn ones.
+
+        A drawn innovation corrects the state where the record has a sample.
+        """
         assert isinstance(model, InnovationModel), "a model from `prepared`"
         samples, steps = filter_signals(model, record, self.hold, self.stepper.substeps)
         K = model.matrix()
 
         def interval(x: Float[Array, " state"], now):
-            (t, u, z, mask), steps = now
+            (t, u, z, mask), steps, e = now
             y = model.output(t, x, u)
-            corrected = x + K @ jnp.where(mask, z - y, 0.0)
+            corrected = x + K @ jnp.where(mask, z - y if e is None else e, 0.0)
             later, _ = jax.lax.scan(
                 lambda x, step: runge_kutta_step(model.model, x, *step), corrected, steps
             )
             return later, (x, y)
 
-        _, (x, y) = jax.lax.scan(interval, initial_state, (samples, steps))
-        return Solution(record.t, x, y, jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(y)))
+        return jax.lax.scan(interval, initial_state, (samples, steps, drawn))[1]
 
     def check(self, model, records):
         self.noise.check(records.mask, records.outputs)

@@ -98,6 +98,7 @@ def kalman_filter(
     *,
     updates: int = 1,
     steady: bool = False,
+    unscented: bool = False,
 ) -> Filtered:
     """Return the filter's states and innovations for one record.
 
@@ -108,6 +109,7 @@ def kalman_filter(
         hold: interpolation of the inputs between their samples.
         substeps: Runge-Kutta steps from sample to sample.
         updates: number of linearisations of the outputs at each sample (iterated filter).
+        unscented: update by differences of the outputs (`unscented_update`).
         steady: start in statistical steady state (A.45 to A.49), by the discrete Riccati equation
             at the first sample.
     """
@@ -118,7 +120,10 @@ def kalman_filter(
     def interval(carry, now):
         x, P = carry
         sample, steps = now
-        update = _update(model, x, P, sample, deviations, updates)
+        if unscented:
+            update = unscented_update(model, x, P, sample, deviations)
+        else:
+            update = _update(model, x, P, sample, deviations, updates)
         x_next, Phi, Q = predicted(model, update.x, steps)
         P_next = congruence(Phi, update.P) + Q
         return (x_next, (P_next + P_next.T) / 2), Filtered(
@@ -208,6 +213,54 @@ def _update(model, x, P, sample: Sample, deviations, updates: int) -> Update:
     # H' B^-1 v = H' R^-1 (v - H K v)
     score = product(H.T, (innovation - product(H, later - x)) / R)
     return Update(y, v, B, later, (P + P.T) / 2, score, remaining)
+
+
+def unscented_update(model, x, P, sample: Sample, deviations) -> Update:
+    r"""Return the state after a sample, from outputs at points around the predicted state.
+
+    With `P = S S'`, columns `s_j` of S, points `y_j(+/-) = y(x +/- sqrt(3) s_j)`, and
+    `d_j = (y_j(+) - y_j(-)) / (2 sqrt(3))`, `e_j = sqrt(2) (y_j(+) + y_j(-) - 2 y(x)) / 6`,
+
+        mean of y = y(x) + sum_j e_j / sqrt(2),    B = D D' + E E' + R,    K = S D' B^-1
+        P <- (S - K D) (S - K D)' + K (E E' + R) K'
+
+    The mean is the one of the unscented transform with three as the sum of dimension and kappa, and
+    B has no negative weights (M. Norgaard, N. Poulsen, O. Ravn, Automatica 36, 2000). Exact for
+    outputs that are sums of quadratic functions of single components of `S^-1 x`. `score` and
+    `remaining` are those of the linearised outputs.
+    """
+    t, u, z, mask = sample
+    S = cholesky(P)
+    points = jnp.concatenate([x[None] + np.sqrt(3.0) * S.T, x[None] - np.sqrt(3.0) * S.T])
+    plus, minus = jnp.split(jax.vmap(lambda x: model.output(t, x, u))(points), 2)
+    y, H = value_and_jacobian(lambda x: model.output(t, x, u), x)
+    present = mask[:, None]
+    D = jnp.where(present, (plus - minus).T / (2.0 * np.sqrt(3.0)), 0.0)
+    E = jnp.where(present, np.sqrt(2.0) / 6.0 * (plus + minus - 2.0 * y[None]).T, 0.0)
+    y = y + jnp.sum(E, axis=1) / np.sqrt(2.0)
+    v = jnp.where(mask, z - y, 0.0)
+    noise = product(E, E.T) + jnp.diag(jnp.where(mask, deviations**2, 1.0))
+    B = product(D, D.T) + noise
+    inverse = inverse_cholesky(B)
+    gain = product(product(S, product(inverse, D).T), inverse)
+    rest = S - product(gain, D)
+    after = product(rest, rest.T) + congruence(gain, noise)
+    H = jnp.where(present, H, 0.0)
+    score = product(H.T, product(inverse.T, product(inverse, v)))
+    remaining = jnp.eye(x.size) - product(gain, H)
+    return Update(y, v, B, x + product(gain, v), (after + after.T) / 2, score, remaining)
+
+
+def cholesky(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Return a lower factor `S` with `S S' = P`, with zero columns where P is singular."""
+    columns = []
+    for j in range(P.shape[0]):
+        positive = P[j, j] > 0.0
+        column = P[:, j] / jnp.sqrt(jnp.where(positive, P[j, j], 1.0))
+        column = jnp.where(positive & (np.arange(P.shape[0]) >= j), column, 0.0)
+        columns.append(column)
+        P = P - column[:, None] * column[None]
+    return jnp.stack(columns, axis=1) if columns else P
 
 
 def _gain(P, H, R):

@@ -3,7 +3,7 @@
 import equinox as eqx
 import numpy as np
 
-from ..._foundation.checks import InputError
+from ..._foundation.checks import InputError, require
 from ..._foundation.traced_checks import require_value
 from ..._foundation.types import Array, Float
 from ...models.base import as_float
@@ -23,6 +23,7 @@ class Fixed(eqx.Module):
 
 
 Number = Float[Array, ""] | Fixed
+COLOURED = "noise_"  # and the output: names of the coloured parts of a sensor's noise
 
 
 class FirstOrder(eqx.Module):
@@ -31,6 +32,7 @@ class FirstOrder(eqx.Module):
         d(d)/dt = -d/T + sqrt(2/T) s w,    var(d) = s^2,    autocovariance s^2 exp(-|tau|/T)
 
     Dryden's model of the gust along the flight path has this form, with T = scale length / speed.
+    Sampled every h seconds, it is an autoregression of first order with the coefficient exp(-h/T).
 
     Args:
         deviation: standard deviation s [unit of the disturbance]: the start of its estimate, or
@@ -53,6 +55,28 @@ def number(value) -> Number:
 def value_of(option: Number) -> Float[Array, ""]:
     """Return the value, fixed or not."""
     return option.value if isinstance(option, Fixed) else option
+
+
+def sensor_parts(name: str, option) -> tuple[Number | None, dict[str, FirstOrder]]:
+    """Return the white part of a sensor's noise, None if it is not given, and its coloured parts by
+    name: `noise_NAME`, or `noise_NAME_1`, ... of several.
+
+    Args:
+        name: the output.
+        option: a number, a `FirstOrder`, or a sequence of them with at most one number.
+    """
+    parts = option if isinstance(option, (tuple, list)) else (option,)
+    white = [part for part in parts if not isinstance(part, FirstOrder)]
+    coloured = [part for part in parts if isinstance(part, FirstOrder)]
+    require(
+        len(white) <= 1,
+        f"The noise of sensor {name!r} has {len(white)} white parts. Give one number, and "
+        "`FirstOrder` for the parts with memory.",
+    )
+    keys = [f"{COLOURED}{name}_{number}" for number in range(1, len(coloured) + 1)]
+    if len(coloured) == 1:
+        keys = [f"{COLOURED}{name}"]
+    return number(white[0]) if white else None, dict(zip(keys, coloured, strict=True))
 
 
 def check_number(option: Number, name: str, *, zero: bool) -> None:

@@ -1,6 +1,6 @@
 """Noise parameters of a filter: from the user's options to a `StochasticModel` and its `Free`."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from ..._foundation.checks import require, require_known
 from ..._foundation.host import on_host
@@ -17,6 +17,7 @@ LOWEST_SHARE, HIGHEST_SHARE = 1e-4, 1e4
 LEAST_NOISE = 1e-3
 
 Process = Mapping[str, Number | FirstOrder]
+Coloured = Mapping[str, Mapping[str, FirstOrder]]
 
 
 def with_noise_parameters(
@@ -26,6 +27,7 @@ def with_noise_parameters(
     process: Process,
     sensors: Mapping[str, Number],
     initial: Mapping[str, Number],
+    coloured: Coloured,
 ) -> tuple[StochasticModel, Free]:
     """Return the model with its noises as parameters, and the free parameters with those of them
     that are estimated.
@@ -37,10 +39,14 @@ def with_noise_parameters(
         process: noise by state or disturbance input.
         sensors: noise by output.
         initial: deviation of the initial state, by state.
+        coloured: parts with memory of the noise of sensors, by output and name.
     """
     wide = model
     if any(name not in model.states for name in process):
         wide = model.with_disturbance_inputs()
+    on_outputs = tuple((name, output) for output, parts in coloured.items() for name in parts)
+    for parts in coloured.values():
+        process = {**process, **parts}
     options: dict[str, Number] = {}
     for name, start in zip(model.outputs, _split(sensor_starts(records)), strict=True):
         options[f"sensor.{name}"] = sensors.get(name, start)
@@ -68,6 +74,7 @@ def with_noise_parameters(
         group("sensor"),
         group("initial"),
         model.inputs,
+        on_outputs,
     )
     starts = {k: value_of(v) for k, v in options.items() if not isinstance(v, Fixed)}
     lower, upper = _bounds(starts)
@@ -116,28 +123,37 @@ def _sensor_starts(xp, z, mask):
 
 
 def check_values(
-    process: Process, sensors: Mapping[str, Number], initial: Mapping[str, Number]
+    process: Process,
+    sensors: Mapping[str, Number],
+    initial: Mapping[str, Number],
+    coloured: Coloured,
 ) -> None:
     """Refuse options that are no deviations or times."""
     for name, option in process.items():
         check_option(option, f"The process noise of {name!r}", (Array, Fixed, FirstOrder))
         if isinstance(option, FirstOrder):
-            check_number(option.deviation, f"The deviation of {name!r}", zero=True)
-            time = f"The correlation time of {name!r}"
-            check_number(option.correlation_time, time, zero=False)
+            _check_memory(option, repr(name))
         else:
             check_number(option, f"The process noise of {name!r}", zero=True)
     for name, option in sensors.items():
         check_number(option, f"The noise of sensor {name!r}", zero=False)
+    for output, parts in coloured.items():
+        for option in parts.values():
+            _check_memory(option, f"the noise of sensor {output!r}")
     for name, option in initial.items():
         check_number(option, f"The deviation of the initial state {name!r}", zero=True)
+
+
+def _check_memory(option: FirstOrder, name: str) -> None:
+    check_number(option.deviation, f"The deviation of {name}", zero=True)
+    check_number(option.correlation_time, f"The correlation time of {name}", zero=False)
 
 
 def check_names(
     model: AbstractModel,
     free: Free,
     process: Process,
-    sensors: Mapping[str, Number],
+    sensors: Collection[str],
     initial: Mapping[str, Number],
 ) -> None:
     """Refuse noises of states, disturbances and sensors that do not exist."""

@@ -1,0 +1,252 @@
+r"""`posterior`: draws from the posterior of the parameters, by Hamiltonian Monte Carlo.
+
+    p(theta | z)  ~  exp(-J(theta)) prior(theta)    within the bounds
+
+with the cost J of the estimate. For an unknown diagonal R the profiled cost `N/2 log det R(theta)`
+is the one in which R is integrated out with the density 1/s of each deviation s (Jeffreys).
+
+The chains move in coordinates `xi` in which the posterior of a linear model is standard normal,
+by the information of the estimate with the parameters of each record eliminated,
+
+    theta = theta_0 + M^(-1/2) xi,    own = own_0 + T_own^-1 (xi_own - coupling (theta - theta_0))
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._foundation.checks import InputError, require
+from .._foundation.notebook import preformatted
+from .._foundation.types import Array, Bool, Float
+from ..data.record import Record
+from ..estimation.estimate import as_stack, check_channels
+from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.problem import Problem
+from ..estimation.result import Estimate
+from ..models.free import Parameters
+from ..sensitivity.information import OwnBlock
+from ..sensitivity.spectrum import spectrum
+
+# Chosen: largest ratio of the scatter of all draws to the one within the chains (A. Gelman,
+# D. B. Rubin, Statistical Science 7, 1992), and least effective number of draws.
+LARGEST_RATIO, LEAST_EFFECTIVE = 1.01, 400.0
+# Chosen: share of the range, or of the size of the bound, by which a start is moved off a bound.
+INSIDE = 1e-6
+
+
+class Posterior(eqx.Module):
+    """Draws from the posterior.
+
+    Attributes:
+        names, own_names: names of the shared parameters and of those of each record.
+        draws: of the shared parameters.
+        own: of the parameters of each record.
+        divergent: True where the simulated path left the posterior or its bounds.
+        ratio: scatter of all draws over the one within the chains, one if they agree.
+        effective: effective number of independent draws of each shared parameter.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    own_names: tuple[str, ...] = eqx.field(static=True)
+    draws: Float[Array, "chain draw parameter"]
+    own: Float[Array, "chain draw case own"]
+    divergent: Bool[Array, "chain draw"]
+    ratio: Float[Array, " parameter"]
+    effective: Float[Array, " parameter"]
+
+    @property
+    def agree(self) -> bool:
+        """True if the chains agree and are long enough for an interval."""
+        return bool(jnp.all(self.ratio < LARGEST_RATIO) & jnp.all(self.effective > LEAST_EFFECTIVE))
+
+    def interval(self, level: float = 0.95) -> Float[Array, "parameter 2"]:
+        """Return the quantiles that hold each parameter with a probability, equal tails outside.
+
+        Raises:
+            InputError: when the level is not between 0 and 1.
+        """
+        require(0 < level < 1, f"The level is {level}; a probability lies between 0 and 1.")
+        shares = jnp.array([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
+        return jnp.quantile(self.draws.reshape(-1, len(self.names)), shares, axis=0).T
+
+    def to_arviz(self) -> Any:
+        """Return the draws as ArviZ data: an xarray `DataTree` with the groups `posterior` and
+        `sample_stats`, dimensions `chain` and `draw`, and `record` for parameters of each record.
+        """
+        import xarray as xr  # slow to import
+
+        shape: tuple[str, ...] = ("chain", "draw")
+        variables: dict[str, Any] = {
+            name: (shape, np.asarray(self.draws[..., k])) for k, name in enumerate(self.names)
+        }
+        for k, name in enumerate(self.own_names):
+            variables[name] = ((*shape, "record"), np.asarray(self.own[..., k]))
+        chains, draws = self.divergent.shape
+        axes = {"chain": np.arange(chains), "draw": np.arange(draws)}
+        stats = {"diverging": (shape, np.asarray(self.divergent))}
+        return xr.DataTree.from_dict(
+            {"posterior": xr.Dataset(variables, axes), "sample_stats": xr.Dataset(stats, axes)}
+        )
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
+
+    def __str__(self) -> str:
+        width = max(len(name) for name in (*self.names, "parameter"))
+        head = ("mean", "deviation", "2.5 %", "97.5 %", "effective", "ratio")
+        lines = [f"{'parameter':<{width}}" + "".join(f"{title:>12}" for title in head)]
+        flat, ends = np.asarray(self.draws).reshape(-1, len(self.names)), self.interval()
+        for k, name in enumerate(self.names):
+            column = flat[:, k]
+            cells = (column.mean(), column.std(), *ends[k])
+            lines.append(
+                f"{name:<{width}}"
+                + "".join(f"{cell:>12.5g}" for cell in cells)
+                + f"{self.effective[k]:>12.0f}{self.ratio[k]:>12.4f}"
+            )
+        chains, draws = self.divergent.shape
+        lines.append(f"{chains} chains of {draws} draws, {int(self.divergent.sum())} divergent")
+        if not self.agree:
+            lines.append("The chains do not agree yet, or are too short: give more `draws`.")
+        return "\n".join(lines)
+
+
+class _Coordinates(NamedTuple):
+    """The linear map from standard coordinates to the parameters."""
+
+    centre: Parameters
+    half: Float[Array, "parameter parameter"]
+    own: OwnBlock
+
+    def __call__(self, xi: Parameters) -> Parameters:
+        step = self.half @ xi.shared
+        own = xi.rows - jnp.einsum("cop,p->co", self.own.coupling, step)
+        rows = self.centre.rows + jnp.einsum("coq,cq->co", self.own.inverse, own)
+        return Parameters(self.centre.shared + step, rows)
+
+
+def posterior(
+    estimate: Estimate,
+    records: Record | Sequence[Record],
+    likelihood: AbstractLikelihood,
+    *,
+    key: Array,
+    draws: int = 1000,
+    warmup: int = 500,
+    chains: int = 4,
+) -> Posterior:
+    """Return draws from the posterior of all free parameters, by the no-U-turn sampler of blackjax
+    (extra `posterior`).
+
+    Bounds cut the posterior; priors are those of `free(..., prior=...)`, and without one a
+    parameter has a flat prior.
+
+    Args:
+        estimate: from `estimate`, of one case; the chains start within its errors.
+        records, likelihood: those of the estimate.
+        key: random key.
+        draws: number of draws of each chain.
+        warmup: number of draws before, in which the step is adapted.
+        chains: number of chains, which run together.
+
+    Raises:
+        InputError: without blackjax, for less than two chains, and when the data do not determine
+            the parameters, so that the posterior is not finite.
+    """
+    blackjax = _blackjax()
+    require(chains >= 2, f"{chains} chain cannot be compared with another. Give at least 2.")
+    require(min(draws, warmup) >= 100, "Give at least 100 draws, and 100 for `warmup`.")
+    records = as_stack(records)
+    check_channels(estimate.model, records)
+    problem = Problem.of(estimate.model, estimate.free, records, likelihood)
+    centre, weak = _coordinates(problem, estimate)
+    require(
+        not weak,
+        "The data do not determine all parameters (see `weak_directions`), so that the posterior "
+        "is not finite. Give a prior, bounds, or fix a parameter.",
+    )
+    xi, divergent = _chains(blackjax, problem, centre, key, draws, warmup, chains)
+    values = jax.vmap(jax.vmap(centre))(xi)
+    diagnostics = blackjax.diagnostics
+    return Posterior(
+        estimate.names,
+        estimate.free.per_record,
+        values.shared,
+        values.rows,
+        divergent,
+        jnp.atleast_1d(diagnostics.potential_scale_reduction(values.shared)),
+        jnp.atleast_1d(diagnostics.effective_sample_size(values.shared)),
+    )
+
+
+def _blackjax() -> Any:
+    try:
+        import blackjax  # pyright: ignore[reportMissingImports]  (an extra)
+    except ImportError as error:
+        raise InputError(
+            'The posterior is drawn by blackjax. Install it: pip install "jaxid[posterior]".'
+        ) from error
+    return blackjax
+
+
+def _coordinates(problem: Problem, estimate: Estimate) -> tuple[_Coordinates, bool]:
+    """Return the map from standard coordinates, and True if a direction is not determined."""
+    limits, parameters = problem.limits, estimate.parameters
+
+    def inside(value, low, high):
+        size = jnp.where(jnp.isfinite(high - low), high - low, jnp.abs(value) + 1.0)
+        return jnp.clip(value, low + INSIDE * size, high - INSIDE * size)
+
+    centre = jax.tree.map(inside, parameters, limits.lower, limits.upper)
+    information = eqx.filter_jit(Problem.linearise)(problem, centre).information
+    svd = spectrum(information.triangle, information.rhs, limits.scale)
+    weak = svd.weak(estimate.threshold)
+    undetermined = bool(jnp.any(weak) | jnp.any(information.own.undetermined))
+    half = svd.square_root(estimate.threshold)
+    return _Coordinates(centre, half, information.own), undetermined
+
+
+@eqx.filter_jit
+def _chains(blackjax, problem: Problem, centre: _Coordinates, key, draws, warmup, chains):
+    """Return the draws in standard coordinates, and which are divergent (jitted)."""
+    limits = problem.limits
+
+    def log_density(xi: Parameters):
+        parameters = centre(xi)
+        within = jax.tree.map(
+            lambda x, low, high: jnp.all((x >= low) & (x <= high)),
+            parameters,
+            limits.lower,
+            limits.upper,
+        )
+        kept = within.shared & within.rows
+        return jnp.where(kept, -problem.cost(problem.project(parameters)), -jnp.inf)
+
+    def chain(key):
+        first, second, adapt, run = jax.random.split(key, 4)
+        shared, rows = centre.centre.shared.shape, centre.centre.rows.shape
+        start = Parameters(jax.random.normal(first, shared), jax.random.normal(second, rows))
+        warm = blackjax.window_adaptation(blackjax.nuts, log_density)
+        (state, tuned), _ = warm.run(adapt, _within(log_density, start), num_steps=warmup)
+        kernel = blackjax.nuts(log_density, **tuned).step
+
+        def step(state, key):
+            state, info = kernel(key, state)
+            return state, (state.position, info.is_divergent)
+
+        return jax.lax.scan(step, state, jax.random.split(run, draws))[1]
+
+    return jax.vmap(chain)(jax.random.split(key, chains))
+
+
+def _within(log_density, xi: Parameters) -> Parameters:
+    """Return the first of a start, half of it, a quarter, ... with a finite density."""
+
+    def halved(xi):
+        return jax.tree.map(lambda leaf: 0.5 * leaf, xi)
+
+    return jax.lax.while_loop(lambda xi: ~jnp.isfinite(log_density(xi)), halved, xi)

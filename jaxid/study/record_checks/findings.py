@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from ..._foundation.notebook import preformatted
 from ...design.information import PlannedInformation
-from .wording import sentence, table
+from .wording import html_tables, sentence, table
 
 
 class FindingKind(enum.Enum):
@@ -150,8 +149,11 @@ class Advice(eqx.Module):
         }
 
     def __str__(self) -> str:
-        findings = [(finding.kind.value, finding.record, str(finding)) for finding in self.findings]
-        return table(findings, self.excitation, self.information)
+        return table(self._rows(), self.excitation, self.information)
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return html_tables(self._rows(), self.excitation, self.information)
+
+    def _rows(self) -> list[tuple[str, str, str]]:
+        """Return title, record and words of each finding."""
+        return [(finding.kind.value, finding.record, str(finding)) for finding in self.findings]

@@ -248,8 +248,8 @@ def _require_same_layout(first: Record, other: Record, i: int) -> None:
     ):
         require(
             ours == theirs,
-            f"{where}: channel {channel!r} is in [{theirs}], and in [{ours}] in record 0. Give "
-            "`units` for all.",
+            f"{where}: the unit of channel {channel!r} is {theirs or 'not given'}, and in record 0 "
+            f"{ours or 'not given'}. Give `units` for all.",
         )
     odd = sorted(first.constants.keys() ^ other.constants.keys())
     require(

@@ -33,6 +33,8 @@ class FindingKind(enum.Enum):
             (`lag` in seconds, `correlation`).
         UNIT: record and model have different units for a channel.
         DEGREES: an angle looks as if it were in degrees (`largest`, `ratio`).
+        OTHER_UNIT: an output responds to an input more strongly than in another record, or less, by
+            the ratio of two units (`ratio`).
         MILLISECONDS: time looks as if it were in milliseconds (`step`).
         RATE: a channel does not move as the integral of its rate, which other channels give: a
             wrong unit or sign (`ratio`, `share` of the motion).
@@ -57,6 +59,7 @@ class FindingKind(enum.Enum):
     FEEDBACK = "feedback"
     UNIT = "unit"
     DEGREES = "degrees?"
+    OTHER_UNIT = "unit of another record?"
     MILLISECONDS = "milliseconds?"
     RATE = "rate?"
     DIVERGENCE = "divergence"

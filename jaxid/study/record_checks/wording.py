@@ -38,6 +38,8 @@ SENTENCES = {
     "UNIT": "{names} is in [{units[0]}] in the record and in [{units[1]}] in the model.",
     "DEGREES": "{names} reaches {largest:.3g} with the unit {units[0]}. If it is in degrees, give "
     "`units`.",
+    "OTHER_UNIT": "{names[0]} responds to {names[1]} {ratio:.3g} times as strongly as in record "
+    "{units[1]}, like {units[0]}. Give `units` for both records.",
     "MILLISECONDS": "the time t increases by {step:.3g} s, in whole numbers, and the model is much "
     "faster. If it is in milliseconds, give `units={{'t': 'ms'}}`.",
     "RATE": "{names} moves {ratio:.3g} times as far as the integral of its rate, which the other "

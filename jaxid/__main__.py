@@ -189,7 +189,7 @@ def study_file(
         file = read_study(path)
         case = case_of(file, BUILT_IN, progress)
         if list_candidates:
-            print("\n".join(candidate_table(case.effects).lines()))
+            print("\n".join(candidate_table(case.effects or ()).lines()))
             return
         study = _study_of(case, progress)
     _deliver(study, file.title, json, out, (path, *file.files))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 # Of a cell, without colours: notebooks are light or dark.
-CELL_STYLE = "padding: 0.1em 0.8em; text-align: {}; white-space: {}"
+CELL_STYLE = "padding: 0.1em 0.8em; white-space: {}; text-align: {}"
 LONGEST_LINE = 60  # characters of a cell that is not broken into lines (chosen)
 
 
@@ -57,6 +57,6 @@ def _row(tag: str, cells: Sequence[str], words_at: tuple[int, int]) -> str:
     elements = []
     for place, cell in enumerate(cells):
         space = "nowrap" if len(cell) <= LONGEST_LINE else "normal"
-        style = CELL_STYLE.format("left" if place in words_at else "right", space)
+        style = CELL_STYLE.format(space, "left" if place in words_at else "right")
         elements.append(f'<{tag} style="{style}">{html.escape(cell)}</{tag}>')
     return f"<tr>{''.join(elements)}</tr>"

@@ -9,7 +9,7 @@ import numpy as np
 from jax.scipy.special import gammaincc
 from jax.scipy.stats import norm
 
-from .._foundation.checks import require
+from .._foundation.checks import InputError, require
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.notebook import Table
 from .._foundation.types import Array, Bool, Float, Int, Numbers
@@ -225,26 +225,26 @@ def residual_tests(
             another number of records or samples, an estimate has several cases, or level or lags
             are out of range.
     """
-    residuals, mask, outputs = _channels(residuals, mask, outputs)
-    signals = _signals(signals, residuals.shape[:2])
-    rows, channels = residuals.shape[1], residuals.shape[2]
+    residuals, mask, names = _channels(residuals, mask, outputs)
+    by_name = _signals(signals, residuals.shape[:2])
+    rows, channels = residuals.shape[1:]
     require(
         0 < level < 1,
         f"The level is {level}; it is a probability of false alarm: choose one such as 0.01.",
     )
     require(lags >= 1, f"lags is {lags}; choose 1 or more.")
     s = (
-        jnp.stack([jnp.asarray(x, float) for x in signals.values()], -1)
-        if signals
+        jnp.stack([jnp.asarray(x, float) for x in by_name.values()], -1)
+        if by_name
         else jnp.zeros((*mask.shape[:2], 0))
     )
     numbers = _numbers(
         residuals, mask, s, jnp.asarray(level / channels), min(lags, max(rows // 5, 1))
     )
-    return ResidualTests(tuple(outputs), tuple(signals), level, *numbers)
+    return ResidualTests(names, tuple(by_name), level, *numbers)
 
 
-def _channels(residuals, mask, outputs):
+def _channels(residuals, mask, outputs) -> tuple[Array, Array, tuple[str, ...]]:
     """Return residuals, mask and names of the channels, of an estimate or as given."""
     if isinstance(residuals, Estimate):
         require(
@@ -256,20 +256,20 @@ def _channels(residuals, mask, outputs):
             "Residual tests are of one estimate, and this is a batch of them. Select one of them.",
         )
         return residuals.residuals, residuals.mask, residuals.model.outputs
-    require(
-        mask is not None and outputs is not None,
-        "Residuals need `mask`, the valid samples, and `outputs`, their names. An estimate has "
-        "both: `residual_tests(fit, signals=records)`.",
-    )
+    if mask is None or outputs is None:
+        raise InputError(
+            "Residuals need `mask`, the valid samples, and `outputs`, their names. An estimate has "
+            "both: `residual_tests(fit, signals=records)`."
+        )
     channels = residuals.shape[2]
     require(
         len(outputs) == channels,
         f"There are {channels} residual channels and {len(outputs)} names. Name each once.",
     )
-    return residuals, mask, outputs
+    return residuals, mask, tuple(outputs)
 
 
-def _signals(signals, shape: tuple[int, int]) -> dict[str, Array]:
+def _signals(signals, shape: tuple[int, ...]) -> dict[str, Array]:
     """Return the signals by name, those of records being their inputs."""
     if signals is None:
         return {}

@@ -92,7 +92,9 @@ def errors_of(content: Any, file: str) -> EstimateErrors | None:
     if content is None:
         return None
     require(isinstance(content, Mapping), f"{file}: 'errors' is no object. Write the file again.")
-    names = {key: names_of(content, key, f"{file}: errors") for key in ("names", "own_names", "outputs")}
+    names = {
+        key: names_of(content, key, f"{file}: errors") for key in ("names", "own_names", "outputs")
+    }
     parameters, outputs = len(names["names"]), len(names["outputs"])
     own = content.get("own")
     rows = (len(own) if isinstance(own, list) else 0, len(names["own_names"]))
@@ -126,4 +128,3 @@ def _array(content: Mapping[str, Any], key: str, shape: tuple[int, ...], file: s
         )
     numbers = [number(entry, f"{file}: errors: {key!r}") for entry in entries.ravel()]
     return np.array(numbers, float).reshape(shape)
-

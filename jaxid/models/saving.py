@@ -68,16 +68,21 @@ def save(path: str | Path, model: AbstractModel | Fitted, free: Free | None = No
         InputError: when the file exists, the folder does not, `model` is neither, the free
             parameters are those of another model, or they are given for an estimate.
     """
-    model, free, errors = _parts(model, free)
-    model = canonical(model)
+    declared, free, errors = _parts(model, free)
+    content = _content(canonical(declared), free)
+    content["errors"] = None if errors is None else errors.to_dict()
+    return write_document(path, content, kind=DOCUMENT, version=FORMAT_VERSION)
+
+
+def _content(model: AbstractModel, free: Free | None) -> dict[str, Any]:
+    """Return a model and its free parameters in the form of the file."""
     values = np.asarray(flat_vector(model))
-    content = {
+    content: dict[str, Any] = {
         "model": type(model).__name__,
         **{kind: list(getattr(model, kind)) for kind in CHANNEL_KINDS},
         "parameters": dict(zip(parameter_names(model), values.tolist(), strict=True)),
         "units": dict(model.units()),
         "free": None,
-        "errors": None if errors is None else errors.to_dict(),
     }
     if free is not None:
         free.positions(model)  # refuses names that the model does not have
@@ -89,7 +94,7 @@ def save(path: str | Path, model: AbstractModel | Fitted, free: Free | None = No
             "scale": _floats(free.scale),
             "prior": {name: [float(x) for x in pair] for name, pair in free.prior.items()},
         }
-    return write_document(path, content, kind=DOCUMENT, version=FORMAT_VERSION)
+    return content
 
 
 def _parts(
@@ -206,4 +211,3 @@ def _numbers(content: Mapping[str, Any], key: str, name: str) -> dict[str, float
     """Return an object of numbers of the file."""
     values = _mapping(content, key, name)
     return {entry: number(value, f"{name}: {key} of {entry!r}") for entry, value in values.items()}
-

@@ -47,7 +47,9 @@ class EffectRow(NamedTuple):
 
 
 class CandidateRow(NamedTuple):
-    """One refitted candidate: description with the effects it replaces, score, result of the refit, and verdict."""
+    """One refitted candidate: description with the effects it replaces, score, result of the refit,
+    and verdict.
+    """
 
     description: str
     score: str

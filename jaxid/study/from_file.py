@@ -163,6 +163,7 @@ def _regressed(file: StudyFile, blank: AbstractModel, likelihood: OutputError) -
             options=options,
             likelihood=likelihood,
             per_record=per_record_of(file),
+            progress=False,  # its caller shows the progress
         ).model
 
 

@@ -7,11 +7,19 @@ def rows_and_notes(shown):
     """Cells of the tables by row, and lines of text, of an object in a notebook."""
     root = html5lib.parse(shown._repr_html_(), namespaceHTMLElements=False)
     rows = [[cell.text or "" for cell in row] for row in root.iter("tr")]
-    for row in root.iter("tr"):
+    for row, words in zip(root.iter("tr"), rows, strict=True):
         sides = [cell.get("style").rpartition(" ")[2] for cell in row]
-        assert sides == ["left", *["right"] * (len(sides) - 2), "left"]
+        last = "right" if is_number(words[-1]) else sides[-1]
+        assert sides == ["left", *["right"] * (len(sides) - 2), last]
     assert "color" not in shown._repr_html_()  # notebooks are light or dark
     return rows, [paragraph.text for paragraph in root.iter("p")]
+
+
+def is_number(words):
+    try:
+        return float(words) is not None
+    except ValueError:
+        return False
 
 
 def assert_has_printed_lines(shown):

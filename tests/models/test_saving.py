@@ -109,14 +109,16 @@ def fit_of(likelihood):
     t, rng = 0.1 * np.arange(40), np.random.default_rng(5)
     records = [
         jaxid.record(
-            t, np.sin(t), np.sin(2 * t) + 0.1 * rng.normal(size=40), inputs=("force",), outputs=("x",)
+            t,
+            np.sin(t),
+            np.sin(2 * t) + 0.1 * rng.normal(size=40),
+            inputs=("force",),
+            outputs=("x",),
         )
         for _ in range(2)
     ]
     model = spring(4.0, 0.5)
-    chosen = jaxid.free(
-        model, "k", "c", per_record=("initial_state",), bounds={"c": (0.5, None)}
-    )
+    chosen = jaxid.free(model, "k", "c", per_record=("initial_state",), bounds={"c": (0.5, None)})
     return model, jaxid.estimate(model, chosen, records, likelihood)
 
 

@@ -130,7 +130,9 @@ def test_unknown_candidate_of_many_gets_the_nearest_names_and_the_list(said):
         said(("general = false", "general = true"), ("bias of x", "x^33 in v"))
     message = str(refused.value)
     assert "Did you mean 'x^3 in v' or " in message
-    assert message.endswith("`python -m jaxid close-loop STUDY.toml --candidates` lists all of them.")
+    assert message.endswith(
+        "`python -m jaxid close-loop STUDY.toml --candidates` lists all of them."
+    )
     assert len(message) < 400
 
 

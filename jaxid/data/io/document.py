@@ -135,12 +135,9 @@ def names_of(content: Mapping[str, Any], key: str, where: str) -> tuple[str, ...
     Raises:
         InputError: when the list is missing, or an entry is no text.
     """
-    value = content.get(key)
-    names = value if isinstance(value, list) else [None]
-    require(
-        all(isinstance(name, str) for name in names),
-        f"{where}: {key!r} is missing or no list of names. Write it again.",
-    )
+    names = content.get(key)
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{where}: {key!r} is missing or no list of names. Write it again.")
     return tuple(names)
 
 

@@ -37,18 +37,20 @@ def units_between_records(records: Sequence[tuple[Measured, Response]]) -> Itera
     factor = min(steps_in_a_block(record, model) for record, model in records)
     sizes = np.array([_sizes(record, factor) for record in arrays])
     for output, channel in np.ndindex(sizes.shape[1:]):
-        of_pair = sizes[:, output, channel]
-        known = np.flatnonzero(of_pair > 0)
-        if known.size < 2:
-            continue
-        middle = known[np.argsort(of_pair[known])[(known.size - 1) // 2]]
-        for at in known:
-            ratio = of_pair[at] / of_pair[middle]
+        names = arrays[0].outputs[output], arrays[0].inputs[channel]
+        for at, middle, ratio in _ratios(sizes[:, output, channel]):
             if words := _confused(ratio):
-                names = arrays[at].outputs[output], arrays[at].inputs[channel]
-                others = words, arrays[middle].name
-                numbers = {"ratio": float(ratio)}
+                others, numbers = (words, arrays[middle].name), {"ratio": ratio}
                 yield Finding(FindingKind.OTHER_UNIT, arrays[at].name, names, numbers, others)
+
+
+def _ratios(sizes: np.ndarray) -> list[tuple[int, int, float]]:
+    """Return each known size over the median one, with the positions of both."""
+    known = np.flatnonzero(sizes > 0)
+    if known.size < 2:
+        return []
+    middle = known[np.argsort(sizes[known])[(known.size - 1) // 2]]
+    return [(int(at), int(middle), float(sizes[at] / sizes[middle])) for at in known]
 
 
 def _sizes(record: Measured, factor: int) -> np.ndarray:
@@ -58,7 +60,9 @@ def _sizes(record: Measured, factor: int) -> np.ndarray:
     lags = lags_for(len(u), u.shape[1]) if record.is_uniform else 0
     for output in range(z.shape[1] if lags else 0):
         fit = regression(z[:, output], u, lags)
-        for channel in np.flatnonzero(np.ptp(u, axis=0) > 0).tolist() if fit else ():
+        if fit is None:
+            continue
+        for channel in np.flatnonzero(np.ptp(u, axis=0) > 0).tolist():
             g, covariance = impulse_response(fit, channel)
             if g @ g > GAIN_ERRORS**2 * np.trace(covariance):
                 sizes[output, channel] = np.linalg.norm(g)

@@ -49,4 +49,3 @@ def degrees(record: Measured, name: str, unit: str, model: Response) -> Iterator
     if wrong:
         numbers = {"largest": float(np.nanmax(np.abs(values))), "ratio": float(ratio)}
         yield Finding(FindingKind.DEGREES, record.name, (name,), numbers, (unit,))
-

@@ -136,6 +136,13 @@ def test_a_finer_step_changes_less_than_a_hundredth_of_the_noise(output):
     assert change < 0.1
 
 
+def test_a_far_start_is_named_and_left_by_pieces(output):
+    assert "the residual of x is large and no noise." in output("choose.md", "poor fit")
+    before, after = numbers(output("choose.md", "explained").replace(" %", ""))
+    assert before < 5
+    assert after > 98
+
+
 def test_the_eight_lines_end_at_their_start_with_success(printed):
     first, second, ours = printed["from_scipy.md"].output.splitlines()
     assert first.startswith("True")

@@ -29,9 +29,9 @@ POOR_FIT = 50.0  # percent; chosen
 COLOURED = 5.0  # standard deviations of the correlation of neighbours in white noise; chosen
 POOR = (
     "The iteration may have ended in a minimum far from the best one, or the model lacks an "
-    "effect. Try other starting values (`jaxid.multi_start`), short pieces with initial states of "
-    "their own (`jaxid.segment`: multiple shooting), or a regression (`jaxid.identify`); if they "
-    "agree, `jaxid.close_loop`. `jaxid.advice(records, model)` looks for wrong units."
+    "effect. Try many starting values between bounds (`jaxid.multi_start`), or short pieces with "
+    "initial states of their own (`jaxid.segment`: multiple shooting); if they agree, "
+    "`jaxid.close_loop`. `jaxid.advice(records, model)` looks for wrong units."
 )
 
 

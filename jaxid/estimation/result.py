@@ -356,7 +356,7 @@ def _fit(xp, v, z, mask):
     """Return the share of each output that a model explains [percent]."""
     count = xp.maximum(xp.sum(mask, axis=(0, 1)), 1)
     mean = xp.sum(xp.where(mask, z, 0.0), axis=(0, 1)) / count
-    power = xp.sum(xp.where(mask, z - mean, 0.0) ** 2, axis=(0, 1))
+    power = xp.sum(xp.where(mask, z - mean[None, None], 0.0) ** 2, axis=(0, 1))
     unexplained = xp.sum(xp.where(mask, v, 0.0) ** 2, axis=(0, 1))
     share = xp.sqrt(unexplained / xp.where(power > 0, power, 1.0))
     return xp.where(power > 0, 100.0 * (1.0 - share), xp.nan)

@@ -170,7 +170,9 @@ def test_wiener_hammerstein_has_official_split(circuit):
     train, test = ds.train[0], ds.test["test"]
     assert (float(train.u[0, 0]), float(train.z[-1, 0])) == (5200.0, -105_199.0)
     assert (float(test.u[0, 0]), float(test.z[-1, 0])) == (105_200.0, -183_999.0)
-    np.testing.assert_allclose(np.asarray(test.t)[[0, 1, -1]], np.array([0, 1, 78_799]) / 51_200, rtol=1e-12)
+    np.testing.assert_allclose(
+        np.asarray(test.t)[[0, 1, -1]], np.array([0, 1, 78_799]) / 51_200, rtol=1e-12
+    )
     assert train.input_units + train.output_units == ("V", "V")
 
 

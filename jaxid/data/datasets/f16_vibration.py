@@ -26,7 +26,7 @@ F16_OUTPUTS = ("excitation", "wing", "payload")
 F16_WINDOW = 400  # samples, one second (chosen; the split has no window)
 # Ten realisations in one file; not part of the split of nonlinear-benchmarks 1.0.1.
 LEFT_OUT = "SpecialOddMSine"
-VARIABLES = ("Force", "Acceleration", "Fs")
+F16_VARIABLES = ("Force", "Acceleration", "Fs")
 
 
 def f16_vibration(path: str | Path | None = None) -> DataSet:
@@ -76,7 +76,7 @@ def _records(archive: Path) -> dict[str, Record]:
 
 def _record(variables: dict[str, np.ndarray], name: str) -> Record:
     """Return one file as a record."""
-    require_known(f"variable in {name}", VARIABLES, variables)
+    require_known(f"variable in {name}", F16_VARIABLES, variables)
     force, step = np.ravel(variables["Force"]), 1.0 / float(np.ravel(variables["Fs"])[0])
     acceleration = np.reshape(variables["Acceleration"], (len(F16_OUTPUTS), -1)).T
     units = {"force": "N"} | dict.fromkeys(F16_OUTPUTS, "m/s^2")

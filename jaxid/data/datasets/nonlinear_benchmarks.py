@@ -49,10 +49,13 @@ def from_benchmarks(
     """
     channels = {"inputs": tuple(inputs), "outputs": tuple(outputs), "units": dict(units or {})}
     trains, tests = (
-        [_record(one, f"{kind} {number}", channels) for number, one in enumerate(_several(given))]
+        [
+            _record(one, f"{kind} {number}", channels)
+            for number, one in enumerate(_as_sequence(given))
+        ]
         for kind, given in (("train", train), ("test", test))
     )
-    windows = [one.state_initialization_window_length for one in _several(test)]
+    windows = [one.state_initialization_window_length for one in _as_sequence(test)]
     names = [one.names[0] for one in tests]
     require(
         len(set(names)) == len(names),
@@ -67,9 +70,9 @@ def from_benchmarks(
     )
 
 
-def _several(given: BenchmarkRecord | Sequence[BenchmarkRecord]) -> Sequence[BenchmarkRecord]:
+def _as_sequence(given: Any) -> Sequence[BenchmarkRecord]:
     """Return one record as a sequence; a record of the package is itself a pair (u, y)."""
-    return given if isinstance(given, tuple | list) else (given,)  # pyright: ignore[reportReturnType]
+    return given if isinstance(given, tuple | list) else (given,)
 
 
 def _record(one: BenchmarkRecord, otherwise: str, channels: dict[str, Any]) -> Record:

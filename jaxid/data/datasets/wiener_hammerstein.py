@@ -36,8 +36,8 @@ def wiener_hammerstein(path: str | Path | None = None) -> DataSet:
             out.
 
     Returns:
-        The set: 100,000 rows to fit, 78,800 to score, of which the first 50 are for the initial
-        state.
+        The set: 100,000 rows to fit and 78,800 to score; the first 50 of the latter are for the
+        initial state.
 
     Raises:
         InputError: when the file is missing, of another size, or shorter than the split.

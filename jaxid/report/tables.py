@@ -315,9 +315,8 @@ def _listed_candidates(search_round: Round) -> tuple[Candidate, ...]:
 
 def _candidate(candidate: Candidate) -> CandidateRow:
     fall, check = candidate.cost_fall, candidate.check_fall
-    others = f", in place of {' and '.join(candidate.instead_of)}" * bool(candidate.instead_of)
     return CandidateRow(
-        description=raised(candidate.description + others),
+        description=raised(candidate.description + candidate.replacement),
         score=number(candidate.score, 3),
         cost_fall=ABSENT if fall is None else number(fall, 3),
         check_change=ABSENT

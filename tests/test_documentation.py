@@ -245,6 +245,16 @@ def test_a_saved_fit_is_read_back(output):
     assert output("recipes.md", "equal:") == "equal: True ('k', 'c')"
 
 
+def test_noises_steppers_and_files_agree(output, printed):
+    lines = printed["recipes.md"].output.splitlines()
+    values = [float(line.removeprefix("k: ")) for line in lines if line.startswith("k: ")]
+    assert values == pytest.approx([TRUE_K] * 3, abs=0.005)
+    (deviation,) = numbers(output("recipes.md", "largest deviation").partition(":")[2])
+    assert 0 < deviation < 0.005  # of 200 samples with noise of 0.01 m
+    assert output("recipes.md", "kept:") == "kept: True True"
+    assert "There is no parameter 'stiffness'." in output("recipes.md", "There is no")
+
+
 # The text. ----------------------------------------------------------------------------------------
 
 

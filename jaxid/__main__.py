@@ -48,6 +48,7 @@ except ModuleNotFoundError as missing:
     raise SystemExit(2) from None
 from .report.progress import show_progress
 from .study import Study, close_loop, next_record
+from .study.candidates import candidate_table
 from .study.design_from_file import design_section, informative_input
 from .study.from_file import Case, case_of
 from .study.identify_from_file import identified
@@ -57,22 +58,8 @@ app = typer.Typer(add_completion=False, no_args_is_help=False, pretty_exceptions
 console = Console(stderr=True)
 
 # The arguments of `aircraft.model_of` that a study file may set: all that TOML can express.
-SETTINGS = (
-    "mass",
-    "Ix",
-    "Iy",
-    "Iz",
-    "Ixz",
-    "S",
-    "b",
-    "cbar",
-    "reference",
-    "check",
-    "states",
-    "frame",
-    "measured",
-    "held",
-)
+SETTINGS = ("mass", "Ix", "Iy", "Iz", "Ixz", "S", "b", "cbar", "reference", "check")
+SETTINGS += ("states", "frame", "measured", "held")
 BUILT_IN = {"aircraft": BuiltIn(model_of, (*SETTINGS, "outputs", "airspeed", "beta"))}
 # Samples, two seconds, from which the initial state of a flight is fitted (chosen).
 FLIGHT_WINDOW = 50
@@ -191,13 +178,20 @@ def study_file(
     path: StudyPath,
     json: Json = None,
     out: Out = None,
+    list_candidates: Annotated[
+        bool, typer.Option("--candidates", help="List the candidate effects, and end.")
+    ] = False,
 ) -> None:
     """Find the effects that your own model lacks; a study file names the model and the records."""
     _require_output(json, out)
     with show_progress(console) as progress:
         progress("reading")
         file = read_study(path)
-        study = _study_of(case_of(file, BUILT_IN, progress), progress)
+        case = case_of(file, BUILT_IN, progress)
+        if list_candidates:
+            print("\n".join(candidate_table(case.effects or ()).lines()))
+            return
+        study = _study_of(case, progress)
     _deliver(study, file.title, json, out, (path, *file.files))
 
 

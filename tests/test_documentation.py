@@ -136,6 +136,13 @@ def test_a_finer_step_changes_less_than_a_hundredth_of_the_noise(output):
     assert change < 0.1
 
 
+def test_a_far_start_is_named_and_left_by_pieces(output):
+    assert "the residual of x is large and no noise." in output("choose.md", "poor fit")
+    before, after = numbers(output("choose.md", "explained").replace(" %", ""))
+    assert before < 5
+    assert after > 98
+
+
 def test_the_eight_lines_end_at_their_start_with_success(printed):
     first, second, ours = printed["from_scipy.md"].output.splitlines()
     assert first.startswith("True")
@@ -236,6 +243,16 @@ def test_files_and_tables_become_records(output, printed):
 
 def test_a_saved_fit_is_read_back(output):
     assert output("recipes.md", "equal:") == "equal: True ('k', 'c')"
+
+
+def test_noises_steppers_and_files_agree(output, printed):
+    lines = printed["recipes.md"].output.splitlines()
+    values = [float(line.removeprefix("k: ")) for line in lines if line.startswith("k: ")]
+    assert values == pytest.approx([TRUE_K] * 3, abs=0.005)
+    (deviation,) = numbers(output("recipes.md", "largest deviation").partition(":")[2])
+    assert 0 < deviation < 0.005  # of 200 samples with noise of 0.01 m
+    assert output("recipes.md", "kept:") == "kept: True True"
+    assert "There is no parameter 'stiffness'." in output("recipes.md", "There is no")
 
 
 # The text. ----------------------------------------------------------------------------------------

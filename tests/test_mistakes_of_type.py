@@ -63,7 +63,7 @@ WORDS = {
     "hold": ("`hold`", "'zoh'", "ZeroOrder()"),
     "stepper": ("`stepper`", "is 4", "RK4(4)"),
     "effect": ("'Friction' is not an effect", "DryFriction"),
-    "save": ("Record", "fit.model"),
+    "save": ("Record", "save(path, fit)"),
     "load": ("Spring", "class with values"),
 }
 

@@ -11,6 +11,8 @@ from typing import TypeVar
 import jax
 
 E = TypeVar("E", bound=enum.Enum)
+MOST_NAMES = 40  # that a message lists; chosen
+NEAREST = 6  # names of a longer list in a message; chosen
 
 
 class InputError(ValueError):
@@ -40,7 +42,8 @@ def require_float64() -> None:
 def require_known(
     kind: str, names: Iterable[str], available: Iterable[str], remedy: str = ""
 ) -> None:
-    """Refuse names that do not exist, and list those that do, nearest first, and a remedy.
+    """Refuse names that do not exist; the message has the nearest names, all if they are few, and a
+    remedy.
 
     Raises:
         InputError: when a name is not among the available ones.
@@ -48,12 +51,19 @@ def require_known(
     available = list(available)
     for name in names:
         if name not in available:
-            near = difflib.get_close_matches(name, available, n=3, cutoff=0.5)
-            hint = f" Did you mean {' or '.join(map(repr, near))}?" if near else ""
             raise InputError(
-                f"There is no {kind} {name!r}.{hint} The names are: "
-                f"{', '.join(available) or '(none)'}.{remedy and ' '}{remedy}"
+                f"There is no {kind} {name!r}.{_nearest(name, available)}{remedy and ' '}{remedy}"
             )
+
+
+def _nearest(name: str, available: list[str]) -> str:
+    """Return the names nearest to an unknown one, and all of them if they are few, in words."""
+    few = len(available) <= MOST_NAMES
+    near = difflib.get_close_matches(name, available, n=3 if few else NEAREST, cutoff=0.5)
+    hint = f" Did you mean {' or '.join(map(repr, near))}?" if near else ""
+    if few:
+        return f"{hint} The names are: {', '.join(available) or '(none)'}."
+    return hint or f" There are {len(available)} names, such as {', '.join(available[:NEAREST])}."
 
 
 def member(kind: str, option: enum.Enum | str, options: type[E]) -> E:

@@ -2,7 +2,7 @@
 
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from threading import Lock
 from typing import Any
 
@@ -10,6 +10,7 @@ import jax
 
 from .compiler import compiler_options
 from .host import are_known
+from .progress import report_part
 from .stored_programs import joined_leaves, split_leaves, stored_program, types_of
 
 # Chosen: programs of one function that are kept. Each takes some 300 of the 65,530 memory maps that
@@ -95,9 +96,12 @@ def compile_together(programs: Sequence[tuple[EvictingJit, tuple]]) -> None:
     """
     keyed = [(program, program.key(*arguments), arguments) for program, arguments in programs]
     different = {(p, key): arguments for p, key, arguments in keyed if key not in p.known}
+    compilations, count = [], len(different)
     with ThreadPoolExecutor() as executor:
-        for future in [
-            executor.submit(program.lower(*arguments).compile)
-            for (program, _), arguments in different.items()
-        ]:
-            future.result()
+        for (program, _), arguments in different.items():
+            report_part(f"{len(compilations)} of {count} programs traced")
+            compilations.append(executor.submit(program.lower(*arguments).compile))
+        ended = as_completed(compilations)
+        for done in range(count):
+            report_part(f"{done} of {count} programs compiled")
+            next(ended).result()

@@ -5,14 +5,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 # Of a cell, without colours: notebooks are light or dark.
-CELL_STYLE = "padding: 0.1em 0.8em; white-space: nowrap; text-align: "
+CELL_STYLE = "padding: 0.1em 0.8em; white-space: {}; text-align: {}"
+LONGEST_LINE = 60  # characters of a cell that is not broken into lines (chosen)
 
 
 class Table(NamedTuple):
-    """Rows of words: names on the left, numbers to the right, units in the last column.
+    """Rows of words: names on the left, numbers to the right, units or words in the last column.
 
     Attributes:
-        heads: titles of the columns.
+        heads: titles of the columns; a last column without a title is not shown in HTML.
         widths: smallest widths of the columns of the text, except the last one.
         rows: the cells.
     """
@@ -33,7 +34,10 @@ class Table(NamedTuple):
 
     def html(self, above: Sequence[str] = (), below: Sequence[str] = ()) -> str:
         """Return the table as an HTML element, with lines of text above and below."""
-        head, body = _row("th", self.heads), "".join(_row("td", row) for row in self.rows)
+        words_at = (0, len(self.heads) - 1)
+        shown = len(self.heads) if self.heads[-1] else len(self.heads) - 1
+        head, *rows = (cells[:shown] for cells in (self.heads, *self.rows))
+        head, body = _row("th", head, words_at), "".join(_row("td", row, words_at) for row in rows)
         table = f"<table><thead>{head}</thead><tbody>{body}</tbody></table>"
         return f'<div style="overflow-x: auto">{paragraphs(above)}{table}{paragraphs(below)}</div>'
 
@@ -48,9 +52,11 @@ def preformatted(text: str) -> str:
     return f'<pre style="overflow-x: auto">{html.escape(text)}</pre>'
 
 
-def _row(tag: str, cells: Sequence[str]) -> str:
-    words = []
+def _row(tag: str, cells: Sequence[str], words_at: tuple[int, int]) -> str:
+    """Return a row, with words on the left of their cells and numbers on the right."""
+    elements = []
     for place, cell in enumerate(cells):
-        side = "left" if place in (0, len(cells) - 1) else "right"
-        words.append(f'<{tag} style="{CELL_STYLE}{side}">{html.escape(cell)}</{tag}>')
-    return f"<tr>{''.join(words)}</tr>"
+        space = "nowrap" if len(cell) <= LONGEST_LINE else "normal"
+        style = CELL_STYLE.format(space, "left" if place in words_at else "right")
+        elements.append(f'<{tag} style="{style}">{html.escape(cell)}</{tag}>')
+    return f"<tr>{''.join(elements)}</tr>"

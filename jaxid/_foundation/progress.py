@@ -1,9 +1,13 @@
 """`shown_progress`: the progress of a computation, a bar on a terminal or a line in a notebook."""
 
 import contextlib
+import threading
 import time
 from collections.abc import Callable, Iterator
+from contextvars import ContextVar, copy_context
 from typing import Any, Protocol
+
+REFRESH = 1.0  # seconds between two updates of the elapsed time in a notebook (chosen)
 
 
 class ShowProgress(Protocol):
@@ -18,14 +22,32 @@ def text_progress(
 ) -> Iterator[Callable[[str], None]]:
     """Return the function that receives a short text at every step of a computation.
 
+    Until the end of the context, `report_part` adds the part of the step that is done.
+
     Args:
         progress: a function of the text; True shows it (`shown_progress`), False does not.
     """
-    if callable(progress):
-        yield progress
-        return
-    with shown_progress(progress) as show:
-        yield show
+    with contextlib.ExitStack() as stack:
+        show = progress if callable(progress) else stack.enter_context(shown_progress(progress))
+        step = ""
+
+        def begin(words: str) -> None:
+            nonlocal step
+            step = words
+            show(words)
+
+        token = _PART.set(lambda words: show(f"{step}: {words}" if step else words))
+        stack.callback(_PART.reset, token)
+        yield begin
+
+
+# Shows the part of a step that is done, in the context of `text_progress`.
+_PART: ContextVar[Callable[[str], None]] = ContextVar("part", default=lambda _: None)
+
+
+def report_part(words: str) -> None:
+    """Show the part of the present step that is done, if a progress is shown."""
+    _PART.get()(words)
 
 
 @contextlib.contextmanager
@@ -76,15 +98,28 @@ def _notebook_line() -> Iterator[ShowProgress]:
     """Show the elapsed time and the latest text in one output, emptied at the end."""
     from IPython.display import DisplayHandle
 
-    begin, handle = time.monotonic(), DisplayHandle()
+    begin, handle, ended, text = time.monotonic(), DisplayHandle(), threading.Event(), ""
     handle.display({"text/plain": ""}, raw=True)
 
-    def show(words: str, share: float | None = None) -> None:
-        percent = "" if share is None else f"{100 * share:3.0f} %  "
-        line = f"{time.monotonic() - begin:6.0f} s  {percent}{words}"
+    def update() -> None:
+        line = f"{time.monotonic() - begin:6.0f} s  {text}"
         handle.update({"text/plain": line}, raw=True)
 
+    def show(words: str, share: float | None = None) -> None:
+        nonlocal text
+        text = ("" if share is None else f"{100 * share:3.0f} %  ") + words
+        update()
+
+    def refresh() -> None:
+        while not ended.wait(REFRESH):
+            update()
+
+    # The cell to which an output belongs is part of the context.
+    clock = threading.Thread(target=copy_context().run, args=(refresh,), daemon=True)
+    clock.start()
     try:
         yield show
     finally:
+        ended.set()
+        clock.join()
         handle.update({"text/plain": ""}, raw=True)

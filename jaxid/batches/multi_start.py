@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require
+from .._foundation.notebook import Table
 from .._foundation.types import Float
 from ..data.record import Record
 from ..estimation.estimate import estimate
@@ -53,13 +54,22 @@ class MultiStart(eqx.Module):
     failures: dict[str, int] = eqx.field(static=True)
 
     def __str__(self) -> str:
+        return "\n".join([*self._table().lines(), *self._failure_lines()])
+
+    def _repr_html_(self) -> str:
+        return self._table().html(below=self._failure_lines())
+
+    def _table(self) -> Table:
+        """Return the minima in words."""
         names = self.estimate.names
-        lines = [f"{'starts':>6}{'cost':>14}" + "".join(f"{name:>14}" for name in names)]
-        for cost, starts, values in self.minima:
-            lines.append(f"{starts:>6}{cost:>14.6g}" + "".join(f"{v:>14.6g}" for v in values))
-        for reason, count in self.failures.items():
-            lines.append(f"{count:>6}  {reason}")
-        return "\n".join(lines)
+        rows = (
+            (str(starts), f"{cost:.6g}", *(f"{value:.6g}" for value in values), "")
+            for cost, starts, values in self.minima
+        )
+        return Table(("starts", "cost", *names, ""), (6, *[13] * (1 + len(names))), tuple(rows))
+
+    def _failure_lines(self) -> list[str]:
+        return [f"{count} without a minimum: {why}" for why, count in self.failures.items()]
 
 
 def multi_start(

@@ -6,7 +6,10 @@ from .datasets import DataSet as DataSet
 from .datasets import cascaded_tanks as cascaded_tanks
 from .datasets import emps as emps
 from .datasets import emps_closed_loop as emps_closed_loop
+from .datasets import f16_vibration as f16_vibration
+from .datasets import from_benchmarks as from_benchmarks
 from .datasets import silverbox as silverbox
+from .datasets import wiener_hammerstein as wiener_hammerstein
 from .io.binary import read_hdf5 as read_hdf5
 from .io.binary import read_parquet as read_parquet
 from .io.columns import read_columns as read_columns

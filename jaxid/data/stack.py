@@ -248,8 +248,8 @@ def _require_same_layout(first: Record, other: Record, i: int) -> None:
     ):
         require(
             ours == theirs,
-            f"{where}: channel {channel!r} is in [{theirs}], and in [{ours}] in record 0. Give "
-            "`units` for all.",
+            f"{where}: channel {channel!r} {_unit_words(theirs)}, and in record 0 it "
+            f"{_unit_words(ours)}. Give `units` for all.",
         )
     odd = sorted(first.constants.keys() ^ other.constants.keys())
     require(
@@ -257,6 +257,10 @@ def _require_same_layout(first: Record, other: Record, i: int) -> None:
         f"{where}: constants {', '.join(map(repr, odd))} are in only one of this record and "
         "record 0. Give them to all records.",
     )
+
+
+def _unit_words(unit: str) -> str:
+    return f"is in [{unit}]" if unit else "has no unit"
 
 
 def _indices(records: Sequence[Record], wanted: Iterable[str | int], part: str) -> list[int]:

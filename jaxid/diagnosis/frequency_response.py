@@ -1,6 +1,6 @@
 """Frequency response and coherence of records, and of a model under the same inputs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -9,7 +9,7 @@ import numpy as np
 
 from .._foundation.checks import InputError, require
 from .._foundation.grid import is_uniform
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from .._foundation.types import Complex, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
@@ -86,29 +86,36 @@ class FrequencyResponse(eqx.Module):
         return bode(self, output, input)
 
     def __str__(self) -> str:
-        rows = np.unique(np.geomspace(1, len(self.w), PRINTED_ROWS).astype(int)) - 1
-        lines = []
-        for k, output in enumerate(self.outputs):
-            for j, channel in enumerate(self.inputs):
-                lines.append(f"{output} from {channel}, {self.segments} segments")
-                lines.append(
-                    f"{'rad/s':>9} {'gain':>10} {'phase deg':>10} {'error %':>8} {'coherence':>10} "
-                    f"{'model':>21}"
-                )
-                lines += [self._row(row, k, j) for row in rows.tolist()]
-        return "\n".join(lines)
+        return "\n".join(
+            line for title, table in self._tables() for line in (title, *table.lines())
+        )
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return "".join(table.html(above=[title]) for title, table in self._tables())
 
-    def _row(self, row: int, output: int, channel: int) -> str:
-        """Return the line of one frequency."""
-        cells = [f"{self.w[row]:>9.4g}", _gain_and_phase(self.measured[row, output, channel])]
-        cells.append(f"{100 * self.errors[row, output]:>8.3g}")
-        cells.append(f"{self.coherence[row, output]:>10.3f}")
+    def _tables(self) -> Iterator[tuple[str, Table]]:
+        """Return title and table of each pair of channels, at some of the frequencies."""
+        heads = ("rad/s", "gain", "phase deg", "error %", "coherence")
+        widths = (9, 10, 10, 8, 10)
         if self.model is not None:
-            cells.append(_gain_and_phase(self.model[row, output, channel]))
-        return " ".join(cells)
+            heads, widths = (*heads, "model gain", "model phase deg"), (*widths, 10, 15)
+        rows = np.unique(np.geomspace(1, len(self.w), PRINTED_ROWS).astype(int)) - 1
+        for k, output in enumerate(self.outputs):
+            for j, channel in enumerate(self.inputs):
+                cells = tuple(self._row(row, k, j) for row in rows.tolist())
+                title = f"{output} from {channel}, {self.segments} segments"
+                yield title, Table((*heads, ""), widths, cells)
+
+    def _row(self, row: int, output: int, channel: int) -> tuple[str, ...]:
+        """Return the numbers at one frequency in words."""
+        return (
+            f"{self.w[row]:.4g}",
+            *_gain_and_phase(self.measured[row, output, channel]),
+            f"{100 * self.errors[row, output]:.3g}",
+            f"{self.coherence[row, output]:.3f}",
+            *(() if self.model is None else _gain_and_phase(self.model[row, output, channel])),
+            "",
+        )
 
 
 def frequency_response(
@@ -260,5 +267,5 @@ def _common_step(records: Sequence[Record]) -> float:
     return steps[0]
 
 
-def _gain_and_phase(response: complex) -> str:
-    return f"{abs(response):>10.4g} {np.degrees(np.angle(response)):>10.1f}"
+def _gain_and_phase(response: complex) -> tuple[str, str]:
+    return f"{abs(response):.4g}", f"{np.degrees(np.angle(response)):.1f}"

@@ -11,11 +11,13 @@ from jax.scipy.special import gammaincc
 
 from .._foundation.checks import require
 from .._foundation.compiler import fast_compile_jit
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from .._foundation.types import Array, Bool, Float
 from ..estimation.coloured import score_covariance, score_covariance_under
 from .thresholds import WEAK_BIN
 from .validation import root_mean_square
+
+TITLE = "p-values of the mean residual over the range of each variable"
 
 
 class ResidualMaps(eqx.Module):
@@ -37,19 +39,19 @@ class ResidualMaps(eqx.Module):
     p_value: Float[Array, "output variable"]
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self._table().html(above=[TITLE])
 
     def __str__(self) -> str:
-        width = max(len(name) for name in (*self.variables, "variable"))
-        lines = [
-            f"{'variable':<{width}} " + " ".join(f"{name:>10}" for name in self.outputs) + "   "
-            "p-values of the map"
-        ]
-        for k, name in enumerate(self.variables):
-            lines.append(
-                f"{name:<{width}} " + " ".join(f"{float(p):>10.2g}" for p in self.p_value[:, k])
-            )
-        return "\n".join(lines)
+        return "\n".join([TITLE, *self._table().lines()])
+
+    def _table(self) -> Table:
+        """Return the p-values of the maps in words."""
+        rows = (
+            (name, *(f"{float(p):.2g}" for p in self.p_value[:, k]), "")
+            for k, name in enumerate(self.variables)
+        )
+        widths = (8, *(10 for _ in self.outputs))
+        return Table(("variable", *self.outputs, ""), widths, tuple(rows))
 
 
 def residual_maps(

@@ -1,5 +1,7 @@
 """Residual tests: whiteness, and correlation with inputs, states or other signals."""
 
+from collections.abc import Mapping, Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,10 +9,13 @@ import numpy as np
 from jax.scipy.special import gammaincc
 from jax.scipy.stats import norm
 
-from .._foundation.checks import require
+from .._foundation.checks import InputError, require
 from .._foundation.compiler import fast_compile_jit
-from .._foundation.notebook import preformatted
-from .._foundation.types import Array, Bool, Float, Int
+from .._foundation.notebook import Table
+from .._foundation.types import Array, Bool, Float, Int, Numbers
+from ..data.record import Record
+from ..estimation.estimate import as_stack
+from ..estimation.result import Estimate
 from .thresholds import BAND
 
 
@@ -157,14 +162,18 @@ class ResidualTests(eqx.Module):
         return jnp.all(self.white) & ~jnp.any(self.follows)
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self._table().html(below=[self._level_words()])
 
     def __str__(self) -> str:
-        width = max(len(name) for name in (*self.outputs, "residual"))
-        lines = [
-            f"{'residual':<{width}} {'Ljung-Box':>10} {'p':>9}  white  follows (correlation, lag)"
-        ]
+        return "\n".join([*self._table().lines(), self._level_words()])
+
+    def _level_words(self) -> str:
+        return f"alarms at {100 * self.level:g} % over all channels"
+
+    def _table(self) -> Table:
+        """Return both tests of each channel in words."""
         middle, tests = self.autocorrelation.shape[1] - 1, self.whiteness
+        lines, nothing = [], "-" if self.signals else "no signals were given"
         rows = zip(
             self.outputs, tests.statistic, tests.p_value, self.white, self.follows, strict=True
         )
@@ -175,19 +184,17 @@ class ResidualTests(eqx.Module):
                 if bool(follows[k])
             ]
             verdict = "yes" if bool(white) else "no"
-            lines.append(
-                f"{name:<{width}} {float(Q):>10.4g} {float(p):>9.2g}  {verdict:<5}  "
-                f"{', '.join(correlations) or '-'}"
-            )
-        lines.append(f"alarms at {100 * self.level:g} % over all channels")
-        return "\n".join(lines)
+            numbers = (f"{float(Q):.4g}", f"{float(p):.2g}", verdict)
+            lines.append((name, *numbers, ", ".join(correlations) or nothing))
+        heads = ("residual", "Ljung-Box", "p", "white", "follows (correlation, lag)")
+        return Table(heads, (8, 10, 9, 6), tuple(lines))
 
 
 def residual_tests(
-    residuals: Float[Array, "case time output"],
-    mask: Bool[Array, "case time output"],
-    signals: dict[str, Float[Array, "case time"]],
-    outputs: tuple[str, ...],
+    residuals: Estimate | Float[Array, "case time output"],
+    mask: Bool[Array, "case time output"] | None = None,
+    signals: Mapping[str, Float[Numbers, "case time"]] | Record | Sequence[Record] | None = None,
+    outputs: tuple[str, ...] | None = None,
     *,
     level: float = 0.01,
     lags: int = 25,
@@ -196,13 +203,17 @@ def residual_tests(
 
     A residual is correlated with a signal if the largest `|r_k|` from lag 0 on exceeds the band of
     an independent residual (Bonferroni over the lags). If a channel is not white, its
-    autocorrelation widens the band (Bartlett's variance).
+    autocorrelation widens the band (Bartlett's variance). The residuals of an estimate, with the
+    inputs of its records:
+
+        print(jaxid.residual_tests(fit, signals=train))
 
     Args:
-        residuals: `v = z - y`, shape (case, time, output) [output units].
-        mask: valid samples, shape (case, time, output).
-        signals: by name, shape (case, time) each [any].
-        outputs: names of the channels.
+        residuals: an estimate, or `v = z - y`, shape (case, time, output) [output units].
+        mask: valid samples, shape (case, time, output); not for an estimate.
+        signals: by name, shape (case, time) each [any], or the records of the residuals, whose
+            inputs are the signals; whiteness alone is tested without them.
+        outputs: names of the channels; not for an estimate.
         level: probability of a false alarm, over all channels.
         lags: longest lag [samples]; at most a fifth of the rows is used.
 
@@ -210,28 +221,68 @@ def residual_tests(
         The tests with their results; works under `jit` and `vmap`.
 
     Raises:
-        InputError: if the number of names differs from that of the channels, or level or lags are
-            out of range.
+        InputError: if the number of names differs from that of the channels, the signals have
+            another number of records or samples, an estimate has several cases, or level or lags
+            are out of range.
     """
-    rows, channels = residuals.shape[1], residuals.shape[2]
-    require(
-        len(outputs) == channels,
-        f"There are {channels} residual channels and {len(outputs)} names. Name each once.",
-    )
+    residuals, mask, names = _channels(residuals, mask, outputs)
+    by_name = _signals(signals, residuals.shape[:2])
+    rows, channels = residuals.shape[1:]
     require(
         0 < level < 1,
         f"The level is {level}; it is a probability of false alarm: choose one such as 0.01.",
     )
     require(lags >= 1, f"lags is {lags}; choose 1 or more.")
     s = (
-        jnp.stack([jnp.asarray(x, float) for x in signals.values()], -1)
-        if signals
+        jnp.stack([jnp.asarray(x, float) for x in by_name.values()], -1)
+        if by_name
         else jnp.zeros((*mask.shape[:2], 0))
     )
     numbers = _numbers(
         residuals, mask, s, jnp.asarray(level / channels), min(lags, max(rows // 5, 1))
     )
-    return ResidualTests(tuple(outputs), tuple(signals), level, *numbers)
+    return ResidualTests(names, tuple(by_name), level, *numbers)
+
+
+def _channels(residuals, mask, outputs) -> tuple[Array, Array, tuple[str, ...]]:
+    """Return residuals, mask and names of the channels, of an estimate or as given."""
+    if isinstance(residuals, Estimate):
+        require(
+            mask is None and outputs is None,
+            "An estimate has the mask and the names of its outputs. Give `signals` alone.",
+        )
+        require(
+            residuals.values.ndim == 1,
+            "Residual tests are of one estimate, and this is a batch of them. Select one of them.",
+        )
+        return residuals.residuals, residuals.mask, residuals.model.outputs
+    if mask is None or outputs is None:
+        raise InputError(
+            "Residuals need `mask`, the valid samples, and `outputs`, their names. An estimate has "
+            "both: `residual_tests(fit, signals=records)`."
+        )
+    channels = residuals.shape[2]
+    require(
+        len(outputs) == channels,
+        f"There are {channels} residual channels and {len(outputs)} names. Name each once.",
+    )
+    return residuals, mask, tuple(outputs)
+
+
+def _signals(signals, shape: tuple[int, ...]) -> dict[str, Array]:
+    """Return the signals by name, those of records being their inputs."""
+    if signals is None:
+        return {}
+    if not isinstance(signals, Mapping):
+        records = as_stack(signals)
+        signals = dict(zip(records.inputs, jnp.moveaxis(records.u, -1, 0), strict=True))
+    for name, signal in signals.items():
+        require(
+            jnp.shape(signal) == shape,
+            f"The signal {name!r} has the shape {jnp.shape(signal)}, and the residuals have "
+            f"{shape[0]} records of {shape[1]} samples. Give the records of the estimate.",
+        )
+    return dict(signals)
 
 
 @fast_compile_jit

@@ -42,8 +42,8 @@ def max_deviation(signal: Samples) -> float:
 def bend_range(signal: Samples) -> Float[np.ndarray, " 2"]:
     """Return the levels between which a change of slope is identifiable.
 
-    Some samples lie beyond each level. Samples at rest are excluded if the signal is at rest most of
-    the time.
+    Some samples lie beyond each level. Samples at rest are excluded if the signal is at rest most
+    of the time.
     """
     band = REST_BAND * np.ptp(signal)
     if np.ptp(np.quantile(signal, (MOST_BEYOND, 1.0 - MOST_BEYOND))) < band:

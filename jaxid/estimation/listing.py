@@ -10,6 +10,7 @@ import numpy as np
 
 from .._foundation.checks import require
 from .._foundation.notebook import Table
+from ..models.errors import EstimateErrors
 from ..models.names import flatten, parameter_names
 
 # Attributes with one value for each shared parameter.
@@ -24,6 +25,15 @@ PARAMETER_COLUMNS = (
 )
 SIGNIFICANT = 2.0  # chosen
 MOST_FIXED = 40  # fixed parameters in the print; chosen
+NEAR_BOUND = 2.0  # standard errors; derived: a normal estimate lies beyond with 2.3 %
+POOR_FIT = 50.0  # percent; chosen
+CORRELATED = 5.0  # standard deviations of the correlation of neighbours in white noise; chosen
+POOR = (
+    "The iteration may have ended in a minimum far from the best one, or the model lacks an "
+    "effect. Try many starting values between bounds (`jaxid.multi_start`), or short pieces with "
+    "initial states of their own (`jaxid.segment`: multiple shooting); if they agree, "
+    "`jaxid.close_loop`. `jaxid.advice(records, model)` looks for wrong units."
+)
 
 
 def listing(estimate: Any) -> str:
@@ -100,6 +110,101 @@ def sign_remarks(estimate: Any) -> list[str]:
     ]
 
 
+def notes(estimate: Any) -> list[str]:
+    """Return fit, weak directions, bounds, signs, kind of the errors and status, in words.
+
+    Args:
+        estimate: an `Estimate` of one case.
+    """
+    shares = zip(estimate.model.outputs, np.asarray(estimate.fit), strict=True)
+    return [
+        f"fit: {', '.join(f'{name} {share:.4g} %' for name, share in shares)}",
+        *_poor_fit(estimate),
+        *(f"weak: {sentence}" for sentence in estimate.weak_directions),
+        *_bounds(estimate),
+        *sign_remarks(estimate),
+        f"errors: {_errors(estimate)}",
+        f"status: {estimate.status} ({int(estimate.iterations)} iterations, cost "
+        f"{float(estimate.cost):.6g})",
+    ]
+
+
+def _poor_fit(estimate: Any) -> list[str]:
+    """Return a caution on outputs that are hardly explained, though their residual is no noise."""
+    v, mask = np.asarray(estimate.residuals), np.asarray(estimate.mask)
+    both = mask[:, 1:] & mask[:, :-1]
+    with np.errstate(all="ignore"):
+        products = np.sum(np.where(both, v[:, 1:] * v[:, :-1], 0.0), axis=(0, 1))
+        correlation = products / np.sum(np.where(mask, v, 0.0) ** 2, axis=(0, 1))
+    count = np.maximum(np.sum(both, axis=(0, 1)), 1)
+    poor = (np.asarray(estimate.fit) < POOR_FIT) & (correlation * np.sqrt(count) > CORRELATED)
+    names = [name for name, bad in zip(estimate.model.outputs, poor, strict=True) if bad]
+    return [f"poor fit: the residual of {', '.join(names)} is large and no noise. {POOR}"] * any(
+        names
+    )
+
+
+def _errors(estimate: Any) -> str:
+    """Return the quantiles that belong to the standard errors, in words."""
+    if estimate.noise_known:
+        return "R is known; intervals use normal quantiles."
+    freedom = float(estimate.degrees_of_freedom)
+    if freedom <= 0:
+        return "none: there are no more valid measurements than free parameters. Add samples."
+    return (
+        "asymptotic, R estimated; `interval()` uses Student's t with "
+        f"{int(freedom)} degrees of freedom."
+    )
+
+
+def _bounds(estimate: Any) -> list[str]:
+    """Return the parameters on or near bounds and the effect on the intervals, in words."""
+
+    def named(which) -> str:
+        return ", ".join(
+            name for name, yes in zip(estimate.names, np.asarray(which), strict=True) if yes
+        )
+
+    lines = []
+    if on := named(estimate.on_bound):
+        lines.append(
+            f"bounds: {on} on the bound, without a standard error. The standard errors of the "
+            "other parameters take this value as known; their intervals can cover less than they "
+            "state."
+        )
+    if near := named(estimate.near_bound):
+        lines.append(
+            f"bounds: {near} within {NEAR_BOUND:g} standard errors of the bound. The intervals of "
+            "all parameters correlated with it can cover less than they state."
+        )
+    return lines
+
+
+def estimate_errors(estimate: Any) -> EstimateErrors:
+    """Return values and errors of an estimate of one case as plain numbers.
+
+    Args:
+        estimate: an `Estimate`.
+
+    Raises:
+        InputError: for a batch of cases.
+    """
+    require(
+        np.ndim(estimate.values) == 1,
+        "Errors are of one estimate, and this is a batch of them. Select one of them.",
+    )
+    arrays = {name: np.asarray(getattr(estimate, name)) for name in EstimateErrors.arrays()}
+    return EstimateErrors(
+        **arrays,
+        names=estimate.names,
+        own_names=estimate.free.per_record,
+        outputs=estimate.model.outputs,
+        noise_known=estimate.noise_known,
+        successful=bool(estimate.successful),
+        status=estimate.status,
+    )
+
+
 def estimate_to_dict(estimate: Any) -> dict[str, Any]:
     """Return an estimate of one case as plain numbers and words.
 
@@ -132,6 +237,7 @@ def estimate_to_dict(estimate: Any) -> dict[str, Any]:
             for values, errors in own
         ],
         "outputs": list(estimate.model.outputs),
+        "fit": np.asarray(estimate.fit).tolist(),
         "covariance": np.asarray(estimate.covariance).tolist(),
         "noise": np.asarray(estimate.noise).tolist(),
         "noise_known": estimate.noise_known,
@@ -160,6 +266,7 @@ def estimate_to_xarray(estimate: Any):
         "own_errors": ("case", "own_parameter"),
         "residuals": ("case", "row", "output"),
         "mask": ("case", "row", "output"),
+        "fit": ("output",),
         "cost": (),
         "iterations": (),
         "successful": (),

@@ -12,15 +12,22 @@ from .._foundation.results import CONVERGED, RESULTS, is_one_of, with_undetermin
 from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
 from ..models.base import AbstractModel
+from ..models.errors import EstimateErrors
 from ..models.free import Free, Parameters, flat_vectors
 from ..models.free_model import insert
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import Spectrum, spectrum, weak_directions
 from .intervals import interval_ends, student_factor, upper_probability
-from .listing import estimate_to_dict, estimate_to_xarray, parameter_table, sign_remarks
+from .listing import (
+    NEAR_BOUND,
+    estimate_errors,
+    estimate_to_dict,
+    estimate_to_xarray,
+    notes,
+    parameter_table,
+)
 
 OF_RECORDS = "Values of single records stand in `own`, in the order of `free.per_record`."
-NEAR_BOUND = 2.0  # standard errors; derived: a normal estimate lies beyond with 2.3 %
 
 
 class Estimate(eqx.Module):
@@ -48,6 +55,9 @@ class Estimate(eqx.Module):
         information: square-root information, which can be stacked with other flights' information.
         spectrum: singular values and directions of the scaled information.
         residuals: `v = z - y`, zero at missing samples.
+        fit: share of each output that the model explains, `100 (1 - |v| / |z - mean z|)` [percent],
+            pooled over the records; below zero a constant would explain more, NaN for a constant
+            output.
         result: status, one for each case.
         iterations, costs, decrements: the history: accepted steps, cost and length of the remaining
             step at each. Of `FilterError(frozen_gain=True)` the part with exact derivatives alone.
@@ -76,6 +86,7 @@ class Estimate(eqx.Module):
     spectrum: Spectrum
     residuals: Float[Array, "*batch case time output"]
     mask: Bool[Array, "*batch case time output"]
+    fit: Float[Array, "*batch output"]
     result: RESULTS
     iterations: Int[Array, "*batch"]
     costs: Float[Array, "*batch step"]
@@ -123,6 +134,7 @@ class Estimate(eqx.Module):
             spectrum=fit.spectrum,
             residuals=fit.residuals,
             mask=records.mask,
+            fit=_fit(fit.residuals, records.z, records.mask),
             result=with_undetermined(fit.result, deviation),
             iterations=fit.iterations,
             costs=fit.costs,
@@ -245,6 +257,11 @@ class Estimate(eqx.Module):
         """Values in the form of the solver."""
         return Parameters(self.values, self.own)
 
+    @property
+    def errors(self) -> EstimateErrors:
+        """Values and errors as plain numbers, which `save` writes; for one case only."""
+        return estimate_errors(self)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the estimate as plain numbers and words, for one case only."""
         return estimate_to_dict(self)
@@ -266,59 +283,14 @@ class Estimate(eqx.Module):
     def _repr_html_(self) -> str:
         if self.values.ndim > 1:
             return preformatted(str(self))
-        return parameter_table(self).html(below=self._notes())
+        return parameter_table(self).html(below=notes(self))
 
     def __str__(self) -> str:
         if self.values.ndim > 1:
             good = int(np.sum(np.asarray(self.successful)))
             names = ", ".join(self.names)
             return f"Estimate of {self.values.shape[0]} cases, {good} successful: {names}"
-        return "\n".join([*parameter_table(self).lines(), *self._notes()])
-
-    def _notes(self) -> list[str]:
-        """Return weak directions, bounds, signs, kind of the errors and status, in words."""
-        return [
-            *(f"weak: {sentence}" for sentence in self.weak_directions),
-            *self._bounds_in_words(),
-            *sign_remarks(self),
-            f"errors: {self._errors_in_words()}",
-            f"status: {self.status} ({int(self.iterations)} iterations, cost "
-            f"{float(self.cost):.6g})",
-        ]
-
-    def _errors_in_words(self) -> str:
-        """Return the quantiles that belong to the standard errors, in words."""
-        if self.noise_known:
-            return "R is known; intervals use normal quantiles."
-        freedom = float(self.degrees_of_freedom)
-        if freedom <= 0:
-            return "none: there are no more valid measurements than free parameters. Add samples."
-        return (
-            "asymptotic, R estimated; `interval()` uses Student's t with "
-            f"{int(freedom)} degrees of freedom."
-        )
-
-    def _bounds_in_words(self) -> list[str]:
-        """Return the parameters on or near bounds and the effect on the intervals, in words."""
-
-        def named(which) -> str:
-            return ", ".join(
-                name for name, yes in zip(self.names, np.asarray(which), strict=True) if yes
-            )
-
-        lines = []
-        if on := named(self.on_bound):
-            lines.append(
-                f"bounds: {on} on the bound, without a standard error. The standard errors of the "
-                "others take this value as known; their intervals can cover less than they state."
-            )
-        if near := named(self.near_bound):
-            lines.append(
-                f"bounds: {near} within {NEAR_BOUND:g} standard errors of the bound. The intervals "
-                "of all parameters correlated "
-                "with it can cover less than they state."
-            )
-        return lines
+        return "\n".join([*parameter_table(self).lines(), *notes(self)])
 
 
 def describe_weak_directions(
@@ -377,6 +349,17 @@ def _near_bound(xp, values, lower, upper, deviation, on_bound):
     """True for parameters inside their bounds within `NEAR_BOUND` standard errors of one."""
     distance = xp.minimum(values - lower, upper - values)
     return ~on_bound & (distance < NEAR_BOUND * deviation)
+
+
+@on_host
+def _fit(xp, v, z, mask):
+    """Return the share of each output that a model explains [percent]."""
+    count = xp.maximum(xp.sum(mask, axis=(0, 1)), 1)
+    mean = xp.sum(xp.where(mask, z, 0.0), axis=(0, 1)) / count
+    power = xp.sum(xp.where(mask, z - mean[None, None], 0.0) ** 2, axis=(0, 1))
+    unexplained = xp.sum(xp.where(mask, v, 0.0) ** 2, axis=(0, 1))
+    share = xp.sqrt(unexplained / xp.where(power > 0, power, 1.0))
+    return xp.where(power > 0, 100.0 * (1.0 - share), xp.nan)
 
 
 @on_host

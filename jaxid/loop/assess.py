@@ -207,8 +207,8 @@ def unit_gain(best: LoopFit) -> Objection | None:
 def alternative(tree: SearchTree) -> Objection | None:
     """Return an objection if another shape fits nearly as well as an effect.
 
-    Refitted alternatives of no more parameters or effects, and shapes next to those of the effects that the
-    library need not hold, such as the next higher power.
+    Refitted alternatives of no more parameters or effects, and shapes next to those of the effects
+    that the library need not hold, such as the next higher power.
 
     It alone decides when an effect is faint (`test_faint_effect_is_proxy`), or when another one
     acts elsewhere and does the same to the records

@@ -80,10 +80,10 @@ def compare(old: LoopFit, new: LoopFit, options: LoopOptions, count: int) -> Com
 
     Added parameters must lower twice the cost by more than chance would with as many candidates
     (chi-square, Bonferroni), multiplied by the variance inflation of the new residual. A removal
-    must raise it by less; a swap must pay the price of its parameters, multiplied likewise. Where the residual is still
-    predictable, train and check records decide together, by the probability of both improvements
-    (`improvement_chance`), and the check records must gain materially. A noise must not be as slow
-    as a drift.
+    must raise it by less; a swap must pay the price of its parameters, multiplied by the same
+    inflation. Where the residual is still predictable, train and check records decide together, by
+    the probability of both improvements (`improvement_chance`), and the check records must gain
+    materially. A noise must not be as slow as a drift.
 
     Args:
         count: number of candidates among which the change was selected.

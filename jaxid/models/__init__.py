@@ -1,6 +1,7 @@
 """Models: abstract base class, free parameters, polynomials, tables, linear and noise models."""
 
 from .base import AbstractModel
+from .errors import EstimateErrors
 from .free import Free, Parameters, free, with_values
 from .linear import LinearModel
 from .names import parameter_names
@@ -15,6 +16,7 @@ from .tables import Extrapolation, Interpolation, Table, range_violations, requi
 __all__ = [
     "AbstractModel",
     "DiagonalNoise",
+    "EstimateErrors",
     "Extrapolation",
     "FixedNoise",
     "Free",

@@ -83,6 +83,18 @@ class Free(eqx.Module):
             leaves_at(model, np.array(shared + rows, int)),
         )
 
+    def only(self, names: Sequence[str]) -> "Free":
+        """Return the selection without the parameters that are not among these names."""
+        parts = {
+            option: {name: value for name, value in getattr(self, option).items() if name in names}
+            for option in ("lower", "upper", "scale", "prior")
+        }
+        shared, rows = (
+            tuple(name for name in chosen if name in names)
+            for chosen in (self.shared, self.per_record)
+        )
+        return Free(shared, rows, **parts)
+
     def bounds(
         self, which: Literal["shared", "per_record"]
     ) -> tuple[Float[Array, " p"], Float[Array, " p"]]:

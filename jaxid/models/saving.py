@@ -1,17 +1,21 @@
-"""`save` and `load`: a model's parameters and the selection of the free ones, as a JSON file."""
+"""`save` and `load`: a model's parameters, the selection of the free ones and their errors, as a
+JSON file.
+"""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from .._foundation.checks import InputError, require
-from ..data.io.document import number, read_document, write_document
+from ..data.io.document import names_of, number, read_document, write_document
 from .base import AbstractModel, as_float, canonical
-from .free import Free, with_values
+from .errors import EstimateErrors, errors_of
+from .free import Free, all_names, with_values
 from .free import free as free_parameters
 from .names import flat_vector, parameter_names
+from .stochastic import StochasticModel
 
 DOCUMENT, FORMAT_VERSION = "jaxid model", 1
 CHANNEL_KINDS = ("states", "inputs", "outputs")
@@ -23,42 +27,57 @@ class Saved(NamedTuple):
     Attributes:
         model: the model with the values of the file.
         free: the selection of free parameters, None if the file has none.
+        errors: values with standard errors and covariance, None if the file has none.
     """
 
     model: AbstractModel
     free: Free | None
+    errors: EstimateErrors | None = None
 
 
-def save(path: str | Path, model: AbstractModel, free: Free | None = None) -> Path:
-    """Write the parameters of a model, and which of them are free, to a new JSON file.
+@runtime_checkable
+class Fitted(Protocol):
+    """The result of a fit that `save` writes, such as an `Estimate`."""
+
+    model: AbstractModel
+    free: Free
+
+    @property
+    def errors(self) -> EstimateErrors: ...
+
+
+def save(path: str | Path, model: AbstractModel | Fitted, free: Free | None = None) -> Path:
+    """Write an estimate, or the parameters of a model, to a new JSON file.
+
+        jaxid.save("spring.json", fit)
 
     The file holds numbers by name, channels and units, and no code: `load` needs a model of the
-    same structure. Values are read back bit for bit. For a fit:
-
-        jaxid.save("spring.json", fit.model, fit.free)
-
-    (For one by `FilterError`, `fit.model.model` is the model without its noises.)
+    same structure. Values are read back bit for bit. An estimate is written with its free
+    parameters, standard errors, covariance and R; residuals and records are not. Of one by
+    `FilterError` the model without its noises is written, whose sizes stand among the errors.
 
     Args:
         path: path of the new file, in an existing folder.
-        model: the model.
-        free: free parameters with their bounds, scales and priors.
+        model: an estimate, or a model.
+        free: for a model, its free parameters with their bounds, scales and priors.
 
     Returns:
         The path.
 
     Raises:
-        InputError: when the file exists, the folder does not, `model` is not a model, or the free
-            parameters are those of another model.
+        InputError: when the file exists, the folder does not, `model` is neither, the free
+            parameters are those of another model, or they are given for an estimate.
     """
-    require(
-        isinstance(model, AbstractModel),
-        f"`save` writes a model, and this is a {type(model).__name__}. Give "
-        "`save(path, fit.model, fit.free)`; `fit.to_dict()` holds the standard errors.",
-    )
-    model = canonical(model)
+    declared, free, errors = _parts(model, free)
+    content = _content(canonical(declared), free)
+    content["errors"] = None if errors is None else errors.to_dict()
+    return write_document(path, content, kind=DOCUMENT, version=FORMAT_VERSION)
+
+
+def _content(model: AbstractModel, free: Free | None) -> dict[str, Any]:
+    """Return a model and its free parameters in the form of the file."""
     values = np.asarray(flat_vector(model))
-    content = {
+    content: dict[str, Any] = {
         "model": type(model).__name__,
         **{kind: list(getattr(model, kind)) for kind in CHANNEL_KINDS},
         "parameters": dict(zip(parameter_names(model), values.tolist(), strict=True)),
@@ -75,13 +94,33 @@ def save(path: str | Path, model: AbstractModel, free: Free | None = None) -> Pa
             "scale": _floats(free.scale),
             "prior": {name: [float(x) for x in pair] for name, pair in free.prior.items()},
         }
-    return write_document(path, content, kind=DOCUMENT, version=FORMAT_VERSION)
+    return content
+
+
+def _parts(
+    given: AbstractModel | Fitted, free: Free | None
+) -> tuple[AbstractModel, Free | None, EstimateErrors | None]:
+    """Return model, free parameters and errors of an estimate, or of a model without errors."""
+    if isinstance(given, AbstractModel):
+        return given, free, None
+    if not isinstance(given, Fitted):
+        raise InputError(
+            f"`save` writes an estimate or a model, and this is a {type(given).__name__}. Give "
+            "`save(path, fit)`, of a study `save(path, study.after.estimate)`."
+        )
+    require(free is None, "An estimate has its free parameters. Leave `free` out.")
+    model, free = given.model, given.free
+    if isinstance(model, StochasticModel):
+        model = model.model
+        free = free.only(all_names(model))
+    return model, free if free.shared or free.per_record else None, given.errors
 
 
 def load(path: str | Path, like: AbstractModel) -> Saved:
-    """Return the model and the free parameters of a file of `save`.
+    """Return the model, the free parameters and the errors of a file of `save`.
 
-        fitted, free = jaxid.load("spring.json", like=Spring(mass=1.0, k=1.0, c=0.1))
+        saved = jaxid.load("spring.json", like=Spring(mass=1.0, k=1.0, c=0.1))
+        saved.model, saved.free, saved.errors.covariance
 
     Args:
         path: the file.
@@ -112,7 +151,8 @@ def load(path: str | Path, like: AbstractModel) -> Saved:
     )
     values = [number(parameters[parameter], f"{name}: {parameter!r}") for parameter in names]
     model = with_values(like, names, as_float(values))
-    return Saved(model, _free_of(content.get("free"), model, name))
+    errors = errors_of(content.get("errors"), name)
+    return Saved(model, _free_of(content.get("free"), model, name), errors)
 
 
 def _require_fit(content: Mapping[str, Any], like: AbstractModel, name: str) -> None:
@@ -136,7 +176,7 @@ def _free_of(content: Any, model: AbstractModel, name: str) -> Free | None:
     if content is None:
         return None
     require(isinstance(content, dict), f"{name}: 'free' is no object. Write the file again.")
-    shared, per_record = (_texts(content, key, name) for key in ("shared", "per_record"))
+    shared, per_record = (names_of(content, key, name) for key in ("shared", "per_record"))
     lower, upper, scale = (_numbers(content, key, name) for key in ("lower", "upper", "scale"))
     prior = {}
     for parameter, pair in _mapping(content, "prior", name).items():
@@ -171,14 +211,3 @@ def _numbers(content: Mapping[str, Any], key: str, name: str) -> dict[str, float
     """Return an object of numbers of the file."""
     values = _mapping(content, key, name)
     return {entry: number(value, f"{name}: {key} of {entry!r}") for entry, value in values.items()}
-
-
-def _texts(content: Mapping[str, Any], key: str, name: str) -> tuple[str, ...]:
-    """Return a list of names of the file."""
-    value = content.get(key)
-    texts: Sequence[Any] = value if isinstance(value, list) else [None]
-    require(
-        all(isinstance(text, str) for text in texts),
-        f"{name}: {key!r} is missing or no list of names. Write it again.",
-    )
-    return tuple(texts)

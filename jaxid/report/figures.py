@@ -184,7 +184,9 @@ def ranking(search_round: Round) -> Figure:
     )
     ax.set(ylim=(len(best) - 0.4, -0.6))
     ax.set_yticks(
-        range(len(best)), [raised(candidate.name) for candidate in best], parse_math=False
+        range(len(best)),
+        [raised(candidate.name + candidate.replacement) for candidate in best],
+        parse_math=False,
     )
     plain(
         ax,

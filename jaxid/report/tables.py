@@ -47,7 +47,9 @@ class EffectRow(NamedTuple):
 
 
 class CandidateRow(NamedTuple):
-    """One refitted candidate: description, score, result of the refit, and verdict."""
+    """One refitted candidate: description with the effects it replaces, score, result of the refit,
+    and verdict.
+    """
 
     description: str
     score: str
@@ -314,7 +316,7 @@ def _listed_candidates(search_round: Round) -> tuple[Candidate, ...]:
 def _candidate(candidate: Candidate) -> CandidateRow:
     fall, check = candidate.cost_fall, candidate.check_fall
     return CandidateRow(
-        description=raised(candidate.description),
+        description=raised(candidate.description + candidate.replacement),
         score=number(candidate.score, 3),
         cost_fall=ABSENT if fall is None else number(fall, 3),
         check_change=ABSENT

@@ -9,6 +9,7 @@ import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.linalg import triangle
+from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..diagnosis.autoregression import white_noise_variance
 from ..diagnosis.residual_report import ResidualReport, analyse_residual
@@ -22,6 +23,7 @@ from ..loop.fit import LoopFit, fit
 from ..loop.moves import Proposals
 from ..loop.options import LoopOptions
 from ..loop.outcome import Outcome
+from ..loop.problem import LoopProblem
 from ..loop.search import SearchTree
 from ..loop.search_effects import EffectSearch
 from ..loop.wording import next_best_words, verdict_words
@@ -170,7 +172,17 @@ def _side(predicting: LoopFit, fitted: LoopFit, records: StudyRecords) -> Side:
     stochastic = not isinstance(estimated.likelihood, OutputError)
     of = estimated.model if stochastic else model
     estimate = Estimate.of(solution, of, free, used, threshold, noise.is_known)
-    return Side(model, estimate, predictions, rms)
+    start = _declared_start(problem, estimate)
+    return Side(model, dataclasses.replace(estimate, start=start), predictions, rms)
+
+
+def _declared_start(problem: LoopProblem, estimate: Estimate) -> Float[Array, " parameter"]:
+    """Return the values of the declared model, absent effects and, for parameters of the noise, the
+    start of the last fit, in place of the values from which the search refitted last.
+    """
+    declared = dict(zip(problem.columns.names, problem.initial_values, strict=True))
+    last = zip(estimate.names, np.asarray(estimate.start), strict=True)
+    return jnp.asarray(np.array([declared.get(name, start) for name, start in last], float))
 
 
 def _noise(best: LoopFit, outcome: Outcome, used: Record) -> dict[str, float]:

@@ -2,9 +2,12 @@
 # Pyright counts equinox's abstract fields as arguments of the constructor.
 # pyright: reportCallIssue=false
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .._foundation.grid import is_uniform
+from .._foundation.notebook import Table
 from ..data.record import Record
 from ..effects.augmented import absent_effects
 from ..effects.base import Effect
@@ -12,6 +15,18 @@ from ..effects.library import general_effects, uncertain_equations
 from ..effects.parameter import ParameterDrift, not_free
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free
+
+
+def candidate_table(effects: Sequence[Effect]) -> Table:
+    """Return candidates with their families, places and descriptions in words.
+
+    Args:
+        effects: the candidates.
+    """
+    cards = [effect.card for effect in effects]
+    rows = [(card.name, card.family, str(card.location), card.description) for card in cards]
+    family, place = (max(len(row[column]) for row in rows) + 1 for column in (1, 2))
+    return Table(("candidate", "family", "place", "description"), (9, family, place), tuple(rows))
 
 
 def candidates(model: AbstractModel, free: Free, *records: Record) -> tuple[Effect, ...]:

@@ -29,6 +29,7 @@ from .model_from_file import (
     with_constant,
 )
 
+ALL_CANDIDATES = "`python -m jaxid close-loop STUDY.toml --candidates` lists all of them."
 EFFECTS = Product(Effect, is_collection=True, description="effects")
 
 
@@ -162,6 +163,7 @@ def _regressed(file: StudyFile, blank: AbstractModel, likelihood: OutputError) -
             options=options,
             likelihood=likelihood,
             per_record=per_record_of(file),
+            progress=False,  # its caller shows the progress
         ).model
 
 
@@ -215,7 +217,7 @@ def _library(
         names = [effect.name for effect in effects]
         known = dict.fromkeys(names + [effect.card.family for effect in effects])
         left_out = file.library.get("leave_out", ())
-        require_known("candidate or family", left_out, known)
+        require_known("candidate or family", left_out, known, ALL_CANDIDATES)
     effects = tuple(
         effect
         for effect in effects

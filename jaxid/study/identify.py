@@ -10,6 +10,7 @@ import equinox as eqx
 import numpy as np
 
 from .._foundation.checks import InputError, require, require_float64
+from .._foundation.progress import text_progress
 from ..data.record import Record
 from ..data.stack import unstack
 from ..estimation.estimate import Case, as_stack, checked_case, divergence
@@ -39,6 +40,7 @@ def identify(
     likelihood: AbstractLikelihood | None = None,
     per_record: Sequence[str] = ("initial_state",),
     solver: GaussNewton | None = None,
+    progress: bool | Callable[[str], None] = True,
 ) -> Identification:
     r"""Select the terms of a model, and estimate them: the report's two programs as one (Fig. 6.1,
     recommendation 7.2.1).
@@ -75,6 +77,8 @@ def identify(
         per_record: names of parameters with one value for each record. The initial value of a state
             whose equation is left out is not estimated, as its history is measured.
         solver: the Gauss-Newton solver.
+        progress: True shows the step on a terminal or in a notebook; False does not; or a function
+            that receives a short text at every step.
 
     Returns:
         Both stages: the regressions with their logs, the decisions and their reasons, and the
@@ -90,19 +94,24 @@ def identify(
     options, likelihood = options or IdentifyOptions(), likelihood or OutputError()
     single = unstack(as_stack(records)) if isinstance(records, Record) else list(records)
     require(len(single) > 0, "There is no record to identify from. Give at least one.")
-    measured = list(map(equations_of(model, options.weak_radius), single))
-    candidates = dict(measured[0].candidates)
-    build = partial(_structure, model, single, likelihood, options, per_record, candidates)
-    chosen, reduced = build(*regressions(measured, options)), ""
-    first = a_priori(chosen.case)
-    if not np.isfinite(first.cost):
-        chosen, first, reduction = _reduced(build, measured, options, chosen)
-        reduced = f"{reduction}, because the terms as selected diverge at the start"
-    adaptation = Adaptation(estimate_case(chosen.case, solver), ())
-    if options.adapt:
-        adaptation = adapted(
-            chosen.case, adaptation.estimate, chosen.admitted, likelihood, options, solver
-        )
+    with text_progress(progress) as show:
+        show("regression")
+        measured = list(map(equations_of(model, options.weak_radius), single))
+        candidates = dict(measured[0].candidates)
+        build = partial(_structure, model, single, likelihood, options, per_record, candidates)
+        chosen, reduced = build(*regressions(measured, options)), ""
+        show("simulation at the values of the regression")
+        first = a_priori(chosen.case)
+        if not np.isfinite(first.cost):
+            chosen, first, reduction = _reduced(build, measured, options, chosen)
+            reduced = f"{reduction}, because the terms as selected diverge at the start"
+        show("maximum likelihood")
+        adaptation = Adaptation(estimate_case(chosen.case, solver), ())
+        if options.adapt:
+            show("changes of the terms")
+            adaptation = adapted(
+                chosen.case, adaptation.estimate, chosen.admitted, likelihood, options, solver
+            )
     fit = adaptation.estimate
     own_terms = {name: one.terms for name, one in polynomials_of(chosen.model).items()}
     own_terms |= adaptation.terms({name: own_terms[name] for name in chosen.terms})

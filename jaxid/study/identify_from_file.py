@@ -54,7 +54,6 @@ def identified(
     """
     options = _options(file, weak_radius)
     model = _model(file, built_in)
-    progress("regression and maximum likelihood")
     with file.at("identify"):
         return identify(
             model,
@@ -62,6 +61,7 @@ def identified(
             options=options,
             likelihood=likelihood_of(file, model),
             per_record=per_record_of(file),
+            progress=progress,
         )
 
 

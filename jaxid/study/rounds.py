@@ -80,6 +80,11 @@ class Candidate:
         return " and ".join(map(str, self.locations))
 
     @property
+    def replacement(self) -> str:
+        """The effects that it removes, in words after its name; empty if there are none."""
+        return f", in place of {' and '.join(self.instead_of)}" if self.instead_of else ""
+
+    @property
     def verdict(self) -> str:
         """The decision in words."""
         if self.added:

@@ -222,7 +222,8 @@ class Study:
             added = f"added {entry.added}" if entry.added else "nothing added"
             best = max(entry.candidates, key=lambda candidate: candidate.score, default=None)
             lines.append(
-                f"round {index}: {added}" + (f" (best score: {best.name})" if best else "")
+                f"round {index}: {added}"
+                + (f" (best score: {best.name}{best.replacement})" if best else "")
             )
             lines += [f"         dropped {name}" for name in entry.dropped]
             if entry.second_opinion is not None:

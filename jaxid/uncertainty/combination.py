@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from .._foundation.types import Array, Float
 from ..estimation.coloured_errors import colour_ratio
 from ..estimation.result import Estimate
@@ -51,19 +51,32 @@ class ParameterTable(eqx.Module):
         return float(np.asarray(self.standard_errors)[self.names.index(name)])
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self.html()
 
     def __str__(self) -> str:
-        width = max([len(name) for name in self.names] + [9])
-        lines = [f"{'parameter':<{width}} {'value':>13} {'std. error':>11}  unit"]
+        return "\n".join([*self._table().lines(), self._misfit_words()])
+
+    def html(self, above: Sequence[str] = ()) -> str:
+        """Return the table as an HTML element, with lines of text above."""
+        return self._table().html(above, below=[self._misfit_words()])
+
+    def _table(self) -> Table:
+        """Return the parameters in words."""
         rows = zip(self.names, self.values, self.standard_errors, self.units, strict=True)
-        for name, value, error, unit in rows:
-            lines.append(f"{name:<{width}} {float(value):>13.6g} {float(error):>11.3g}  {unit}")
-        lines.append(
+        return Table(
+            ("parameter", "value", "std. error", "unit"),
+            (9, 13, 11),
+            tuple(
+                (name, f"{float(value):.6g}", f"{float(error):.3g}", unit)
+                for name, value, error, unit in rows
+            ),
+        )
+
+    def _misfit_words(self) -> str:
+        return (
             f"misfit: {float(self.misfit):.4g} with {self.degrees_of_freedom} degrees of "
             f"freedom (p = {float(self.p_value):.2g})"
         )
-        return "\n".join(lines)
 
 
 class Rows(NamedTuple):

@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from .._foundation.checks import require
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from .._foundation.types import Float, Numbers
 from ..estimation.result import Estimate
 from .bootstrap import Bootstrap
@@ -65,9 +65,13 @@ class ErrorComparison(eqx.Module):
         return self.table[self.kinds.index(kind)]
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self._table().html(below=self._reasons())
 
     def __str__(self) -> str:
+        return "\n".join([*self._table().lines(), *self._reasons()])
+
+    def _table(self) -> Table:
+        """Return the errors of each parameter, and the kind to take, in words."""
         titles = {
             ErrorKind.CRAMER_RAO: "Cramer-Rao",
             ErrorKind.COLOURED: "coloured",
@@ -75,17 +79,21 @@ class ErrorComparison(eqx.Module):
             ErrorKind.SANDWICH: "sandwich",
             ErrorKind.BOOTSTRAP: "bootstrap",
         }
-        width = max([len(name) for name in self.names] + [9])
-        head = "".join(f"{titles[kind]:>12}" for kind in self.kinds)
-        lines = [f"{'parameter':<{width}}{head}  take"]
-        for index, (name, advice) in enumerate(zip(self.names, self.advice, strict=True)):
-            cells = "".join(f"{error:>12.3g}" for error in self.table[:, index])
-            lines.append(f"{name:<{width}}{cells}  {advice.kind.value}")
+        heads = ("parameter", *(titles[kind] for kind in self.kinds), "take")
+        rows = (
+            (name, *(f"{error:.3g}" for error in errors), advice.kind.value)
+            for name, errors, advice in zip(
+                self.names, np.asarray(self.table).T, self.advice, strict=True
+            )
+        )
+        return Table(heads, (9, *(11 for _ in self.kinds)), tuple(rows))
+
+    def _reasons(self) -> list[str]:
+        """Return the reason for the kind to take, once for all parameters that share it."""
         reasons: dict[str, list[str]] = {}
         for name, advice in zip(self.names, self.advice, strict=True):
             reasons.setdefault(advice.reason, []).append(name)
-        lines += [f"{', '.join(names)}: {reason}" for reason, names in reasons.items()]
-        return "\n".join(lines)
+        return [f"{', '.join(names)}: {reason}" for reason, names in reasons.items()]
 
 
 def _require_same_parameters(

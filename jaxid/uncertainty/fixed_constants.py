@@ -13,7 +13,7 @@ import numpy as np
 
 from .._foundation.checks import require, require_known
 from .._foundation.compiler import fast_compile_jit
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels
@@ -55,19 +55,21 @@ class FixedConstants(eqx.Module):
         return jnp.abs(self.gain) * self.deviations[None]
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self._table().html()
 
     def __str__(self) -> str:
-        width = max(len(name) for name in (*self.parameters, "parameter"))
-        columns = ["std. error", *(f"by {name}" for name in self.names), "together"]
-        widths = [max(11, len(column) + 1) for column in columns]
-        header = "".join(f"{column:>{w}}" for column, w in zip(columns, widths, strict=True))
-        lines = [f"{'parameter':<{width}}{header}"]
+        return "\n".join(self._table().lines())
+
+    def _table(self) -> Table:
+        """Return the errors of each parameter in words."""
+        columns = ("std. error", *(f"by {name}" for name in self.names), "together")
         numbers = np.column_stack([self.without, self.contributions, self.standard_errors])
-        for name, row in zip(self.parameters, numbers, strict=True):
-            cells = "".join(f"{value:>{w}.3g}" for value, w in zip(row, widths, strict=True))
-            lines.append(f"{name:<{width}}{cells}")
-        return "\n".join(lines)
+        rows = (
+            (name, *(f"{value:.3g}" for value in row), "")
+            for name, row in zip(self.parameters, numbers, strict=True)
+        )
+        widths = (9, *(max(10, len(column)) for column in columns))
+        return Table(("parameter", *columns, ""), widths, tuple(rows))
 
 
 def consider(

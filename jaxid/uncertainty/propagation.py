@@ -10,7 +10,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from .._foundation.checks import require
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from .._foundation.traced_errors import plain_errors
 from .._foundation.types import Array, Float
 from ..estimation.coloured_errors import colour_ratio
@@ -75,15 +75,21 @@ class Propagated(eqx.Module):
         )
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self._table().html()
 
     def __str__(self) -> str:
-        width = max(len(name) for name in (*self.names, "value of"))
-        values, errors = _elements(self.value), _elements(self.standard_errors)
-        lines = [f"{'value of':<{width}} {'value':>13} {'std. error':>11}"]
-        for name, value, error in zip(self.names, values, errors, strict=True):
-            lines.append(f"{name:<{width}} {value:>13.6g} {error:>11.3g}")
-        return "\n".join(lines)
+        return "\n".join(self._table().lines())
+
+    def _table(self) -> Table:
+        """Return each element with its standard error and 95 % interval in words."""
+        ends = np.reshape(_elements(self.interval()), (-1, 2))
+        columns = (_elements(self.value), _elements(self.standard_errors), ends)
+        rows = (
+            (name, f"{value:.6g}", f"{error:.3g}", f"{low:.6g} to {high:.6g}")
+            for name, value, error, (low, high) in zip(self.names, *columns, strict=True)
+        )
+        heads = ("value of", "value", "std. error", "95 % interval")
+        return Table(heads, (8, 13, 11), tuple(rows))
 
 
 def propagate(

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_unique
-from .._foundation.notebook import preformatted
 from .._foundation.types import Float, Numbers
 from .combination import ParameterTable, Rows, solved
 from .curves import Curve
@@ -66,12 +65,15 @@ class TrimPolynomial(eqx.Module):
         )
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self.table.html(above=self._ranges())
 
     def __str__(self) -> str:
+        return "\n".join([*self._ranges(), str(self.table)])
+
+    def _ranges(self) -> list[str]:
+        """Return the range of each signal in words."""
         ranges = zip(self.centre, self.low, self.high, strict=True)
-        lines = [f"about {centre:g}, from {low:g} to {high:g}" for centre, low, high in ranges]
-        return "\n".join([*lines, str(self.table)])
+        return [f"about {centre:g}, from {low:g} to {high:g}" for centre, low, high in ranges]
 
 
 def combine_trims(

@@ -1,20 +1,33 @@
 """Loaders of measured data sets: official splits, verified files, errors for missing files."""
 
 import hashlib
+import io
 import shutil
+import sys
+import zipfile
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.io import loadmat
+from scipy.io import loadmat, savemat
 
 from jaxid._foundation.checks import InputError
-from jaxid.data import cascaded_tanks, emps, emps_closed_loop, silverbox
+from jaxid.data import (
+    cascaded_tanks,
+    emps,
+    emps_closed_loop,
+    f16_vibration,
+    from_benchmarks,
+    silverbox,
+    wiener_hammerstein,
+)
 
 FILES = {
     silverbox: ("silverbox", "SNLS80mV.mat"),
     emps: ("emps", "DATA_EMPS.mat"),
     cascaded_tanks: ("cascaded_tanks", "dataBenchmark.csv"),
 }
+ARCHIVE = ("f16_vibration", "F16GVT_Files.zip")
 
 
 def sizes(ds):
@@ -99,9 +112,9 @@ def test_file_folder_and_environment_give_same_set(load, data_folder, monkeypatc
         np.testing.assert_array_equal(load(path).train[0].z, expected.train[0].z)
 
 
-@pytest.mark.parametrize("load", FILES, ids=lambda load: load.__name__)
+@pytest.mark.parametrize("load", [*FILES, f16_vibration], ids=lambda load: load.__name__)
 def test_missing_and_wrong_files_are_refused(load, tmp_path, monkeypatch):
-    folder, file = FILES[load]
+    folder, file = FILES.get(load, ARCHIVE)
     monkeypatch.delenv("JAXID_DATA", raising=False)
     with pytest.raises(InputError, match=rf"{file}.*JAXID_DATA.*nonlinearbenchmark\.org.*20\d\d"):
         load()
@@ -126,3 +139,138 @@ def test_file_with_changed_byte_is_refused(data_folder, tmp_path):
     copy.write_bytes(text.replace(b"3.2567", b"3.2568", 1))
     with pytest.raises(InputError, match=r"SHA-256"):
         cascaded_tanks(copy)
+
+
+def module_of(load):
+    """The file of a loader, which has the same name."""
+    return sys.modules[load.__module__]
+
+
+def file_of(variables):
+    """The bytes of a MATLAB file."""
+    file = io.BytesIO()
+    savemat(file, variables)
+    return file.getvalue()
+
+
+@pytest.fixture
+def circuit(tmp_path, monkeypatch):
+    """A file in the layout of the Wiener-Hammerstein set, whose values are the numbers of rows."""
+    rows = np.arange(188_000.0)[:, None]
+    content = file_of({"uBenchMark": rows, "yBenchMark": -rows, "fs": 51_200.0})
+    (tmp_path / "WienerHammerBenchMark.mat").write_bytes(content)
+    monkeypatch.setattr(module_of(wiener_hammerstein), "WH_BYTES", len(content))
+    return tmp_path
+
+
+def test_wiener_hammerstein_has_official_split(circuit):
+    ds = wiener_hammerstein(circuit)
+    assert sizes(ds) == ([100_000], {"test": 78_800})
+    assert ds.window == {"test": 50}
+    train, test = ds.train[0], ds.test["test"]
+    assert (float(train.u[0, 0]), float(train.z[-1, 0])) == (5200.0, -105_199.0)
+    assert (float(test.u[0, 0]), float(test.z[-1, 0])) == (105_200.0, -183_999.0)
+    np.testing.assert_allclose(
+        np.asarray(test.t)[[0, 1, -1]], np.array([0, 1, 78_799]) / 51_200, rtol=1e-12
+    )
+    assert train.input_units + train.output_units == ("V", "V")
+
+
+def test_wiener_hammerstein_of_another_size_or_length_is_refused(circuit, monkeypatch):
+    file = circuit / "WienerHammerBenchMark.mat"
+    content = file.read_bytes()
+    file.write_bytes(content + b"0")
+    with pytest.raises(InputError, match=rf"size in bytes is {len(content) + 1}, expected"):
+        wiener_hammerstein(circuit)
+    short = file_of({"uBenchMark": np.ones(9), "yBenchMark": np.ones(9), "fs": 1.0})
+    file.write_bytes(short)
+    monkeypatch.setattr(module_of(wiener_hammerstein), "WH_BYTES", len(short))
+    with pytest.raises(InputError, match=r"has 9 and 9 rows, and its split needs 184000"):
+        wiener_hammerstein(circuit)
+
+
+@pytest.fixture
+def archive(tmp_path, monkeypatch):
+    """A function that makes an archive in the layout of the F-16's, with the given files."""
+
+    def make(**files):
+        path = tmp_path / "F16GVT_Files.zip"
+        with zipfile.ZipFile(path, "w") as writer:
+            for name, variables in files.items():
+                member = f"F16GVT_Files/BenchmarkData/{name}.mat"
+                writer.writestr(member, file_of(variables))
+                writer.writestr(member.replace(".mat", ".csv"), "Force\n1")
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        monkeypatch.setattr(module_of(f16_vibration), "F16_SHA256", digest)
+        return path
+
+    return make
+
+
+def shaken(level, rows):
+    force = level * np.arange(rows, dtype=float)
+    accelerations = np.stack([force, 2 * force, 3 * force])
+    return {"Force": force, "Voltage": force, "Acceleration": accelerations, "Fs": 400.0}
+
+
+def test_f16_has_levels_to_fit_and_levels_to_score(archive):
+    path = archive(
+        F16Data_FullMSine_Level1=shaken(1, 30),
+        F16Data_FullMSine_Level2_Validation=shaken(2, 20),
+        F16Data_SineSw_Level3=shaken(3, 10),
+        F16Data_SpecialOddMSine_Level1={"Force": np.ones((10, 5))},
+    )
+    ds = f16_vibration(path)
+    assert [one.names[0] for one in ds.train] == [
+        "F16Data_FullMSine_Level1",
+        "F16Data_SineSw_Level3",
+    ]
+    name = "F16Data_FullMSine_Level2_Validation"
+    assert sizes(ds) == ([30, 10], {name: 20})
+    assert ds.window == {name: 400}
+    test = ds.test[name]
+    np.testing.assert_array_equal(test.z, test.u * np.array([[1.0, 2.0, 3.0]]))
+    np.testing.assert_array_equal(test.u[:, 0], 2.0 * np.arange(20))
+    np.testing.assert_allclose(test.t, np.arange(20) / 400, rtol=1e-12)
+    assert (test.inputs, test.outputs) == (("force",), ("excitation", "wing", "payload"))
+    assert test.input_units + test.output_units == ("N", *["m/s^2"] * 3)
+
+
+def test_f16_archive_without_records_or_variables_is_refused(archive):
+    with pytest.raises(InputError, match="has no record in F16GVT_Files/BenchmarkData/"):
+        f16_vibration(archive())
+    with pytest.raises(InputError, match=r"no variable in F16Data_Level1 'Acceleration'"):
+        f16_vibration(archive(F16Data_Level1={"Force": np.ones(9), "Fs": 1.0}))
+
+
+def benchmark(name, rows, window=None, step=0.5):
+    """A record in the form of the package nonlinear_benchmarks."""
+    signal = np.arange(float(rows))
+    parts = {"u": signal, "y": np.stack([signal, -signal], axis=1), "name": name}
+    return SimpleNamespace(**parts, sampling_time=step, state_initialization_window_length=window)
+
+
+def test_sets_of_the_package_keep_their_split_and_windows():
+    ds = from_benchmarks(
+        benchmark("", 9),
+        (benchmark("first", 7, 5), benchmark("second", 6, 3)),
+        inputs=("u",),
+        outputs=("a", "b"),
+        units={"u": "V", "a": "mm"},
+    )
+    assert sizes(ds) == ([9], {"first": 7, "second": 6})
+    assert ds.window == {"first": 5, "second": 3}
+    assert ds.train[0].names == ("train 0",)
+    test = ds.test["second"]
+    np.testing.assert_allclose(test.z, np.arange(6.0)[:, None] * np.array([[1e-3, -1.0]]))
+    np.testing.assert_array_equal(test.t, 0.5 * np.arange(6))
+    assert (test.input_units, test.output_units) == (("V",), ("m", ""))
+
+
+def test_set_of_the_package_without_a_sample_time_or_with_equal_names_is_refused():
+    channels = {"inputs": ("u",), "outputs": ("a", "b")}
+    with pytest.raises(InputError, match=r"train 0 has no sample time"):
+        from_benchmarks(benchmark("", 9, step=None), benchmark("t", 9), **channels)
+    twice = [benchmark("t", 9), benchmark("t", 9)]
+    with pytest.raises(InputError, match=r"Two test records have the same name \(t, t\)"):
+        from_benchmarks(benchmark("", 9), twice, **channels)

@@ -48,14 +48,15 @@ def change(path, **entries):
 
 def test_values_come_back_bit_for_bit(saved):
     path, model, _ = saved
-    loaded, _ = jaxid.load(path, like())
+    loaded, *_ = jaxid.load(path, like())
     assert parameter_names(loaded) == parameter_names(model)
     assert np.asarray(flat_vector(loaded)).tolist() == np.asarray(flat_vector(model)).tolist()
 
 
 def test_free_parameters_come_back(saved):
     path, _, chosen = saved
-    _, again = jaxid.load(path, like())
+    _, again, errors = jaxid.load(path, like())
+    assert errors is None
     assert (again.shared, again.per_record) == (chosen.shared, chosen.per_record)
     for kind in ("lower", "upper", "scale", "prior"):
         written, read = getattr(chosen, kind), getattr(again, kind)
@@ -101,6 +102,74 @@ def _full(*_):
 def test_a_missing_folder_is_refused(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         jaxid.save(tmp_path / "none" / "spring.json", spring())
+
+
+def fit_of(likelihood):
+    """An estimate of two records of 40 samples with a bound that holds c."""
+    t, rng = 0.1 * np.arange(40), np.random.default_rng(5)
+    records = [
+        jaxid.record(
+            t,
+            np.sin(t),
+            np.sin(2 * t) + 0.1 * rng.normal(size=40),
+            inputs=("force",),
+            outputs=("x",),
+        )
+        for _ in range(2)
+    ]
+    model = spring(4.0, 0.5)
+    chosen = jaxid.free(model, "k", "c", per_record=("initial_state",), bounds={"c": (0.5, None)})
+    return model, jaxid.estimate(model, chosen, records, likelihood)
+
+
+def test_errors_of_a_fit_come_back_bit_for_bit(tmp_path):
+    model, fit = fit_of(jaxid.OutputError())
+    loaded, chosen, errors = jaxid.load(jaxid.save(tmp_path / "fit.json", fit), model)
+    assert float(loaded.k) == fit.value("k")
+    assert (chosen.shared, chosen.per_record) == (fit.free.shared, fit.free.per_record)
+    for name in errors.arrays():
+        np.testing.assert_array_equal(getattr(errors, name), np.asarray(getattr(fit, name)))
+    assert np.isnan(errors.standard_error("c"))  # on its bound
+    assert errors.own.shape == (2, 2)
+    assert (errors.names, errors.outputs, errors.status) == (("k", "c"), ("x",), fit.status)
+    assert str(errors).splitlines()[1].split()[:2] == ["k", f"{fit.value('k'):.6g}"]
+
+
+def test_a_fit_by_filter_error_is_saved_as_the_model_without_noises(tmp_path):
+    model, fit = fit_of(jaxid.FilterError())
+    loaded, chosen, errors = jaxid.load(jaxid.save(tmp_path / "fit.json", fit), model)
+    assert type(loaded) is Spring
+    assert chosen.shared == ("k", "c")
+    assert float(chosen.lower["c"]) == 0.5
+    assert errors.names == ("k", "c", "sensor.x")
+    assert errors.standard_error("sensor.x") == fit.standard_error("sensor.x")
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ({"names": ["k"]}, "errors: 'values' has the shape (2,), and (1,) belongs to its names"),
+        ({"covariance": [[1.0, 2.0]]}, "errors: 'covariance' has the shape (1, 2), and (2, 2)"),
+        ({"covariance": [[1.0, 2.0], [3.0]]}, "errors: 'covariance' has the shape (2,)"),
+        ({"own": None}, "errors: 'own' has the shape ()"),
+        ({"noise": [["much"]]}, "errors: 'noise' is 'much', which is not a number"),
+        ({"status": None}, "errors: 'status' is missing or no str"),
+        ({"noise_known": 0}, "errors: 'noise_known' is missing or no bool"),
+        ({"outputs": "x"}, "errors: 'outputs' is missing or no list of names"),
+    ],
+)
+def test_errors_that_do_not_fit_are_refused(tmp_path, entries, words):
+    model, fit = fit_of(jaxid.OutputError())
+    path = jaxid.save(tmp_path / "fit.json", fit)
+    change(path, errors={**json.loads(path.read_text())["errors"], **entries})
+    with pytest.raises(InputError, match=re.escape(words)):
+        jaxid.load(path, model)
+
+
+def test_free_parameters_given_with_a_fit_are_refused(tmp_path):
+    _, fit = fit_of(jaxid.OutputError())
+    with pytest.raises(InputError, match="An estimate has its free parameters"):
+        jaxid.save(tmp_path / "fit.json", fit, fit.free)
 
 
 def test_free_parameters_of_another_model_are_refused(tmp_path):

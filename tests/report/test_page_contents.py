@@ -14,8 +14,15 @@ from jaxid.effects import InputDelay, SensorLag, Term
 from jaxid.report import words
 from jaxid.report.equations import equation
 from jaxid.report.error_tables import error_rows, record_error_rows
+from jaxid.report.figures import ranking
 from jaxid.report.provenance import git_revision, provenance
-from jaxid.report.tables import correlation_rows, effect_rows, eigenvalues, remains_rows
+from jaxid.report.tables import (
+    correlation_rows,
+    effect_rows,
+    eigenvalues,
+    remains_rows,
+    round_rows,
+)
 
 
 @pytest.fixture(scope="session")
@@ -97,6 +104,30 @@ def test_fit_in_percent_stands_beside_the_error(study):
     z = np.asarray(record.z)[np.asarray(prediction.scored)[..., 0], 0]
     expected = 100 * (1 - study.after.rms[HOSTILE]["x"] / np.std(z))
     assert error_rows(study, HOSTILE)[0].fit == f"{expected:.1f} %"
+
+
+def test_candidates_that_replace_different_effects_have_different_rows(study):
+    entry = study.rounds[0]
+    first = replace(entry.candidates[0], instead_of=("x^2 in v",))
+    both = replace(first, instead_of=("x^2 in v", "bias of x"))
+    exchanges = replace(entry, candidates=(first, both), added=None)
+    (row,) = round_rows(replace(study, rounds=(exchanges,)))
+    assert [one.description.rpartition(", in place of ")[2] for one in row.candidates] == [
+        "x² in v",
+        "x² in v and bias of x",
+    ]
+    labels = [label.get_text() for label in ranking(exchanges).axes[0].get_yticklabels()]
+    assert len(set(labels)) == 2
+
+
+def test_final_table_starts_at_the_declared_values(study):
+    """The search refits from other values; the declared ones are those of `make_study`."""
+    starts = dict(zip(study.after.estimate.names, study.after.estimate.start, strict=True))
+    assert {name: float(start) for name, start in starts.items()} == {
+        "k": 1.0,
+        "c": 0.1,
+        "x^3 in v.gain": 0.0,
+    }
 
 
 def test_correlations_are_those_of_the_covariance(study):

@@ -1,6 +1,5 @@
 """Records, estimates and predictions in a notebook: figures, HTML, dictionaries, datasets."""
 
-import importlib
 import json
 
 import equinox as eqx
@@ -15,6 +14,7 @@ from jaxid._foundation.checks import InputError
 from jaxid._foundation.notebook import Table, preformatted
 from jaxid.design import PlannedInformation
 from jaxid.diagnosis import Prediction
+from jaxid.uncertainty.profile import Profile
 
 PNG = b"\x89PNG\r\n"
 
@@ -222,24 +222,49 @@ def test_a_prediction_is_a_dictionary_and_a_labelled_dataset(prediction):
     assert int(dataset["scored"].sum()) == 5
 
 
-@pytest.mark.parametrize(
-    ("module", "name"),
-    [
-        ("jaxid.diagnosis.residuals", "ResidualTests"),
-        ("jaxid.diagnosis.maps", "ResidualMaps"),
-        ("jaxid.uncertainty.propagation", "Propagated"),
-        ("jaxid.uncertainty.comparison", "ErrorComparison"),
-        ("jaxid.uncertainty.profile", "Profile"),
-        ("jaxid.uncertainty.fixed_constants", "FixedConstants"),
-        ("jaxid.uncertainty.combination", "ParameterTable"),
-    ],
-)
-def test_results_with_a_table_show_it_in_a_notebook(module, name):
+def mode(model):
+    return {"frequency": jnp.sqrt(model.k), "k < 9": model.k}
+
+
+RESULTS = {
+    "residual tests": lambda fit, record: jaxid.residual_tests(fit, signals=record),
+    "maps": lambda fit, record: jaxid.diagnosis.residual_maps(
+        fit.residuals, fit.mask, {"force": record.u[None, :, 0]}, ("x",)
+    ),
+    "propagated": lambda fit, record: jaxid.propagate(fit, mode),
+    "constants": lambda fit, record: jaxid.uncertainty.consider(
+        free_k(fit, record), record, jaxid.OutputError(), {"c": 0.01}
+    ),
+    "comparison": lambda fit, record: jaxid.uncertainty.compare_errors(fit),
+    "combination": lambda fit, record: jaxid.uncertainty.combine([fit, fit]),
+    "advice": lambda fit, record: jaxid.advice(record, fit.model, fit.free),
+}
+
+
+def free_k(fit, record):
+    chosen = jaxid.free(fit.model, "k", per_record=("initial_state",))
+    return jaxid.estimate(fit.model, chosen, record, jaxid.OutputError())
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_results_are_tables_with_the_printed_cells(name, fit, flown):
+    assert_has_printed_lines(RESULTS[name](fit, flown))
+
+
+def test_frequency_response_is_a_table_of_each_pair_of_channels(fit):
+    record = jaxid.record(
+        *(0.1 * np.arange(200), np.sin(np.arange(200.0) ** 1.5), np.cos(np.arange(200.0))),
+        inputs=("force",),
+        outputs=("x",),
+    )
+    assert_has_printed_lines(jaxid.diagnosis.frequency_response(record, fit.model))
+
+
+def test_profile_is_shown_as_it_prints():
     """The method prints the object, whatever it holds."""
 
     class Shown:
         def __str__(self):
             return "a < b"
 
-    result = getattr(importlib.import_module(module), name)
-    assert "a &lt; b" in result._repr_html_(Shown())
+    assert "a &lt; b" in Profile._repr_html_(Shown())

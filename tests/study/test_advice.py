@@ -245,6 +245,31 @@ class Torsion(Spring):
 TORSION = Torsion(jnp.array(1.5), jnp.array(0.3))
 
 
+@pytest.mark.parametrize("ratio", [180 / np.pi, 30 / np.pi, 1000.0])
+@pytest.mark.parametrize("other", [0, 1])
+def test_output_in_another_unit_than_in_the_other_record_is_found(ratio, other):
+    scales = np.array([1.0, 1.0])
+    scales[other] = ratio
+    records = [
+        made(t, u, scale * z)
+        for scale, (t, u, z) in zip(scales, (measure(seed) for seed in range(2)), strict=True)
+    ]
+    (finding,) = advice(records, MODEL).of(FindingKind.OTHER_UNIT)
+    assert (finding.record, finding.names) == (str(other), ("x", "force"))
+    assert finding.numbers["ratio"] == pytest.approx(ratio, rel=0.1)
+    assert f"in record {1 - other}" in str(finding)
+
+
+def test_records_of_different_size_are_not_in_another_unit():
+    """Input and output 57.3 times smaller, at the noise, or the model far from the truth."""
+    t, u, z = measure()
+    small = made(t, u / 57.3, z / 57.3)
+    noise = made(t, u / 57.3, 0.02 * np.random.default_rng(1).normal(size=SAMPLES))
+    stiff = Spring(jnp.array(20.0), jnp.array(0.2))
+    for records, model in (([made(t, u, z), small, noise], MODEL), ([made(t, u, z), small], stiff)):
+        assert advice(records, model).of(FindingKind.OTHER_UNIT) == ()
+
+
 def test_angles_in_degrees_are_found():
     t, u, z = measure()
     assert kinds(made(t, u, z, units={"x": "rad"}), TORSION) == []

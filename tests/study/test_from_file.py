@@ -14,6 +14,7 @@ import pytest
 from written_flight import MASS, SIZE, TRUE, flight
 
 from jaxid import LoopOptions
+from jaxid import __main__ as command
 from jaxid._foundation.checks import InputError
 from jaxid.aircraft import model_of
 from jaxid.data.io.study import read_study
@@ -122,6 +123,28 @@ def test_class_in_folder_of_file_becomes_declared_model(said):
     assert [effect.name for effect in case.effects] == ["x^5 in v"]
     assert (case.window, case.options.level, case.options.refits) == (3, 0.05, LoopOptions().refits)
     assert (case.check, case.test) == (None, None)
+
+
+def test_unknown_candidate_of_many_gets_the_nearest_names_and_the_list(said):
+    with pytest.raises(InputError) as refused:
+        said(("general = false", "general = true"), ("bias of x", "x^33 in v"))
+    message = str(refused.value)
+    assert "Did you mean 'x^3 in v' or " in message
+    assert message.endswith(
+        "`python -m jaxid close-loop STUDY.toml --candidates` lists all of them."
+    )
+    assert len(message) < 400
+
+
+def test_command_lists_the_candidates(said, tmp_path, monkeypatch, capsys):
+    case = said(("general = false", "general = true"))
+    monkeypatch.chdir(tmp_path)
+    command.study_file(tmp_path / "study.toml", list_candidates=True)
+    head, *lines = capsys.readouterr().out.splitlines()
+    assert head.split() == ["candidate", "family", "place", "description"]
+    assert len(lines) == len(case.effects) > 20
+    assert all(line.startswith(each.name) for line, each in zip(lines, case.effects, strict=True))
+    assert not (tmp_path / "jaxid-study").exists()
 
 
 @pytest.mark.parametrize(

@@ -31,22 +31,32 @@ class DataSet(NamedTuple):
     citation: str
 
 
-def locate(path: str | Path | None, folder: str, file: str, digest: str, source: str) -> Path:
-    """Return the path of a file of a set, after a check of its SHA-256.
+def locate(
+    path: str | Path | None,
+    folder: str,
+    file: str,
+    source: str,
+    *,
+    digest: str | None = None,
+    size: int | None = None,
+) -> Path:
+    """Return the path of a file of a set, after a check of its SHA-256 or, if none is published, of
+    its size.
 
     Args:
         path: the file, a folder that holds it, or a folder that holds `folder`; `JAXID_DATA` when
             left out.
         folder: name of the folder of the set.
         file: name of the file.
-        digest: required SHA-256.
         source: sentence on the source of the file, for error messages.
+        digest: required SHA-256, if it is known.
+        size: required size, if it is known [bytes].
 
     Returns:
         The path of the file.
 
     Raises:
-        InputError: when there is no such file, or its SHA-256 differs.
+        InputError: when there is no such file, or its SHA-256 or size differs.
     """
     given = path if path is not None else os.environ.get(ENVIRONMENT)
     if not given:
@@ -60,10 +70,15 @@ def locate(path: str | Path | None, folder: str, file: str, digest: str, source:
     located = next((candidate for candidate in candidates if candidate.is_file()), None)
     if located is None:
         raise InputError(f"There is no {file} in {base} nor in {base / folder}. {source}")
-    actual = sha256(located)
-    require(
-        actual == digest,
-        f"{located} is not the file that the split of {folder!r} was made for: its SHA-256 is "
-        f"{actual}, expected {digest}. Download it again. {source}",
+    checks = (
+        ("SHA-256", digest, lambda: sha256(located)),
+        ("size in bytes", size, lambda: located.stat().st_size),
     )
+    for quantity, expected, measure in checks:
+        actual = None if expected is None else measure()
+        require(
+            actual == expected,
+            f"{located} is not the file that the split of {folder!r} was made for: its {quantity} "
+            f"is {actual}, expected {expected}. Download it again. {source}",
+        )
     return located

@@ -37,7 +37,7 @@ def cascaded_tanks(path: str | Path | None = None) -> DataSet:
     Raises:
         InputError: when the file is missing or its SHA-256 differs.
     """
-    file = locate(path, "cascaded_tanks", TANKS_FILE, TANKS_SHA256, TANKS_SOURCE)
+    file = locate(path, "cascaded_tanks", TANKS_FILE, TANKS_SOURCE, digest=TANKS_SHA256)
     train, test = _load(file, "Est", "estimation"), _load(file, "Val", "validation")
     return DataSet(
         "cascaded_tanks",

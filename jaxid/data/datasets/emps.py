@@ -83,8 +83,8 @@ def _set(
 ) -> DataSet:
     """Both files as records; `make_record` makes a record from the variables of a file."""
     folder = Path(path).parent if path is not None and Path(path).is_file() else path
-    train_file = locate(folder, "emps", TRAIN_FILE, TRAIN_SHA256, EMPS_SOURCE)
-    test_file = locate(folder, "emps", PULSES_FILE, PULSES_SHA256, EMPS_SOURCE)
+    train_file = locate(folder, "emps", TRAIN_FILE, EMPS_SOURCE, digest=TRAIN_SHA256)
+    test_file = locate(folder, "emps", PULSES_FILE, EMPS_SOURCE, digest=PULSES_SHA256)
     train = make_record(_variables(train_file), "train")
     test = make_record(_variables(test_file), "pulses")
     return DataSet(name, (train,), {"pulses": test}, {"pulses": window}, EMPS_CITATION)

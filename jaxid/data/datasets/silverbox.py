@@ -44,7 +44,7 @@ def silverbox(path: str | Path | None = None) -> DataSet:
         InputError: when the file is missing or its SHA-256 differs.
     """
     variables = mat_variables(
-        locate(path, "silverbox", SILVERBOX_FILE, SILVERBOX_SHA256, SILVERBOX_SOURCE)
+        locate(path, "silverbox", SILVERBOX_FILE, SILVERBOX_SOURCE, digest=SILVERBOX_SHA256)
     )
     u, y = (np.ravel(variables[name]) for name in ("V1", "V2"))
     u, y = u - u.mean(), y - y.mean()

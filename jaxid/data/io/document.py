@@ -124,6 +124,23 @@ def number(value: Any, where: str) -> float:
     return float(value)
 
 
+def names_of(content: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
+    """Return a list of names of a document.
+
+    Args:
+        content: the object with the list.
+        key: its name there.
+        where: file and object, for the message.
+
+    Raises:
+        InputError: when the list is missing, or an entry is no text.
+    """
+    names = content.get(key)
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{where}: {key!r} is missing or no list of names. Write it again.")
+    return tuple(names)
+
+
 def _fits(value: int | float) -> bool:
     """True if a number is within the range of floats."""
     try:

@@ -17,6 +17,7 @@ from .frequencies import excitations, modes
 from .rates import measured_rates, rates_and_channels
 from .relations import collinear_inputs, delay_and_drift, feedback, offset_at_rest
 from .response import Response, response
+from .sizes import units_between_records
 from .unit_checks import units_of_channels
 
 
@@ -58,7 +59,7 @@ def advice(
     findings: list[Finding] = []
     excitation = []
     finite = True
-    pieces = []
+    pieces, responses = [], []
     for number, record in enumerate(singles):
         findings += time_base(measured(record, number))
         piece = longest_piece(record)
@@ -68,6 +69,8 @@ def advice(
         findings += _findings(arrays, piece, model, at)
         excitation += excitations(arrays)
         pieces.append(piece)
+        responses.append((arrays, at))
+    findings += units_between_records(responses)
     chosen = selection(model, free) if finite else None
     information = None if chosen is None else determination(model, chosen, pieces, simulating)
     if information is not None:

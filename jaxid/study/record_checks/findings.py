@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from ..._foundation.notebook import preformatted
 from ...design.information import PlannedInformation
-from .wording import sentence, table
+from .wording import html_tables, sentence, table
 
 
 class FindingKind(enum.Enum):
@@ -34,6 +33,8 @@ class FindingKind(enum.Enum):
             (`lag` in seconds, `correlation`).
         UNIT: record and model have different units for a channel.
         DEGREES: an angle looks as if it were in degrees (`largest`, `ratio`).
+        OTHER_UNIT: an output responds to an input more strongly than in another record, or less, by
+            the ratio of two units (`ratio`).
         MILLISECONDS: time looks as if it were in milliseconds (`step`).
         RATE: a channel does not move as the integral of its rate, which other channels give: a
             wrong unit or sign (`ratio`, `share` of the motion).
@@ -58,6 +59,7 @@ class FindingKind(enum.Enum):
     FEEDBACK = "feedback"
     UNIT = "unit"
     DEGREES = "degrees?"
+    OTHER_UNIT = "unit of another record?"
     MILLISECONDS = "milliseconds?"
     RATE = "rate?"
     DIVERGENCE = "divergence"
@@ -150,8 +152,11 @@ class Advice(eqx.Module):
         }
 
     def __str__(self) -> str:
-        findings = [(finding.kind.value, finding.record, str(finding)) for finding in self.findings]
-        return table(findings, self.excitation, self.information)
+        return table(self._rows(), self.excitation, self.information)
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return html_tables(self._rows(), self.excitation, self.information)
+
+    def _rows(self) -> list[tuple[str, str, str]]:
+        """Return title, record and words of each finding."""
+        return [(finding.kind.value, finding.record, str(finding)) for finding in self.findings]

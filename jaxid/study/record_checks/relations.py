@@ -65,9 +65,7 @@ def delay_and_drift(record: Measured, model: Response) -> Iterator[Finding]:
 
     The record is averaged over steps of `FASTEST_STEP` of the fastest mode.
     """
-    rate = np.max(model.rates, initial=0.0)
-    factor = max(1, int(FASTEST_STEP / (rate * record.step))) if rate > 0 else 1
-    factor = min(factor, max(1, len(record.t) // 100))
+    factor = steps_in_a_block(record, model)
     u, z = block_means(record.u, factor), block_means(record.z, factor)
     lags = lags_for(len(u), u.shape[1])
     for output, name in enumerate(record.outputs if lags else ()):
@@ -78,6 +76,13 @@ def delay_and_drift(record: Measured, model: Response) -> Iterator[Finding]:
         for channel in range(u.shape[1]):
             if np.ptp(record.u[:, channel]) > 0 and fit.condition < LARGEST_CONDITION:
                 yield from delay(record, model, fit, factor, output, channel)
+
+
+def steps_in_a_block(record: Measured, model: Response) -> int:
+    """Return the number of steps of a record in `FASTEST_STEP` of the fastest mode."""
+    rate = np.max(model.rates, initial=0.0)
+    factor = max(1, int(FASTEST_STEP / (rate * record.step))) if rate > 0 else 1
+    return min(factor, max(1, len(record.t) // 100))
 
 
 def drift(record: Measured, name: str, fit: Regression) -> Iterator[Finding]:

@@ -58,6 +58,10 @@ JITTER = 0.01
 
 # Derived: degrees in a radian, 57.3, and half and twice of it.
 DEGREES_RATIO = (28.0, 115.0)
+# Chosen: logarithm of a ratio of responses in two records over the ratio of two units; and standard
+# errors of a response that has a size.
+SIZE_TOLERANCE = 0.2
+GAIN_ERRORS = 5.0
 # Derived: an angle beyond one revolution [rad].
 REVOLUTION = 6.284
 # Chosen: rate of the fastest mode times the step, above which whole numbers of time are

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+from ..._foundation.notebook import Table, paragraphs
+
 # By name of the kind: observation and remedy. `{names}` are channels or parameters.
 SENTENCES = {
     "HOLE": "no samples for {seconds:.3g} s ({ratio:.3g} median steps). Split the record there.",
@@ -36,6 +38,8 @@ SENTENCES = {
     "UNIT": "{names} is in [{units[0]}] in the record and in [{units[1]}] in the model.",
     "DEGREES": "{names} reaches {largest:.3g} with the unit {units[0]}. If it is in degrees, give "
     "`units`.",
+    "OTHER_UNIT": "{names[0]} responds to {names[1]} {ratio:.3g} times as strongly as in record "
+    "{units[1]}, like {units[0]}. Give `units` for both records.",
     "MILLISECONDS": "the time t increases by {step:.3g} s, in whole numbers, and the model is much "
     "faster. If it is in milliseconds, give `units={{'t': 'ms'}}`.",
     "RATE": "{names} moves {ratio:.3g} times as far as the integral of its rate, which the other "
@@ -46,6 +50,7 @@ SENTENCES = {
     "HARDLY": "{names}: the expected standard error is {relative:.0%} of the value.",
 }
 CLEAN = "No finding."
+EXPECTED = "Expected from all records, at the present values:"
 
 
 def sentence(
@@ -79,14 +84,39 @@ def table(
     lines = [f"{title:<{left}}  {record:<{middle}}  {words}" for title, record, words in findings]
     lines = lines or [CLEAN]
     if excitation:
-        width = max(len("input"), *(len(row.input) for row in excitation))
-        record = max(len("record"), *(len(row.record) for row in excitation))
-        lines += ["", f"{'record':<{record}}  {'input':<{width}} {'RMS':>10} {'range':>10}  rad/s"]
-        lines += [
-            f"{row.record:<{record}}  {row.input:<{width}} {row.rms:>10.3g} {row.extent:>10.3g}  "
-            f"{row.low:.3g} to {row.high:.3g}  {row.unit}".rstrip()
-            for row in excitation
-        ]
+        lines += ["", *_excitation_table(excitation).lines()]
     if information is not None:
-        lines += ["", "Expected from all records, at the present values:", str(information)]
+        lines += ["", EXPECTED, str(information)]
     return "\n".join(lines)
+
+
+def html_tables(
+    findings: Sequence[tuple[str, str, str]], excitation: Sequence[Any], information: Any
+) -> str:
+    """Return the tables of `table` as HTML elements."""
+    rows = tuple((title, record, words) for title, record, words in findings)
+    parts = [Table(("finding", "record", "observation and remedy"), (7, 6), rows).html()]
+    parts = parts if rows else [paragraphs([CLEAN])]
+    if excitation:
+        parts.append(_excitation_table(excitation).html())
+    if information is not None:
+        parts += [paragraphs([EXPECTED]), information._repr_html_()]
+    return "".join(parts)
+
+
+def _excitation_table(excitation: Sequence[Any]) -> Table:
+    """Return size and band of each input in words."""
+    rows = (
+        (
+            row.record,
+            row.input,
+            f"{row.rms:.3g}",
+            f"{row.extent:.3g}",
+            row.unit,
+            f"{row.low:.3g} to {row.high:.3g}",
+        )
+        for row in excitation
+    )
+    heads = ("record", "input", "RMS", "range", "unit", "rad/s")
+    widths = (6, max(6, *(len(row.input) + 1 for row in excitation)), 10, 10, 7)
+    return Table(heads, widths, tuple(rows))

@@ -67,6 +67,8 @@ SETTINGS = (
     "b",
     "cbar",
     "reference",
+    "force_axes",
+    "instruments",
     "check",
     "states",
     "frame",

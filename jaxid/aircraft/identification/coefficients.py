@@ -9,13 +9,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._foundation.checks import require
 from ..._foundation.types import Array, Bool
 from ...data.record import Record
 from ...models.pseudo_measurements import PseudoMeasurements, WeakMeasurements
 from ..instruments.channels import ANGULAR, FORCE, RATES
-from ..vehicle.aerodynamics import COEFFICIENTS
 from ..vehicle.controls import SURFACES
+from ..vehicle.force_axes import FORCES
 from .motion import RigidMotion, Signals
+from .rate_signals import needed_rates
 from .readings import AIR_DATA, Readings
 from .records import Histories, histories, missing
 
@@ -48,7 +50,7 @@ def pseudo_measurements(
     _require_needed((*_needed(motion), *ANGULAR), record, (*measured, *known, *motion.held))
     coefficients, signals = _coefficients(motion, readings, measured, known)
     responses = {name: coefficients[name] for name in motion.channels.responses}
-    signals = {name: signals[name] for name in REGRESSION_SIGNALS}
+    signals = _factors(motion, record, candidates, signals)
     valid = _finite(responses, signals)
     return PseudoMeasurements(
         t=record.t,
@@ -81,8 +83,9 @@ def weak_measurements(
     """
     measured, known = map(_without_angular, histories(readings, record))
     _require_needed(_needed(motion), record, (*measured, *known, *motion.held))
+    _require_at_cg(motion, readings)
     *equations, signals = _weak_parts(motion, readings, measured, known)
-    signals = {name: signals[name] for name in REGRESSION_SIGNALS}
+    signals = _factors(motion, record, candidates, signals)
     responses = motion.channels.responses
     multipliers, *parts = ({name: each[name] for name in responses} for each in equations)
     valid = _finite(signals, multipliers, *parts)
@@ -94,6 +97,35 @@ def weak_measurements(
         valid=valid,
         candidates=tuple((name, candidates.get(name, ())) for name in responses),
         centred=("alpha", "beta"),
+    )
+
+
+def _factors(
+    motion: RigidMotion,
+    record: Record,
+    candidates: Mapping[str, tuple[str, ...]],
+    signals: Histories,
+) -> Histories:
+    """Return the factors of terms, with the rates of the air angles if a candidate has them."""
+    own = {name: candidates.get(name, ()) for name in motion.channels.responses}
+    rates = needed_rates(own, motion.channels)
+    for name in ("phi", "pitch") if rates else ():
+        if name not in signals:
+            raise missing(record, name, "for the rates of the air angles")
+    return {name: signals[name] for name in (*REGRESSION_SIGNALS, *rates)}
+
+
+def _require_at_cg(motion: RigidMotion, readings: Readings) -> None:
+    """Refuse the weak form of lift and drag from accelerometers off the centre of gravity.
+
+    The share of the angular accelerations in lift and drag then varies with the angles.
+    """
+    position = readings.instruments.position
+    off = [name for name in FORCE if name in position.channels and np.any(position[name])]
+    require(
+        motion.channels.axes == "body" or not off,
+        "The weak form of lift and drag needs accelerometers at the centre of gravity. Correct "
+        "them first (`corrected_accelerations`), or take the regression on samples.",
     )
 
 
@@ -121,8 +153,9 @@ def _require_needed(needed: tuple[str, ...], record: Record, available: tuple[st
 def _needed(motion: RigidMotion) -> tuple[str, ...]:
     """Return the channels that the coefficients need, without angular accelerations."""
     channels = motion.channels
-    forces = zip(("CX", "CY", "CZ"), FORCE, strict=True)
-    accelerometers = tuple(name for force, name in forces if force in channels.responses)
+    body = {force for name in channels.responses for force in channels.force.body.get(name, ())}
+    forces = zip(FORCES, FORCE, strict=True)
+    accelerometers = tuple(name for force, name in forces if force in body)
     if bool(np.any(np.asarray(motion.airframe.reference) != 0.0)):  # every force makes a moment
         accelerometers = FORCE
     measured = tuple(name for name in channels.measured if name not in ANGULAR)
@@ -157,11 +190,12 @@ def _weak_parts(
         moving, _ = motion.coefficients(readings.motion(measured, known | rates))
         lengths = (1.0, 1.0, 1.0, *motion.airframe.lengths)
         pressure_area = signals["qbar"] * motion.airframe.S
+        names = motion.channels.force.coefficients
         multipliers = {
-            name: pressure_area * length for name, length in zip(COEFFICIENTS, lengths, strict=True)
+            name: pressure_area * length for name, length in zip(names, lengths, strict=True)
         }
-        static = {name: multipliers[name] * coefficients[name] for name in COEFFICIENTS}
-        momenta = {name: multipliers[name] * moving[name] - static[name] for name in COEFFICIENTS}
+        static = {name: multipliers[name] * coefficients[name] for name in names}
+        momenta = {name: multipliers[name] * moving[name] - static[name] for name in names}
         return multipliers, static, momenta, signals
 
     return jax.vmap(at)(measured, known)

@@ -10,12 +10,14 @@ from ..._foundation.checks import require_known
 from ...data.record import Record
 from ..flight.aircraft import Aircraft
 from ..flight.simulate_flight import Flight
-from ..vehicle.aerodynamics_polynomial import PolynomialAerodynamics
+from ..vehicle.aerodynamics_lift_drag import without_terms
 from ..vehicle.controls import SURFACES
 from .model import IdentificationModel
 
 
-def from_aircraft(aircraft: Aircraft, **options: Any) -> IdentificationModel:
+def from_aircraft(
+    aircraft: Aircraft, *, force_axes: str = "body", **options: Any
+) -> IdentificationModel:
     """Return an identification model of an aircraft with empty polynomials.
 
     Mass, size, engines and instruments are taken from the aircraft. The instruments keep their
@@ -25,13 +27,14 @@ def from_aircraft(aircraft: Aircraft, **options: Any) -> IdentificationModel:
 
     Args:
         aircraft: an aircraft, such as `Flight.aircraft`.
+        force_axes: "body", "stability" or "wind", see `model_of`.
         options: options of `IdentificationModel`.
 
     Raises:
         InputError: as `IdentificationModel`.
     """
     airframe = eqx.tree_at(
-        lambda frame: frame.aerodynamics, aircraft.airframe, PolynomialAerodynamics({})
+        lambda frame: frame.aerodynamics, aircraft.airframe, without_terms(force_axes)
     )
     given = {
         "engines": aircraft.engines,

@@ -1,11 +1,12 @@
 """Models of an aircraft from the constants and channels of its record."""
 
+import inspect
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ..._foundation.checks import require
+from ..._foundation.checks import require, require_known
 from ...data.record import Record
 from ..instruments.channels import ANGULAR, CHANNELS
 from ..instruments.instruments import Instruments
@@ -13,7 +14,7 @@ from ..physics.mass import MassProperties
 from ..reconstruction.kinematics import KINEMATIC_OUTPUTS, Kinematics
 from ..records.air_data import air_known
 from ..records.plausibility import require_plausible
-from ..vehicle.aerodynamics_polynomial import PolynomialAerodynamics
+from ..vehicle.aerodynamics_lift_drag import without_terms
 from ..vehicle.airframe import Airframe
 from ..vehicle.controls import SURFACES
 from .channels import group_states, owners
@@ -43,6 +44,7 @@ def model_of(
     b: float | None = None,
     cbar: float | None = None,
     reference: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    force_axes: str = "body",
     check: bool = True,
     **options: Any,
 ) -> IdentificationModel:
@@ -93,10 +95,13 @@ def model_of(
         cbar: mean chord [m].
         reference: reference point of the moment coefficients relative to the centre of gravity,
             body axes [m].
+        force_axes: "body" for CX, CY, CZ; "stability" or "wind" for drag, side force and lift
+            (`LiftDragAerodynamics`).
         check: refuse a record whose magnitudes indicate another unit or sign (`require_plausible`).
         options: options of `IdentificationModel`; they take precedence over the record. By default
             the instruments are error-free and at the centre of gravity, V is the true airspeed and
-            beta the sideslip.
+            beta the sideslip. `instruments` may be the arguments of `Instruments`, as a study file
+            has them: `{"position": {"alpha": [13.0, 0.0, 0.0]}}`.
 
     Raises:
         InputError: for a stack; if mass or size is not known, or an argument differs from the
@@ -114,6 +119,7 @@ def model_of(
         "frame": "body",
     }
     chosen.update(options)
+    chosen["instruments"] = _instruments(chosen["instruments"])
     states = chosen["states"] = _states(record, chosen.get("states", "coupled"), chosen["frame"])
     given = {"mass": mass, "Ix": Ix, "Iy": Iy, "Iz": Iz, "Ixz": Ixz, "S": S, "b": b, "cbar": cbar}
     known = _constants(record, given, across=bool({*LATERAL_STATES} & {*states}))
@@ -124,7 +130,7 @@ def model_of(
         S=known["S"],
         b=known["b"],
         cbar=known["cbar"],
-        aerodynamics=PolynomialAerodynamics({}),
+        aerodynamics=without_terms(force_axes),
         limits=dict.fromkeys(SURFACES, (-MAX_DEFLECTION, MAX_DEFLECTION)),
         reference=reference,
     )
@@ -164,6 +170,15 @@ def kinematics_of(record: Record, **options: Any) -> Kinematics:
     chosen: dict[str, Any] = {"instruments": Instruments(outputs), "beta": "sideslip"}
     chosen.update(options)
     return Kinematics(**chosen)
+
+
+def _instruments(given: Instruments | Mapping[str, Any]) -> Instruments:
+    """Return instruments, also from their arguments."""
+    if isinstance(given, Instruments):
+        return given
+    known = tuple(inspect.signature(Instruments).parameters)
+    require_known("argument of `Instruments`", given, known)
+    return Instruments(**given)
 
 
 def _states(record: Record, states: Any, frame: str) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ from .effects import effects_of
 from .motion import RigidMotion
 from .readings import Readings
 from .records import at_constants, prepared
-from .regressors import TABLE_6_1
+from .regressors import TABLE_6_1, in_axes
 from .units import units_of
 
 
@@ -82,7 +82,7 @@ class IdentificationModel(AbstractModel):
         beta: meaning of the channel beta: the flank angle atan2(v, u) of a "vane" (D.2.6), or the
             "sideslip" asin(v/V) (E.14).
         candidates: terms by coefficient for the regression; by default Table 6.1 (`extended` adds
-            terms to it).
+            terms to it). Terms of CX, CY, CZ serve CD, CY or CC, CL where these are the forces.
 
     Raises:
         InputError: for an unknown state, input, output or coefficient, a name with two roles, an
@@ -127,14 +127,20 @@ class IdentificationModel(AbstractModel):
         self.instruments = Instruments() if instruments is None else instruments
         self.atmosphere = StandardAtmosphere() if atmosphere is None else atmosphere
         self.channels = arrange_channels(
-            states, frame, measured, held or {}, self.instruments.channels, outputs
+            states,
+            frame,
+            measured,
+            held or {},
+            self.instruments.channels,
+            outputs,
+            airframe.aerodynamics.force_axes,
         )
         given = {name: (held or {}).get(name, 0.0) for name in self.channels.held}
         self.held = {name: jnp.asarray(value, float) for name, value in given.items()}
         self.airspeed, self.beta = airspeed, beta
         candidates = TABLE_6_1 if candidates is None else candidates
-        require_known("aerodynamic coefficient (in `candidates`)", candidates, COEFFICIENTS)
-        self.candidates = tuple((name, tuple(terms)) for name, terms in candidates.items())
+        chosen = in_axes(candidates, self.channels.force)
+        self.candidates = tuple((name, tuple(terms)) for name, terms in chosen.items())
         _check_engines(self.engines, self.channels)
 
     @property
@@ -176,9 +182,10 @@ class IdentificationModel(AbstractModel):
 
         Returns:
             Inputs, states and held constants, `u v w`, the signals of `air_relative.flow` (`alpha`,
-            `beta`, `V`, `mach`, `qbar`, `phat`, `qhat`, `rhat` and others), `thrust`, the six
-            coefficients, and the derivatives of the state rates by the coefficients, `p_per_Cl` and
-            so on.
+            `beta`, `V`, `mach`, `qbar`, `phat`, `qhat`, `rhat` and others), `thrust`, the
+            coefficients in body axes and in those of the model, and the derivatives of the state
+            rates by the coefficients, `p_per_Cl` and so on; `alphadot_hat` and `betadot_hat` if a
+            term depends on them.
         """
         return self.rhs_and_signals(t, x, u)[1]
 
@@ -188,8 +195,7 @@ class IdentificationModel(AbstractModel):
     def rhs_and_signals(self, t, x, u):
         motion = self.motion
         signals = motion.flow(x, u)
-        coefficients = self.airframe.aerodynamics.coefficients(signals)
-        signals |= dict(zip(COEFFICIENTS, coefficients, strict=True))
+        coefficients, signals = motion.coefficient_signals(signals)
         rates = motion.rates(signals, coefficients)
         return jnp.stack([rates[name] for name in self.states]), signals | motion.effectiveness(
             signals

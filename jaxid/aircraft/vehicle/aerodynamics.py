@@ -6,8 +6,9 @@ from collections.abc import Mapping
 import equinox as eqx
 
 from ..._foundation.types import Array, Float
+from .force_axes import FORCES, MOMENTS
 
-COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+COEFFICIENTS = (*FORCES, *MOMENTS)
 
 
 class AbstractAerodynamics(eqx.Module):
@@ -41,6 +42,11 @@ class AbstractAerodynamics(eqx.Module):
     def hard_limits(self) -> dict[str, tuple[float, float]]:
         """The limits beyond which the coefficients are NaN."""
         return {}
+
+    @property
+    def force_axes(self) -> str:
+        """Axes of the force coefficients that have terms, a name in `FORCE_AXES`."""
+        return "body"
 
     @property
     def terms(self) -> dict[str, tuple[str, ...]]:

@@ -48,7 +48,7 @@ def pseudo_measurements(
     """
     measured, known = histories(readings, record)
     _require_needed((*_needed(motion), *ANGULAR), record, (*measured, *known, *motion.held))
-    coefficients, signals = _coefficients(motion, readings, measured, known)
+    coefficients, tables, signals = _coefficients(motion, readings, measured, known)
     responses = {name: coefficients[name] for name in motion.channels.responses}
     signals = _factors(motion, record, candidates, signals)
     valid = _finite(responses, signals)
@@ -59,6 +59,7 @@ def pseudo_measurements(
         valid=valid,
         candidates=tuple((name, candidates.get(name, ())) for name in responses),
         centred=("alpha", "beta"),
+        known={name: jnp.where(valid, tables[name], 0.0) for name in responses if name in tables},
     )
 
 
@@ -166,11 +167,14 @@ def _needed(motion: RigidMotion) -> tuple[str, ...]:
 @eqx.filter_jit
 def _coefficients(
     motion: RigidMotion, readings: Readings, measured: Histories, known: Histories
-) -> tuple[Histories, Histories]:
-    """Return the six coefficients and all signals at each sample."""
-    return jax.vmap(lambda measured, known: motion.coefficients(readings.motion(measured, known)))(
-        measured, known
-    )
+) -> tuple[Histories, Histories, Histories]:
+    """Return the six coefficients, their known parts, and all signals at each sample."""
+
+    def at(measured: Signals, known: Signals) -> tuple[Signals, Signals, Signals]:
+        coefficients, signals = motion.coefficients(readings.motion(measured, known))
+        return coefficients, motion.known_coefficients(signals), signals
+
+    return jax.vmap(at)(measured, known)
 
 
 @eqx.filter_jit
@@ -186,6 +190,7 @@ def _weak_parts(
     def at(measured: Signals, known: Signals) -> tuple[Signals, Signals, Signals, Signals]:
         at_rest = readings.motion(measured, known | dict.fromkeys(ANGULAR, jnp.zeros(())))
         coefficients, signals = motion.coefficients(at_rest)
+        tables = motion.known_coefficients(signals)
         rates = {dot: at_rest[rate] for dot, rate in zip(ANGULAR, RATES, strict=True)}
         moving, _ = motion.coefficients(readings.motion(measured, known | rates))
         lengths = (1.0, 1.0, 1.0, *motion.airframe.lengths)
@@ -196,6 +201,7 @@ def _weak_parts(
         }
         static = {name: multipliers[name] * coefficients[name] for name in names}
         momenta = {name: multipliers[name] * moving[name] - static[name] for name in names}
-        return multipliers, static, momenta, signals
+        unknown = {name: static[name] - multipliers[name] * tables.get(name, 0.0) for name in names}
+        return multipliers, unknown, momenta, signals
 
     return jax.vmap(at)(measured, known)

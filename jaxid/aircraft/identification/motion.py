@@ -230,6 +230,15 @@ class RigidMotion(eqx.Module):
             signals |= dict(zip(RATE_SIGNALS, rates, strict=True))
         return self._named(signals, values), signals
 
+    def known_coefficients(self, signals: Signals) -> Signals:
+        """Return the part of each coefficient that has no terms, such as tables, by name.
+
+        Args:
+            signals: all signals of an instant.
+        """
+        known = self.airframe.aerodynamics.known(signals)
+        return {} if known is None else self._named(signals, known)
+
     @property
     def _translation(self) -> Translation:
         return self.channels.translation

@@ -31,6 +31,14 @@ class AbstractAerodynamics(eqx.Module):
             InputError: when a signal is missing.
         """
 
+    def known(self, signals: Mapping[str, Float[Array, ""]]) -> Float[Array, " coefficient"] | None:
+        """Return the part of CX to Cn that has no terms, such as tables; None without one.
+
+        Args:
+            signals: as for `coefficients`.
+        """
+        return None
+
     @property
     @abc.abstractmethod
     def limits(self) -> dict[str, tuple[float, float]]:

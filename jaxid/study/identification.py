@@ -166,6 +166,21 @@ class Identification:
             for name in dict.fromkeys((*regressed, *estimate.names))
         )
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Estimates more than two standard errors outside the usual range of their parameter
+        (`AbstractModel.usual_ranges`), in words.
+        """
+        ranges = self.start_model.usual_ranges()
+        return tuple(
+            f"{row.name} is {row.value:.4g}, outside the usual {low:g} to {high:g}: it may stand "
+            "for another effect, such as a late or biased channel. Check the instruments "
+            "(`jaxid.consistency`), or search for the effect (`jaxid.close_loop`)."
+            for row in self.parameters
+            for low, high in [ranges.get(row.name, (-np.inf, np.inf))]
+            if max(low - row.value, row.value - high) > 2.0 * row.coloured_error
+        )
+
     def prediction_bands(self, *signals: str) -> Bands:
         """Return states, outputs and signals along the fitted records, with their standard
         deviations (6.4 to 6.6), corrected for the colour of the residuals: a polynomial that is
@@ -289,6 +304,7 @@ class Identification:
             "parameters": {row.name: _without_name(row) for row in self.parameters},
             "reduced": self.reduced,
             "changes": list(self.changes),
+            "doubts": list(self.doubts),
             "start_cost": float(self.start.cost),
             "estimate": self.estimate.to_dict(),
         }
@@ -352,6 +368,7 @@ class Identification:
     def _notes(self) -> list[str]:
         """Changes of the terms and weak directions in words, and the status."""
         lines = [f"change: {words}" for words in self.changes]
+        lines += [f"doubt: {sentence}" for sentence in self.doubts]
         lines += [f"weak: {sentence}" for sentence in self.estimate.weak_directions]
         status = (
             f"status: {self.estimate.status} ({int(self.estimate.iterations)} iterations, cost "

@@ -168,3 +168,20 @@ def test_lower_powers_stay_below_a_high_one(record):
     result = identify(blank(), record, options=IdentifyOptions(lower_powers=True))
     names = set(result.equations["stiffness"].regression.names)
     assert {"x", "v", "force", "x^3"} <= names
+
+
+class WithRanges(Spring):
+    """A spring whose usual stiffness is known."""
+
+    def usual_ranges(self):
+        return {"stiffness.x": (-1.0, 0.0), "stiffness.v": (-1.0, 0.0)}
+
+
+def test_estimate_outside_its_usual_range_is_doubted(record):
+    result = identify(WithRanges(Polynomial({}), jnp.array(0.0)), record, options=ALL)
+    (doubt,) = result.doubts
+    assert doubt.startswith("stiffness.x is -2")
+    assert "jaxid.consistency" in doubt and "jaxid.close_loop" in doubt
+    assert f"doubt: {doubt}" in str(result)
+    assert result.to_dict()["doubts"] == [doubt]
+    assert identify(blank(), record, options=ALL).doubts == ()

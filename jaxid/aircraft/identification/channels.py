@@ -19,7 +19,7 @@ STATE_GROUPS = {
 }
 AIR_PATH_STATES = {"u": "V", "v": "beta", "w": "alpha"}
 # signals other than states and surfaces that can be measured or held
-OTHER_SIGNALS = ("thrust", "altitude", "density", *ANGULAR)
+OTHER_SIGNALS = ("thrust", "altitude", "density", "sound_speed", *ANGULAR)
 MOMENT_STATES = dict(zip(("Cl", "Cm", "Cn"), RATES, strict=True))
 
 
@@ -189,7 +189,7 @@ def arrange_channels(
     _check_states(chosen, measured, possible)
     # A state that is not propagated is measured or held; so is the acceleration of such a rate.
     accelerations = tuple(f"{name}dot" for name in _except(RATES, chosen))
-    others = _among(OTHER_SIGNALS, ("thrust", "altitude", "density", *accelerations))
+    others = _among(OTHER_SIGNALS, (*OTHER_SIGNALS[:4], *accelerations))
     histories = _except(possible, (*chosen, "psi", "altitude"))
     require_known("input (in `measured`)", measured, (*others, *GUSTS[:3]))
     require_known("constant (in `held`)", held, (*SURFACES, *others, *histories))

@@ -29,7 +29,6 @@ AFFECTED_BY_SURFACE = {
     "aileron": LATERAL_STATES,
     "rudder": LATERAL_STATES,
 }
-MAX_DEFLECTION = np.pi / 2  # rad; chosen: the stops of the surfaces are not used in this model
 
 
 def model_of(
@@ -131,7 +130,6 @@ def model_of(
         b=known["b"],
         cbar=known["cbar"],
         aerodynamics=without_terms(force_axes),
-        limits=dict.fromkeys(SURFACES, (-MAX_DEFLECTION, MAX_DEFLECTION)),
         reference=reference,
     )
     if check:

@@ -25,7 +25,7 @@ from .effects import effects_of
 from .motion import RigidMotion
 from .readings import Readings
 from .records import at_constants, prepared
-from .regressors import TABLE_6_1, in_axes
+from .regressors import TABLE_6_1, USUAL_RANGES, in_axes
 from .units import units_of
 
 
@@ -67,7 +67,7 @@ class IdentificationModel(AbstractModel):
             names among u v w (V alpha beta) p q r phi pitch psi altitude.
         frame: "body" or "air path".
         measured: inputs in addition to the surfaces and the states that are not propagated: thrust
-            [N], altitude [m], density [kg/m^3], pdot, qdot, rdot of rates that are not propagated
+            [N], altitude [m], density [kg/m^3], sound_speed [m/s], pdot, qdot, rdot of rates that are not propagated
             [rad/s^2], and `gust_u` to `gust_w`, the velocity of the air [m/s].
         held: constants that replace states or inputs, by name [SI]. The altitude must be here if it
             is neither a state nor measured: it determines density and speed of sound.
@@ -309,6 +309,9 @@ class IdentificationModel(AbstractModel):
 
     def effects(self):
         return effects_of(self, self.channels, self.airframe.aerodynamics.terms)
+
+    def usual_ranges(self):
+        return USUAL_RANGES
 
     def input_rates(self, t, x, u):
         """Return the rates of the attitude angles and the altitude that are inputs."""

@@ -74,6 +74,19 @@ noise.
 """
 
 
+USUAL_RANGES: dict[str, tuple[float, float]] = {
+    **{"CZ.qhat": (-60.0, 10.0), "CL.qhat": (-10.0, 60.0), "Cm.qhat": (-80.0, 15.0)},
+    **{"Cl.phat": (-1.5, 1.0), "Cl.rhat": (-1.0, 1.0)},
+    **{"Cn.phat": (-1.0, 1.0), "Cn.rhat": (-2.0, 0.5)},
+}
+"""Ranges of damping derivatives (chosen).
+
+They include the tables of the F-16 (NASA TP-1538) up to 45 deg of alpha, where CZ.qhat reaches -38,
+Cm.qhat -13, Cl.phat -0.9 to 0.6 and Cn.rhat -1.0, and the larger dampings of propeller aircraft and
+transports.
+"""
+
+
 def extended(*more: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
     """Return the regressors of Table 6.1 followed by further terms.
 

@@ -200,7 +200,16 @@ def _simulated_terms(
     is known in the regression only.
     """
     terms = {
-        name: tuple(dict.fromkeys(("1", *candidates.get(name, ()), *equation.regression.names)))
+        name: tuple(
+            dict.fromkeys(
+                (
+                    "1",
+                    *candidates.get(name, ()),
+                    *equation.regression.names,
+                    *_not_regressed(equation),
+                )
+            )
+        )
         for name, equation in equations.items()
     }
     try:

@@ -86,11 +86,11 @@ class IdentifyOptions:
             not (self.adapt and self.prior),
             "Terms with a-priori values are not added or deleted. Leave `adapt` or `prior` out.",
         )
-        for name, (_, deviation) in self.prior.items():
+        for name, values in self.prior.items():
             require(
-                "." in name and deviation > 0,
-                f"The prior of {name!r} has the standard deviation {deviation}. Name a term, such "
-                "as 'Cm.alpha', and give a positive deviation.",
+                "." in name and len(values) == 2 and values[1] > 0,
+                f"The prior of {name!r} is {values}. Name a term, such as 'Cm.alpha', and give its "
+                "mean and a positive standard deviation.",
             )
 
     @property

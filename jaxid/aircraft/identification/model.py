@@ -67,8 +67,8 @@ class IdentificationModel(AbstractModel):
             names among u v w (V alpha beta) p q r phi pitch psi altitude.
         frame: "body" or "air path".
         measured: inputs in addition to the surfaces and the states that are not propagated: thrust
-            [N], altitude [m], density [kg/m^3], sound_speed [m/s], pdot, qdot, rdot of rates that are not propagated
-            [rad/s^2], and `gust_u` to `gust_w`, the velocity of the air [m/s].
+            [N], altitude [m], density [kg/m^3], sound_speed [m/s], pdot, qdot, rdot of rates that
+            are not propagated [rad/s^2], and `gust_u` to `gust_w`, the velocity of the air [m/s].
         held: constants that replace states or inputs, by name [SI]. The altitude must be here if it
             is neither a state nor measured: it determines density and speed of sound.
         engines: engines without states, unless the thrust is measured or held; the engines then

@@ -52,7 +52,8 @@ def regressions(
     centre = {name: float(np.mean(signals[name])) for name in measured[0].centred}
     tables = _tables(candidates, signals, centre, options)
     for name, terms in options.prior_terms.items():
-        require_known(f"candidate term of {name} (in `options.prior`)", terms, candidates[name])
+        possible = (*candidates[name], *options.terms.get(name, ()))
+        require_known(f"candidate term of {name} (in `options.prior`)", terms, possible)
     equations = {}
     for name, admitted in reduction.admitted(candidates).items():
         fit = partial(_regression, name, admitted, options=options, reduction=reduction)

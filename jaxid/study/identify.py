@@ -24,11 +24,12 @@ from ..models.free import Free, all_names, free, with_values
 from ..models.polynomial import Polynomial
 from ..models.replace import polynomials_of, with_polynomials, with_terms
 from ..structure import Regression
-from .identification import Equation, Identification, Start, a_priori
+from .identification import Equation, Identification
 from .identify_options import IdentifyOptions
 from .terms.adaptation import Adaptation, adapted
 from .terms.reduction import AS_SELECTED, REDUCTIONS
 from .terms.regressions import Measured, equations_of, regressions
+from .terms.start import Start, a_priori
 
 Records = Record | Sequence[Record]
 PIECES = (2, 4, 8, 16)  # numbers of pieces of a record, chosen
@@ -263,26 +264,28 @@ def _restarted(
 def _from_pieces(
     build: Callable[..., _Structure], single: Sequence[Record], solver: GaussNewton | None
 ) -> tuple[_Structure, Start, str] | None:
-    """Return the structure at values estimated from pieces of the records, on the whole records if
-    its simulation is finite there, else on the pieces; None if it diverges on every division.
+    """Return the structure at values estimated from pieces of the records, on the complete records
+    if its simulation is finite there, else on the pieces; None if no division gives an estimate.
     """
-    longest = max(float(record.t[-1] - record.t[0]) for record in single)
-    shortest = SHORTEST_PIECE * max(float(np.median(np.diff(record.t))) for record in single)
-    for seconds in (longest / parts for parts in PIECES if longest / parts >= shortest):
-        pieces = [piece for record in single for piece in segment(record, seconds)]
-        chosen = build(pieces)
-        first = a_priori(chosen.case)
-        if not np.isfinite(first.cost):
+    for seconds in _lengths(single):
+        pieces = build([piece for record in single for piece in segment(record, seconds)])
+        start = a_priori(pieces.case)
+        fit = estimate_case(pieces.case, solver) if np.isfinite(start.cost) else None
+        if fit is None or not bool(fit.successful):
             continue
-        fit = estimate_case(chosen.case, solver)
-        if not bool(fit.successful):
-            continue
-        whole = build(single, values=_own_values(fit, chosen.model))
-        start = a_priori(whole.case)
-        if np.isfinite(start.cost):
-            return whole, start, f"started from an estimate in pieces of {seconds:.3g} s"
-        return chosen, first, f"estimated in pieces of {seconds:.3g} s with own initial states"
+        complete = build(single, values=_own_values(fit, pieces.model))
+        continued = a_priori(complete.case)
+        if np.isfinite(continued.cost):
+            return complete, continued, f"started from an estimate in pieces of {seconds:.3g} s"
+        return pieces, start, f"estimated in pieces of {seconds:.3g} s with own initial states"
     return None
+
+
+def _lengths(single: Sequence[Record]) -> list[float]:
+    """Return the lengths of pieces to try [s], the longest first."""
+    longest = max(float(record.t[-1] - record.t[0]) for record in single)
+    step = max(float(np.median(np.diff(record.t))) for record in single)
+    return [longest / parts for parts in PIECES if longest / parts >= SHORTEST_PIECE * step]
 
 
 def _own_values(fit: Estimate, model: AbstractModel) -> dict[str, float]:

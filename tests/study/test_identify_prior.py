@@ -177,12 +177,12 @@ class WithRanges(Spring):
         return {"stiffness.x": (-1.0, 0.0), "stiffness.v": (-1.0, 0.0)}
 
 
-def test_estimate_outside_its_usual_range_is_doubted(record):
+def test_estimate_outside_its_usual_range_has_a_caveat(record):
     result = identify(WithRanges(Polynomial({}), jnp.array(0.0)), record, options=ALL)
-    (doubt,) = result.doubts
-    assert doubt.startswith("stiffness.x is -2")
-    assert "jaxid.consistency" in doubt
-    assert "jaxid.close_loop" in doubt
-    assert f"doubt: {doubt}" in str(result)
-    assert result.to_dict()["doubts"] == [doubt]
-    assert identify(blank(), record, options=ALL).doubts == ()
+    (caveat,) = result.caveats
+    assert caveat.startswith("stiffness.x is -2")
+    assert "jaxid.consistency" in caveat
+    assert "jaxid.close_loop" in caveat
+    assert f"caveat: {caveat}" in str(result)
+    assert result.to_dict()["caveats"] == [caveat]
+    assert identify(blank(), record, options=ALL).caveats == ()

@@ -29,26 +29,27 @@ def with_lower_powers(
         fit: regression of the response on some terms.
         stay: least F of the other terms.
     """
-    selected = regression.names
-    lower = [
-        term
-        for term in candidates
-        if term not in selected and any(is_lower_power(term, other) for other in selected)
-    ]
+    below = [term for term in candidates if _is_below(term, regression.names)]
+    lower = [term for term in below if term not in regression.names]
     if not lower:
         return regression
-    result = fit((*selected, *lower))
-    while result.names:
-        levels = [
-            INSIGNIFICANT if any(is_lower_power(term, other) for other in result.names) else stay
-            for term in result.names
-        ]
-        ratios = result.F / np.array(levels)
-        if not np.min(ratios) < 1.0:
-            break
-        weakest = result.names[int(np.argmin(ratios))]
+    result = fit((*regression.names, *lower))
+    while (weakest := _weakest(result, stay)) is not None:
         result = fit(tuple(term for term in result.names if term != weakest))
     return result
+
+
+def _weakest(regression: Regression, stay: float) -> str | None:
+    """Return the term that is the farthest below its level; None if all reach theirs."""
+    names = regression.names
+    levels = np.array([INSIGNIFICANT if _is_below(term, names) else stay for term in names])
+    ratios = regression.F / levels
+    return names[int(np.argmin(ratios))] if names and np.min(ratios) < 1.0 else None
+
+
+def _is_below(term: str, names: Sequence[str]) -> bool:
+    """Return True if a term is a lower power of one of some terms."""
+    return any(is_lower_power(term, other) for other in names)
 
 
 def is_lower_power(term: str, other: str) -> bool:

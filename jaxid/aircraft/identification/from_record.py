@@ -11,7 +11,7 @@ from ...data.record import Record
 from ..instruments.channels import ANGULAR, CHANNELS
 from ..instruments.instruments import Instruments
 from ..physics.mass import MassProperties
-from ..reconstruction.kinematics import KINEMATIC_OUTPUTS, Kinematics
+from ..reconstruction.kinematics import KINEMATIC_OUTPUTS, LONGITUDINAL_OUTPUTS, Kinematics
 from ..records.air_data import air_known
 from ..records.plausibility import require_plausible
 from ..vehicle.aerodynamics_lift_drag import without_terms
@@ -149,7 +149,8 @@ def model_of(
 def kinematics_of(record: Record, **options: Any) -> Kinematics:
     """Return the kinematic model of a record, for `jaxid.consistency`.
 
-    Its outputs are the kinematic outputs that the record has.
+    Its outputs are the kinematic outputs that the record has. A record without ay, p and r is one
+    of symmetric flight (`longitudinal=True`).
 
     Args:
         record: a record or a stack.
@@ -159,13 +160,17 @@ def kinematics_of(record: Record, **options: Any) -> Kinematics:
         InputError: if none of V, alpha, beta, phi, pitch, psi, altitude is an output of the record;
             as `Kinematics`.
     """
-    outputs = tuple(name for name in KINEMATIC_OUTPUTS if name in record.outputs)
+    channels = {*record.inputs, *record.outputs}
+    longitudinal = bool(options.get("longitudinal", not {"ay", "p", "r"} & channels))
+    possible = LONGITUDINAL_OUTPUTS if longitudinal else KINEMATIC_OUTPUTS
+    outputs = tuple(name for name in possible if name in record.outputs)
     require(
         len(outputs) > 0,
-        f"Record {record.names[0]!r} has none of {', '.join(KINEMATIC_OUTPUTS)} among its "
+        f"Record {record.names[0]!r} has none of {', '.join(possible)} among its "
         "outputs, so that accelerations and rates have nothing to agree with. Measure one of them.",
     )
     chosen: dict[str, Any] = {"instruments": Instruments(outputs), "beta": "sideslip"}
+    chosen["longitudinal"] = longitudinal
     chosen.update(options)
     return Kinematics(**chosen)
 

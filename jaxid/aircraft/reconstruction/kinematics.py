@@ -34,8 +34,8 @@ from .remove_sensor_errors import remove_sensor_errors
 
 KINEMATIC_OUTPUTS = ("V", "alpha", "beta", "phi", "pitch", "psi", "altitude")
 BASE_STATES = ("u", "v", "w", "phi", "pitch")
-# zero in symmetric flight
-LATERAL_STATES, LATERAL_INPUTS = ("v", "phi"), ("ay", "p", "r", "pdot", "rdot")
+# states and inputs that are zero in symmetric flight
+SYMMETRIC_STATES, SYMMETRIC_INPUTS = ("v", "phi"), ("ay", "p", "r", "pdot", "rdot")
 LONGITUDINAL_OUTPUTS = ("V", "alpha", "pitch", "altitude")
 # no other equation depends on these, so they are states only if they are outputs
 OPTIONAL_STATES = ("psi", "altitude")
@@ -127,12 +127,10 @@ class Kinematics(AbstractModel):
     ):
         possible = LONGITUDINAL_OUTPUTS if longitudinal else KINEMATIC_OUTPUTS
         self.instruments = Instruments(possible) if instruments is None else instruments
-        require_known("output of this kinematic model", self.instruments.channels, possible)
+        require_known("output of a kinematic model", self.instruments.channels, possible)
         self.longitudinal = longitudinal
         require_known("meaning of beta", [beta], ("vane", "sideslip"))
-        inputs = (*FORCE, *RATES, *(ANGULAR if angular_acceleration else ()))
-        absent = LATERAL_INPUTS if longitudinal else ()
-        self.inputs = tuple(name for name in inputs if name not in absent)
+        self.inputs = _inputs(angular_acceleration, longitudinal)
         self.input_bias = numbers(self.inputs, "input_bias", input_bias, 0.0)
         self.input_scale = numbers(self.inputs, "input_scale", input_scale, 0.0)
         self.input_position, self.beta = _positions(input_position, self.inputs), beta
@@ -155,7 +153,7 @@ class Kinematics(AbstractModel):
 
     @property
     def states(self) -> tuple[str, ...]:
-        absent = LATERAL_STATES if self.longitudinal else ()
+        absent = SYMMETRIC_STATES if self.longitudinal else ()
         base = tuple(name for name in BASE_STATES if name not in absent)
         return (*base, *(name for name in OPTIONAL_STATES if name in self.outputs))
 
@@ -233,7 +231,7 @@ class Kinematics(AbstractModel):
             )
         )
         if self.longitudinal:
-            true |= dict.fromkeys(LATERAL_INPUTS, jnp.zeros(()))
+            true |= dict.fromkeys(SYMMETRIC_INPUTS, jnp.zeros(()))
         position = self.input_position
         return true | {
             name: acceleration_at_cg(name[1], true, true[name], position[name])
@@ -331,8 +329,15 @@ class Kinematics(AbstractModel):
         return states | inputs | self.instruments.units() | parameters
 
     def _state(self, x) -> Signals:
-        zero = dict.fromkeys(LATERAL_STATES, jnp.zeros(())) if self.longitudinal else {}
+        zero = dict.fromkeys(SYMMETRIC_STATES, jnp.zeros(())) if self.longitudinal else {}
         return zero | dict(zip(self.states, x, strict=True))
+
+
+def _inputs(angular_acceleration: bool, longitudinal: bool) -> tuple[str, ...]:
+    """Return the names of the inputs."""
+    possible = (*FORCE, *RATES, *(ANGULAR if angular_acceleration else ()))
+    absent = SYMMETRIC_INPUTS if longitudinal else ()
+    return tuple(name for name in possible if name not in absent)
 
 
 def _positions(given: Mapping[str, Any] | None, inputs: tuple[str, ...]) -> PerChannel:

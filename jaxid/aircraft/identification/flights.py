@@ -21,9 +21,10 @@ def from_aircraft(
     """Return an identification model of an aircraft with empty polynomials.
 
     Mass, size, engines and instruments are taken from the aircraft. The instruments keep their
-    errors; give other instruments if their errors are unknown. By default the altitude is measured,
-    and so is the thrust of engines without constant thrust; `flight_record` has both. Wind, buffet
-    and control system are not modelled.
+    errors; give other instruments if their errors are unknown. V is the indicated airspeed and beta
+    the flank angle of a vane, as simulated instruments measure them. By default the altitude is
+    measured, and so is the thrust of engines without constant thrust; `flight_record` has both. Wind,
+    buffet and control system are not modelled.
 
     Args:
         aircraft: an aircraft, such as `Flight.aircraft`.
@@ -40,6 +41,8 @@ def from_aircraft(
         "engines": aircraft.engines,
         "instruments": aircraft.instruments,
         "atmosphere": aircraft.atmosphere,
+        "airspeed": "indicated",
+        "beta": "vane",
     }
     placed = {*options.get("held", {}), *options.get("states", ()), *options.get("measured", ())}
     measured = tuple(name for name in _unmodelled_channels(aircraft) if name not in placed)

@@ -111,12 +111,7 @@ def model_of(
         not record.is_stack,
         "This is a stack of records. Make the model of one of them: `model_of(stack[0])`.",
     )
-    chosen: dict[str, Any] = {
-        "airspeed": "true",
-        "beta": "sideslip",
-        "instruments": Instruments(),
-        "frame": "body",
-    }
+    chosen: dict[str, Any] = {"airspeed": "true", "instruments": Instruments(), "frame": "body"}
     chosen.update(options)
     chosen["instruments"] = _instruments(chosen["instruments"])
     states = chosen["states"] = _states(record, chosen.get("states", "coupled"), chosen["frame"])
@@ -169,8 +164,7 @@ def kinematics_of(record: Record, **options: Any) -> Kinematics:
         f"Record {record.names[0]!r} has none of {', '.join(possible)} among its "
         "outputs, so that accelerations and rates have nothing to agree with. Measure one of them.",
     )
-    chosen: dict[str, Any] = {"instruments": Instruments(outputs), "beta": "sideslip"}
-    chosen["longitudinal"] = longitudinal
+    chosen: dict[str, Any] = {"instruments": Instruments(outputs), "longitudinal": longitudinal}
     chosen.update(options)
     return Kinematics(**chosen)
 

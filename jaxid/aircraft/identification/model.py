@@ -78,9 +78,9 @@ class IdentificationModel(AbstractModel):
             errors correct measured histories. By default error-free ones at the centre of gravity.
         outputs: a selection of the instruments' channels.
         atmosphere: the standard atmosphere by default.
-        airspeed: meaning of the channel V: "indicated" airspeed (D.2.4), or "true" airspeed.
-        beta: meaning of the channel beta: the flank angle atan2(v, u) of a "vane" (D.2.6), or the
-            "sideslip" asin(v/V) (E.14).
+        airspeed: meaning of the channel V: "true" airspeed, or "indicated" airspeed (D.2.4).
+        beta: meaning of the channel beta: the "sideslip" asin(v/V) (E.14), or the flank angle
+            atan2(v, u) of a "vane" (D.2.6).
         candidates: terms by coefficient for the regression; by default Table 6.1 (`extended` adds
             terms to it). Terms of CX, CY, CZ serve CD, CY or CC, CL where these are the forces.
 
@@ -116,8 +116,8 @@ class IdentificationModel(AbstractModel):
         instruments: Instruments | None = None,
         outputs: Sequence[str] | None = None,
         atmosphere: AbstractAtmosphere | None = None,
-        airspeed: str = "indicated",
-        beta: str = "vane",
+        airspeed: str = "true",
+        beta: str = "sideslip",
         candidates: Mapping[str, Sequence[str]] | None = None,
     ):
         require_known("meaning of V", [airspeed], ("indicated", "true"))

@@ -87,8 +87,8 @@ class Kinematics(AbstractModel):
             initial `u v w` (the altitude determines only the vertical component).
         atmosphere: if given, V is the indicated airspeed at the altitude; otherwise the true
             airspeed.
-        beta: meaning of the channel beta: the flank angle atan2(v, u) of a "vane", or the
-            "sideslip" asin(v/V).
+        beta: meaning of the channel beta: the "sideslip" asin(v/V), or the flank angle atan2(v, u)
+            of a "vane".
         longitudinal: True for symmetric flight: `v`, `phi` and all lateral inputs are zero, the
             inputs are ax, az, q (and qdot), the states u, w, pitch, and no lateral error of an
             instrument can take up a misfit.
@@ -122,7 +122,7 @@ class Kinematics(AbstractModel):
         angular_acceleration: bool = False,
         wind: Any = None,
         atmosphere: AbstractAtmosphere | None = None,
-        beta: Literal["vane", "sideslip"] = "vane",
+        beta: Literal["vane", "sideslip"] = "sideslip",
         longitudinal: bool = False,
     ):
         possible = LONGITUDINAL_OUTPUTS if longitudinal else KINEMATIC_OUTPUTS

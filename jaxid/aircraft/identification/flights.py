@@ -23,8 +23,8 @@ def from_aircraft(
     Mass, size, engines and instruments are taken from the aircraft. The instruments keep their
     errors; give other instruments if their errors are unknown. V is the indicated airspeed and beta
     the flank angle of a vane, as simulated instruments measure them. By default the altitude is
-    measured, and so is the thrust of engines without constant thrust; `flight_record` has both. Wind,
-    buffet and control system are not modelled.
+    measured, and so is the thrust of engines without constant thrust; `flight_record` has both.
+    Wind, buffet and control system are not modelled.
 
     Args:
         aircraft: an aircraft, such as `Flight.aircraft`.

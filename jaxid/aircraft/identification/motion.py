@@ -200,7 +200,7 @@ class RigidMotion(eqx.Module):
         Args:
             true: `u v w`, rates, angular accelerations and specific forces at the centre of
                 gravity, surfaces, and the signals that determine air and engines [SI]. A missing
-                specific force counts as zero.
+                specific force counts as zero. A measured `qbar` precedes `density V^2/2`.
 
         Returns:
             The six coefficients in the axes of the model, and all signals of the instant, with the
@@ -213,6 +213,9 @@ class RigidMotion(eqx.Module):
             _vector(true, ANGULAR),
         )
         signals = dict(true) | flow(airframe, air_of(self.atmosphere, true), velocity, omega)
+        if "qbar" in true:
+            measured = jnp.isfinite(true["qbar"])
+            signals["qbar"] = jnp.where(measured, true["qbar"], signals["qbar"])
         thrusts = self.engine_thrusts(signals)
         signals |= {"thrust": jnp.sum(jnp.stack(thrusts))}
         engine_force, engine_moment, momentum = loads(self.engines, thrusts)

@@ -67,7 +67,7 @@ def measure(method: str, arguments, repeats: int, clock: str):
         model, flat, records, likelihood, at = eqx.combine(arrays, rest)
         return sensitivities(model, flat, records, likelihood, at, leaves)
 
-    seconds, options = CLOCKS[clock], {name: FAST[name] for name in FAST if is_known(name, True)}
+    seconds, options = CLOCKS[clock], {n: value for n, value in FAST.items() if is_known(n, value)}
     times = [seconds()]
     lowered = jax.jit(function).lower(arrays)
     times.append(seconds())

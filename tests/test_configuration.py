@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
+import jaxid
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.device import require_threads
 
@@ -144,31 +145,32 @@ for number, folder in enumerate(({str(first)!r}, pathlib.Path({str(second)!r})))
 
 THREADS = """
 import json, os, scipy.linalg, threadpoolctl
-threadpoolctl.threadpool_limits(3, user_api="blas")
-before = [pool["num_threads"] for pool in threadpoolctl.threadpool_info()]
-jaxid.configure(cache=False{options})
-print(json.dumps([before, [pool["num_threads"] for pool in threadpoolctl.threadpool_info()]]))
+
+def threads():
+    return [pool["num_threads"] for pool in threadpoolctl.threadpool_info()]
+
+counts = []
+for options in {}, {"linear_algebra_threads": 2}, {"linear_algebra_threads": None}:
+    threadpoolctl.threadpool_limits(3, user_api="blas")
+    counts.append([threads()])
+    jaxid.configure(cache=False, **options)
+    counts[-1].append(threads())
+print(json.dumps(counts))
 """
 
 
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [("", 1), (", linear_algebra_threads=2", 2), (", linear_algebra_threads=None", 3)],
-)
-def test_matrices_are_decomposed_on_the_chosen_number_of_threads(
-    options, expected, new_environment
-):
-    done = run(THREADS.format(options=options), new_environment)
+def test_matrices_are_decomposed_on_the_chosen_number_of_threads(new_environment):
+    done = run(THREADS, new_environment)
     assert done.returncode == 0, done.stderr
-    before, after = json.loads(done.stdout)
-    assert before
-    assert set(before) == {3}
-    assert set(after) == {expected}
+    for (before, after), expected in zip(json.loads(done.stdout), (1, 2, 3), strict=True):
+        assert before
+        assert set(before) == {3}
+        assert set(after) == {expected}
 
 
-def test_no_threads_are_refused(new_environment):
-    done = run("jaxid.configure(cache=False, linear_algebra_threads=0)", new_environment)
-    assert "`linear_algebra_threads` is 0; give at least 1." in done.stderr
+def test_no_threads_are_refused():
+    with pytest.raises(InputError, match=r"`linear_algebra_threads` is 0; give at least 1\."):
+        jaxid.configure(cache=False, linear_algebra_threads=0)
 
 
 def test_folder_that_cannot_be_written_to_is_refused_with_remedy(new_environment, tmp_path):

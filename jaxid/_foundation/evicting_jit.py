@@ -1,8 +1,9 @@
 """`EvictingJit`: a jitted function whose programs can be released; compilation side by side."""
 
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from threading import Lock
 from typing import Any
 
 import jax
@@ -11,69 +12,76 @@ from .compiler import compiler_options
 from .host import are_known
 from .stored_programs import joined_leaves, split_leaves, stored_program, types_of
 
+# Chosen: programs of one function that are kept. Each takes some 300 of the 65,530 memory maps that
+# Linux grants a process (`vm.max_map_count`), and that of a fit on long records some 50 MB.
+MOST_PROGRAMS = 16
+
 
 class EvictingJit:
-    """A jitted function whose compiled programs can be released.
+    """A jitted function that releases the programs it has not used for longest.
 
     `jax.jit` keeps its compiled programs as long as the function lives. A search compiles one fit
-    for each set of effects, and each takes about 300 of the 65,530 memory maps that Linux grants a
-    process (`vm.max_map_count`): more than about 200 of them crash the process.
+    for each set of effects; more than about 200 of them crash the process.
 
     Args:
         function: pure, of arguments whose leaves are arrays, or hashable.
+        most: number of programs that are kept.
     """
 
-    def __init__(self, function: Callable[..., Any]):
-        self.function = function
-        self._begin()
+    def __init__(self, function: Callable[..., Any], most: int = MOST_PROGRAMS):
+        self.function, self.most = function, most
+        self.known: OrderedDict[tuple, Any] = OrderedDict()
+        self.lock = Lock()
 
     def __call__(self, *arguments: Any) -> Any:
         """Return the function's result; compile it first if necessary."""
-        program, inputs = self._program(arguments)
-        return program(*inputs)
+        arrays, others = split_leaves(arguments)
+        if are_known(arrays):
+            return self._program(arguments)(arrays)
+        return self._jitted(others)(arrays)  # inside another program, which keeps it
 
     def lower(self, *arguments: Any) -> Any:
         """Return the lowered program for such arguments."""
-        program, inputs = self._program(arguments)
-        return program.lower(*inputs)
-
-    def make_room(self, count: int, most: int) -> None:
-        """Release all programs if `count` further ones would make more than `most`."""
-        if len(self.known) + count > most:
-            self._begin()
-
-    def _begin(self) -> None:
-        def run(arrays, others):
-            return self.function(*joined_leaves(arrays, others))
-
-        run.__name__ = self.function.__name__  # the name that JAX gives to the program
-        self.run, self.compiled, self.known = run, None, {}
-
-    @property
-    def jitted(self) -> Any:
-        """The jitted function; made at its first use, because the compiler options are unknown at
-        import.
-        """
-        if self.compiled is None:
-            self.compiled = jax.jit(self.run, static_argnums=1, compiler_options=compiler_options())
-        return self.compiled
+        return self._program(arguments).lower(split_leaves(arguments)[0])
 
     def key(self, *arguments: Any) -> tuple:
         """Return a key of the program for such arguments."""
         return types_of(*split_leaves(arguments))
 
-    def _program(self, arguments: tuple) -> tuple[Any, tuple]:
-        """Return the jitted program for such arguments, and its own arguments."""
+    def clear(self) -> None:
+        """Release all programs."""
+        self.known.clear()
+
+    def _program(self, arguments: tuple) -> Any:
+        """Return the jitted program for such arguments, a function of their arrays."""
         arrays, others = split_leaves(arguments)
         key = types_of(arrays, others)
-        if key not in self.known:
-            run = partial(self.run, others=others)
-            options = compiler_options()
-            self.known[key] = stored_program(self.function, arguments, arrays, run, options)
-        program = self.known[key]
-        if program is None or not are_known(arrays):
-            return self.jitted, (arrays, others)
-        return program, (arrays,)
+        program = self.known.get(key)
+        if program is None:
+            run = self._of_arrays(others)
+            program = stored_program(self.function, arguments, arrays, run, compiler_options())
+            program = program or self._jitted(others)
+        with self.lock:
+            self.known[key] = program
+            self.known.move_to_end(key)
+            while len(self.known) > self.most:
+                self.known.popitem(last=False)
+        return program
+
+    def _jitted(self, others: tuple) -> Any:
+        """Return a jitted function of arrays, for some static leaves; the compiler options are
+        unknown at import.
+        """
+        return jax.jit(self._of_arrays(others), compiler_options=compiler_options())
+
+    def _of_arrays(self, others: tuple) -> Callable[[list], Any]:
+        """Return the function of arrays, for some static leaves."""
+
+        def run(arrays):
+            return self.function(*joined_leaves(arrays, others))
+
+        run.__name__ = self.function.__name__  # the name that JAX gives to the program
+        return run
 
 
 def compile_together(programs: Sequence[tuple[EvictingJit, tuple]]) -> None:

@@ -23,7 +23,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import minimize
 
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.compiler import fast_compile_jit
@@ -331,6 +330,8 @@ def _improved(
     search: HistorySearch, start: np.ndarray, compatibility: Sequence[float]
 ) -> np.ndarray:
     """Return the coefficients of the history that minimises the cost for each weight in turn."""
+    from scipy.optimize import minimize  # slow to import
+
     low, high = (np.broadcast_to(side, search.shape).ravel() for side in search.bounds)
     p, bounds = start.ravel(), np.stack([low, high], axis=1)
     for weight in compatibility:

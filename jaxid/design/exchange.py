@@ -17,7 +17,6 @@ C. L. Atwood, Sequences converging to D-optimal designs of experiments, Annals o
 
 import equinox as eqx
 import numpy as np
-from scipy.optimize import minimize
 
 from .._foundation.checks import require
 from .._foundation.types import Float, Numbers
@@ -89,6 +88,8 @@ class Experiments(eqx.Module):
             index: the points.
             start: weights to begin with; equal ones by default.
         """
+        from scipy.optimize import minimize  # slow to import
+
         equal = np.full(index.size, 1.0 / index.size)
         start = equal if start is None else start
         phi = self.gains(index, start, index)

@@ -9,7 +9,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.interpolate import BSpline
 
 from .._foundation.checks import require
 from .._foundation.types import Array, Float
@@ -173,6 +172,8 @@ def b_splines(
     Raises:
         InputError: for fewer than two knots, or as many as samples.
     """
+    from scipy.interpolate import BSpline  # slow to import
+
     require(
         2 <= knots < times.size,
         f"{knots} knots for {times.size} samples: give at least 2, and fewer than samples.",

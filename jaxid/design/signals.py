@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import minimize
 
 from .._foundation.checks import require, require_float64, require_known
 from .._foundation.types import Array, Float, Int, Numbers
@@ -220,6 +219,8 @@ def _schroeder(share: np.ndarray) -> np.ndarray:
 
 def _low_peak(harmonics, amplitude, phases):
     """Return phases of a small peak, by quasi-Newton steps on norms of growing exponent."""
+    from scipy.optimize import minimize  # slow to import
+
     count = OVERSAMPLING * int(harmonics[-1]) + 1
     angle = 2.0 * np.pi * harmonics[None] * np.linspace(0.0, 1.0, count, endpoint=False)[:, None]
 

@@ -11,8 +11,9 @@ Samples = Float[np.ndarray, " sample"]
 SIMULATED = "simulated "  # prefix of an output's name: output of the declared model
 RESIDUAL = "residual "  # prefix of an output's name: measured minus simulated output
 RECORD = "number of the record"  # name of the signal with the record number of each sample
-# quantiles of a signal that bound the level of a hinge (chosen): a tenth of the samples beyond each
-BEND_QUANTILES = (0.1, 0.9)
+# Samples beyond each bound of a hinge's level (chosen), and the smallest and largest share of all
+# samples that they may be: a stall may fill one sample in twenty.
+SAMPLES_BEYOND, LEAST_BEYOND, MOST_BEYOND = 20, 0.02, 0.1
 REST_BAND = 0.1  # share of a signal's range (chosen): closer to its median the signal is at rest
 # medians of the residual's spectrum, derived: white noise exceeds ten in one bin of a thousand
 NOISE_FLOOR_FACTOR = 10.0
@@ -41,13 +42,14 @@ def max_deviation(signal: Samples) -> float:
 def bend_range(signal: Samples) -> Float[np.ndarray, " 2"]:
     """Return the levels between which a change of slope is identifiable.
 
-    A tenth of the samples lies beyond each level. Samples at rest are excluded if the signal is at
-    rest most of the time.
+    Some samples lie beyond each level. Samples at rest are excluded if the signal is at rest most of
+    the time.
     """
     band = REST_BAND * np.ptp(signal)
-    if np.ptp(np.quantile(signal, BEND_QUANTILES)) < band:
+    if np.ptp(np.quantile(signal, (MOST_BEYOND, 1.0 - MOST_BEYOND))) < band:
         signal = signal[np.abs(signal - np.median(signal)) > band]
-    return np.quantile(signal, BEND_QUANTILES)
+    share = np.clip(SAMPLES_BEYOND / signal.size, LEAST_BEYOND, MOST_BEYOND)
+    return np.quantile(signal, (share, 1.0 - share))
 
 
 def record_starts(signals: Mapping[str, Samples]) -> np.ndarray:

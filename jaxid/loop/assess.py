@@ -36,8 +36,8 @@ NEAR_PLACE, NEAR_PLACE_OF_TWO = 0.2, 0.05
 UNIT_GAIN_ERROR = 0.2
 # Chosen: standard errors by which a gain of zero or one may deviate from one.
 UNIT_GAIN_DEVIATION = 3.0
-# Chosen: share of an effect's fall of chi-square within which an alternative is the same function
-# to the records, so that both name one cause.
+# Chosen: share of an effect's fall of chi-square within which another function of the same signals
+# at the same place is the same to the records, so that both name one cause.
 SAME_SHARE = 0.01
 
 
@@ -207,10 +207,12 @@ def unit_gain(best: LoopFit) -> Objection | None:
 def alternative(tree: SearchTree) -> Objection | None:
     """Return an objection if another shape fits nearly as well as an effect.
 
-    Refitted alternatives of no more parameters, and shapes next to those of the effects that the
+    Refitted alternatives of no more parameters or effects, and shapes next to those of the effects that the
     library need not hold, such as the next higher power.
 
-    It alone decides when an effect is faint (`test_faint_effect_is_proxy`).
+    It alone decides when an effect is faint (`test_faint_effect_is_proxy`), or when another one
+    acts elsewhere and does the same to the records
+    (`test_effect_with_exact_equal_at_another_place_is_proxy`).
     """
     best = tree.best
     margin = SETTLED * inflation(best, best.effects)
@@ -218,13 +220,36 @@ def alternative(tree: SearchTree) -> Objection | None:
     near = {
         str(other.hypothesis): worse
         for other, worse in tree.alternatives()
-        if worse < margin and abs(worse) > SAME_SHARE * explained and other.count <= best.count
+        if worse < margin
+        and _is_as_simple(best, other)
+        and not (abs(worse) <= SAME_SHARE * explained and _one_cause(best, other))
     }
     if not near:
         near = {
             n: w for n, w in neighbours(best).items() if w < margin / SETTLED * SETTLED_NEIGHBOUR
         }
     return Objection(Check.ALTERNATIVE, tuple(near), tuple(near.values())) if near else None
+
+
+def _is_as_simple(best: LoopFit, other: LoopFit) -> bool:
+    """Return True if a fit has no more parameters than the best one, or with the same noise no more
+    effects; the price of its parameters counts already.
+    """
+    same_noise = other.hypothesis.noise == best.hypothesis.noise
+    fewer_effects = len(other.effects) <= len(best.effects)
+    return other.count <= best.count or (same_noise and fewer_effects)
+
+
+def _one_cause(best: LoopFit, other: LoopFit) -> bool:
+    """Return True if the effects in which two fits differ act at the same places, by functions of
+    the same signals.
+    """
+    cards, both = best.problem.cards, {*best.effects} & {*other.effects}
+    ours, theirs = (
+        {(cards[name].location, cards[name].signals) for name in fitted.effects if name not in both}
+        for fitted in (best, other)
+    )
+    return ours == theirs
 
 
 def carries_over(tree: SearchTree, tests: Mapping[str, Record]) -> Objection | None:

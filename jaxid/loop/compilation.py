@@ -1,5 +1,6 @@
 """Compilation of the programs of a search: at once before it, and ahead of its refits."""
 
+from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -13,18 +14,14 @@ from .hypothesis import Hypothesis
 from .linear_motion import LinearMotion
 from .problem import LoopProblem
 
-# Chosen: compiled fits that are kept. At most as many are added in one round, and those of a
-# large model then leave half of the memory maps of a process free.
-MAX_COMPILED_FITS = 48
-# Counted: programs of one kind in a study that fits all sets of effects by one program.
-PROGRAMS_OF_A_STUDY = 4
+# Chosen: fits whose programs are compiled ahead; their number bounds the memory.
+AHEAD = 4
 
 
 def compile_programs(problem: LoopProblem) -> None:
     """Compile the programs of the declared fit, of all columns, of its linear model, and of a
     prediction of the check records at once.
     """
-    _make_room(PROGRAMS_OF_A_STUDY)
     model = problem.model_at(problem.initial_values, ())
     start = _begin(problem, Hypothesis())
     motion = LinearMotion(problem, (), problem.initial_values, start.parameters.rows)
@@ -45,28 +42,34 @@ def compiled_ahead(
 ) -> Iterator[Callable[[Hypothesis], None]]:
     """Compile the programs of fits, in order and in another thread, while earlier fits run.
 
-    It yields a function that waits for the programs of one of the hypotheses. It does nothing where
-    one program serves all sets of effects.
+    It yields a function that waits for the programs of one of the hypotheses, in the same order;
+    some may be passed over. It does nothing where one program serves all sets of effects.
     """
     if not problem.uses_reduced_model:
         yield lambda _: None
         return
-    _make_room(len(hypotheses))
+    left, ahead = list(reversed(hypotheses)), OrderedDict()
     with ThreadPoolExecutor(max_workers=1) as executor:
-        compiled = {
-            hypothesis.key: executor.submit(_compile, problem, hypothesis)
-            for hypothesis in hypotheses
-        }
+
+        def compile_next() -> None:
+            if left:
+                following = left.pop()
+                ahead[following.key] = executor.submit(_compile, problem, following)
+
+        def wait_for(hypothesis: Hypothesis) -> None:
+            while hypothesis.key not in ahead:
+                compile_next()
+            while next(iter(ahead)) != hypothesis.key:  # others were passed over
+                ahead.popitem(last=False)[1].cancel()
+            compile_next()
+            ahead.pop(hypothesis.key).result()
+
+        for _ in range(AHEAD):
+            compile_next()
         try:
-            yield lambda hypothesis: compiled[hypothesis.key].result()
+            yield wait_for
         finally:
             executor.shutdown(cancel_futures=True)
-
-
-def _make_room(count: int) -> None:
-    """Release all programs if a number of further ones would make too many."""
-    for program in (*PROGRAMS, linear_models):
-        program.make_room(count, MAX_COMPILED_FITS)
 
 
 def _compile(problem: LoopProblem, hypothesis: Hypothesis) -> None:

@@ -18,7 +18,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.stats import chi2
 
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
@@ -108,6 +107,8 @@ def _followed(fitted: LoopFit, whitened: Whitened, level: float) -> tuple[str, .
     """Return the candidates and signals with a significant fall of chi-square, the most
     significant first.
     """
+    from scipy.stats import chi2  # slow to import
+
     tests = [*_candidate_tests(fitted, whitened), *_signal_tests(fitted, whitened)]
     chances: dict[str, float] = {}
     for name, (fall, dof) in tests:

@@ -5,7 +5,6 @@ import enum
 
 import equinox as eqx
 import numpy as np
-from scipy.stats import chi2, norm
 
 from .._foundation.grid import typical_step
 from .._foundation.types import Array, Float
@@ -81,7 +80,7 @@ def compare(old: LoopFit, new: LoopFit, options: LoopOptions, count: int) -> Com
 
     Added parameters must lower twice the cost by more than chance would with as many candidates
     (chi-square, Bonferroni), multiplied by the variance inflation of the new residual. A removal
-    must raise it by less; a swap is priced by the number of parameters. Where the residual is still
+    must raise it by less; a swap must pay the price of its parameters, multiplied likewise. Where the residual is still
     predictable, train and check records decide together, by the probability of both improvements
     (`improvement_chance`), and the check records must gain materially. A noise must not be as slow
     as a drift.
@@ -140,6 +139,8 @@ def improvement_chance(old: LoopFit, new: LoopFit, fall: float, check_fall: floa
     check records' error, divided by its standard error, are independent. Their probabilities are
     combined by Fisher's method (Statistical Methods for Research Workers, 1932, section 21.1).
     """
+    from scipy.stats import chi2, norm  # slow to import
+
     added = set(new.effects) - set(old.effects)
     of_train = chi2.logsf(max(fall, 0.0) / inflation(new, added), new.count - old.count)
     scatter = difference_error(old.check_prediction, new.check_prediction)
@@ -170,12 +171,15 @@ def _is_swap(old: LoopFit, new: LoopFit) -> bool:
 
 def _required(old: LoopFit, new: LoopFit, level: float) -> float:
     """Return the least fall of chi-square by which the new hypothesis is better."""
+    from scipy.stats import chi2  # slow to import
+
     more, before, after = new.count - old.count, set(old.effects), set(new.effects)
     if after < before:
         return -float(chi2.isf(level, -more))
+    colour, price = inflation(new, after - before), new.problem.price
     if more > 0 and before <= after:
-        return float(chi2.isf(level, more)) * inflation(new, after - before)
-    return new.problem.price * more + INSEPARABLE * (more == 0)
+        return float(chi2.isf(level, more)) * colour
+    return price * more if more < 0 else colour * (price * more or INSEPARABLE)
 
 
 def inflation(fit: LoopFit, effects) -> float:

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import chi2
 
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
@@ -59,6 +58,8 @@ class Proposals:
     """The moves from one fit."""
 
     def __init__(self, fit: LoopFit, options: LoopOptions):
+        from scipy.stats import chi2  # slow to import
+
         self.fit, self.options, self.problem = fit, options, fit.problem
         self.candidates = self.problem.absent(fit.effects)
         self.level = options.level / max(len(self.candidates), 1)
@@ -126,6 +127,8 @@ class Proposals:
 
     def groups(self) -> list[Move]:
         """Return sets of terms of one signal in one place that are significant only together."""
+        from scipy.stats import chi2  # slow to import
+
         sets: dict[tuple, list[str]] = {}
         for name in self.candidates:
             card = self.problem.cards[name]
@@ -146,6 +149,8 @@ class Proposals:
 
     def pairs(self) -> list[Move]:
         """Return the best pairs of effects that hide each other: weak alone, strong together."""
+        from scipy.stats import chi2  # slow to import
+
         pairs = self.pair_sets()
         joint = self._falls(self.reduced, pairs)
         threshold = chi2.isf(self.options.level / max(len(pairs), 1), 2)

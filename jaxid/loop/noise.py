@@ -7,7 +7,6 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.stats import chi2
 
 from .._foundation.grid import typical_step
 from .._foundation.location import LocationKind
@@ -130,6 +129,8 @@ def stands_out(where: LocalisationResult, level: float) -> bool:
     """Return True if a free-form disturbance at a place explains more than chance would, with a
     probability of a false alarm of `level` over all places.
     """
+    from scipy.stats import chi2  # slow to import
+
     places = [place for place in where.places if place.dof]
     chances = [float(chi2.sf(place.score, place.dof)) for place in places]
     return min(chances, default=1.0) < level / max(len(chances), 1)
@@ -139,6 +140,8 @@ def above_known_noise(fitted: LoopFit, level: float) -> bool:
     """Return True if the noise is given and the whitened sum of squares is larger than chi-square
     allows, with a probability of a false alarm of `level`.
     """
+    from scipy.stats import chi2  # slow to import
+
     noise = fitted.estimation.problem.likelihood.noise
     if not noise.is_known or not isinstance(fitted.hypothesis.noise, White):
         return False

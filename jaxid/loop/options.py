@@ -21,8 +21,8 @@ class LoopOptions(eqx.Module):
             to the best candidate of each place; half as many of those with a shape, whose score
             holds at a guess of the shape; and as many of those whose score does not predict their
             fall of the cost (a stop, an overflow).
-        swap_limit: number of swaps, and of pairs, that are refitted from each hypothesis; with 0
-            none is tried.
+        swap_limit: number of swaps, of pairs, and of pairs with the best refused addition, that are
+            refitted from each hypothesis; with 0 there is none.
         max_rounds: largest number of rounds; each adds an effect or a pair.
         beam_width: number of hypotheses that are kept in each round.
         max_predictable_share: largest share of the residual's power that its past may explain for

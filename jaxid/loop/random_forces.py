@@ -21,7 +21,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import minimize
 
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
@@ -99,6 +98,8 @@ def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceE
     """Return the most probable forces and sensor noise, by L-BFGS-B on logarithms, with the step of
     the free parameters; the first `own` columns are those of the per-record parameters.
     """
+    from scipy.optimize import minimize  # slow to import
+
     sizes = np.cumsum([part.size for part in start])[:-1]
     begin = np.log(np.concatenate([np.asarray(part) for part in start]))
 

@@ -119,10 +119,10 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
     """Return the search tree of a problem.
 
     From each hypothesis of the beam the moves are refitted in stages: removals; additions, groups
-    and profitable swaps; pairs; swaps where there are two effects; noise models. The first stage
-    with an accepted move ends the expansion, and the best `beam_width` results of all expansions
-    are the next beam. The search stops when no move is accepted. Ctrl-C ends it with the best
-    hypothesis so far.
+    and profitable swaps; pairs, also of the best refused addition; swaps where there are two
+    effects; noise models. The first stage with an accepted move ends the expansion, and the best
+    `beam_width` results of all expansions are the next beam. The search stops when no move is
+    accepted. Ctrl-C ends it with the best hypothesis so far.
     """
     progress("compilation of the model with its candidates")
     compile_programs(problem)
@@ -226,10 +226,35 @@ def _stages(
         return
     swaps = proposals.swaps(0.0)[: options.swap_limit]
     yield [*proposals.additions(), *proposals.groups(), *swaps], count
-    yield proposals.pairs(), count * (count - 1) // 2
+    second = second_steps(tree, proposals.fit, options)
+    yield [*proposals.pairs(), *second], count * (count - 1) // 2
     if len(proposals.fit.effects) > 1:
         yield proposals.swaps(np.inf)[: options.swap_limit], count
     yield _noises(tree, proposals.fit, options, progress), 1
+
+
+def second_steps(tree: SearchTree, parent: LoopFit, options: LoopOptions) -> list[Move]:
+    """Return pairs of the best refused addition, if it has evidence, with a further effect.
+
+    While several effects are missing, the residual after each one is so coloured by the others that
+    none of them may be significant alone.
+    """
+    refused = [s for s in tree.steps if s.parent is parent and s.move.kind is MoveKind.ADD]
+    first = max(refused, key=lambda step: worth(step.fit), default=None)
+    if first is None or not worth(first.fit) > worth(parent):
+        return []
+    known = {name: value for name, (value, _) in first.fit.estimates.items()}
+    additions = sorted(Proposals(first.fit, options).additions(), key=lambda move: -move.expected)
+    return [
+        dataclasses.replace(
+            move,
+            kind=MoveKind.PAIR,
+            into=(*first.move.into, *move.into),
+            expected=first.comparison.fall + move.expected,
+            start=known | dict(move.start),
+        )
+        for move in additions[: options.swap_limit]
+    ]
 
 
 def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:

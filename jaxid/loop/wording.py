@@ -9,6 +9,7 @@ from .fit import LoopFit
 from .outcome import Outcome
 from .search import SearchTree
 
+EQUAL = 0.05  # difference of chi-square that is printed as zero
 NO_EFFECT = (
     "No effect is missing that these records could show: the residual is consistent with {}."
 )
@@ -60,7 +61,7 @@ def objection_words(objection: Objection) -> str:
     """Return the objection of a check as a sentence."""
     names = ", ".join(objection.names)
     numbers = ", ".join(
-        f"{name} ({number:.3g})"
+        f"{name} ({round(number, 3) + 0.0:.3g})"  # not -0
         for name, number in zip(objection.names, objection.numbers, strict=False)
     )
     return {
@@ -86,8 +87,8 @@ def next_best_words(tree: SearchTree) -> str:
     effects = " and ".join(other.effects) or "no effect"
     noise = other.hypothesis.noise.words
     distance = (
-        f"worse by {worse:.1f} in chi-square"
-        if worse >= 0
+        f"worse by {max(worse, 0.0):.1f} in chi-square"
+        if worse > -EQUAL
         else f"better by {-worse:.1f} in chi-square, but refused: it predicts the check records "
         "worse, or its noise depends on a signal"
     )

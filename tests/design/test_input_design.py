@@ -165,7 +165,7 @@ def test_search_that_ends_outside_its_limits_is_scaled_to_them(design, conventio
         result = minimize(*arguments, **options)
         return SimpleNamespace(x=1.05 * result.x)
 
-    monkeypatch.setattr("jaxid.design.optimisation.minimize", beyond)
+    monkeypatch.setattr("scipy.optimize.minimize", beyond)
     other = design_input(
         SPRING, free(SPRING, "k", "c"), T, SHAPE, RELATIVE, LIMITS, NOISE, conventional=conventional
     )

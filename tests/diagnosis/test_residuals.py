@@ -12,15 +12,22 @@ from statsmodels.stats.diagnostic import acorr_ljungbox
 from statsmodels.tsa.stattools import acf, ccf
 
 from jaxid._foundation.checks import InputError
-from jaxid.diagnosis.residuals import autocorrelation, cross_correlation, ljung_box, residual_tests
+from jaxid.diagnosis import residuals
+from jaxid.diagnosis.residuals import residual_tests
 
 DRAWS = 2000
+
+# each compiled as one program in place of one for every operation
+autocorrelation = eqx.filter_jit(residuals.autocorrelation)
+cross_correlation = eqx.filter_jit(residuals.cross_correlation)
+ljung_box = eqx.filter_jit(residuals.ljung_box)
 
 
 def whole(v):
     return jnp.ones(v.shape, bool)
 
 
+@eqx.filter_jit
 def ar1(key, shape, rho):
     """First-order autoregressive noise of unit variance along axis -2, stationary from the
     start.

@@ -343,14 +343,20 @@ def test_equation_with_dependence_far_from_zero_is_uncertain():
     assert uncertain_equations(Heated(jnp.array(0.1)), np.array([0])) == ("T",)
 
 
+@pytest.fixture(scope="module")
+def candidates():
+    """The general effects of the declared model."""
+    return general_effects(MODEL)
+
+
 @pytest.mark.parametrize("name", NAMES)
-def test_effect_in_model_is_not_a_candidate(effects, name):
+def test_effect_in_model_is_not_a_candidate(effects, candidates, name):
     model = Augmented(MODEL, (effects[NAMES.index(name)],))
     offered = general_effects(model)
     assert name not in {one.name for one in offered}
-    same = {one.name for one in general_effects(MODEL)} - {one.name for one in offered}
+    same = {one.name for one in candidates} - {one.name for one in offered}
     family = effects[NAMES.index(name)].card.family
-    assert all(one.card.family == family for one in general_effects(MODEL) if one.name in same)
+    assert all(one.card.family == family for one in candidates if one.name in same)
     both = Augmented(model, offered)  # checks names, states and terms
     assert np.all(
         np.isfinite(both.rhs(jnp.zeros(()), jnp.full(len(both.states), 0.5), jnp.ones(1)))

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiled_problem import linearise
 from reference_estimation import Lag, lag_rhs, rk4
 
 from jaxid._foundation.results import RESULTS
@@ -212,9 +213,9 @@ def test_value_within_rounding_of_bound_is_set_to_bound(edge):
     chosen = free(model, "D", bounds={"D[0,0]": (edge, None)})
     _, _, data = static_record(0)
     problem = Problem.of(model, chosen, as_stack(data), KNOWN)
-    information = problem.linearise(Parameters(jnp.array([edge]), jnp.zeros((1, 0)))).information
+    information = linearise(problem, Parameters(jnp.array([edge]), jnp.zeros((1, 0)))).information
     # Held by the bound, a parameter has no information; off the bound it has.
-    off = problem.linearise(Parameters(jnp.array([edge + 1.0]), jnp.zeros((1, 0)))).information
+    off = linearise(problem, Parameters(jnp.array([edge + 1.0]), jnp.zeros((1, 0)))).information
     inside = Parameters(
         jnp.array([edge + 2 * abs(np.spacing(edge) if edge else 1e-13)]), jnp.zeros((1, 0))
     )

@@ -5,6 +5,7 @@ three others.
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiled_problem import cost, linearise, outputs, sensitivities
 from reference_estimation import (
     Lag,
     Pendulum,
@@ -44,7 +45,7 @@ NOISES = {
 
 
 def predict_joint(made):
-    """All outputs as a function of (shared, initial state of record 0, of record 1)."""
+    """All outputs as a function of columns (shared, initial state of record 0, of record 1)."""
 
     def predict(theta):
         rows = [
@@ -100,7 +101,7 @@ def test_known_sensitivities_save_first_pass_and_change_nothing(seed, monkeypatc
     problem = problem_of(model, chosen, as_records(made, model), OutputError())
     begin = Parameters(jnp.array([3.5, 0.2, 1.2]), jnp.array([[0.3, 0.1], [-0.1, 0.8]]))
     solver = GaussNewton(chord=True)
-    _, S = problem.sensitivities(begin)
+    _, S = sensitivities(problem, begin)
     passes, results = [], []
 
     def counted(*arguments):
@@ -129,7 +130,7 @@ def test_sensitivities_equal_complex_steps_and_finite_differences(seed):
     problem = problem_of(model, chosen, as_records(made, model), OutputError())
     theta, own = np.array([3.5, 0.2, 1.2]), np.array([[0.3, 0.1], [-0.1, 0.8]])
     at = Parameters(jnp.asarray(theta), jnp.asarray(own))
-    v, S = problem.sensitivities(at)
+    v, S = sensitivities(problem, at)
     for i, (t, u, z) in enumerate(made):
         y, expected = complex_step(
             lambda p, t=t, u=u: rk4(pendulum_rhs, t, u, p[:2], p[2:]), np.r_[own[i], theta]
@@ -143,7 +144,7 @@ def test_sensitivities_equal_complex_steps_and_finite_differences(seed):
     h = 1e-5
     for k in range(3):
         up, down = (Parameters(at.shared.at[k].add(sign * h), at.rows) for sign in (1, -1))
-        difference = (problem.outputs(up) - problem.outputs(down)) / (2 * h)
+        difference = (outputs(problem, up) - outputs(problem, down)) / (2 * h)
         np.testing.assert_allclose(
             S[..., 2 + k], difference, rtol=0, atol=1e-8 * np.max(np.abs(difference))
         )
@@ -162,14 +163,14 @@ def test_gradient_of_information_equals_gradient_of_cost(seed):
     h = 1e-5
     for noise in (DiagonalNoise(), FullNoise(), FixedNoise(KNOWN)):
         problem = problem_of(model, chosen, as_records(made, model), OutputError(noise=noise))
-        shared, own = problem.linearise(at).information.gradient()
+        shared, own = linearise(problem, at).information.gradient()
         for k in range(2):
             up, down = (
-                problem.cost(Parameters(at.shared.at[k].add(s * h), at.rows)) for s in (1, -1)
+                cost(problem, Parameters(at.shared.at[k].add(s * h), at.rows)) for s in (1, -1)
             )
             np.testing.assert_allclose(shared[k], (up - down) / (2 * h), rtol=1e-6)
         up, down = (
-            problem.cost(Parameters(at.shared, at.rows.at[1, 0].add(s * h))) for s in (1, -1)
+            cost(problem, Parameters(at.shared, at.rows.at[1, 0].add(s * h))) for s in (1, -1)
         )
         np.testing.assert_allclose(own[1, 0], (up - down) / (2 * h), rtol=1e-6)
 
@@ -184,8 +185,9 @@ def test_sensitivities_of_lag_equal_closed_form():
     chosen = free(model, "p", "b", per_record=("initial_state",))
     likelihood = OutputError(hold=ZeroOrder(), stepper=RK4(4))
     made = [record(t, np.ones(120), np.zeros(120), inputs=("u",), outputs=("x",))]
-    v, S = problem_of(model, chosen, made, likelihood).sensitivities(
-        Parameters(jnp.array([p, b]), jnp.array([[x0]]))
+    v, S = sensitivities(
+        problem_of(model, chosen, made, likelihood),
+        Parameters(jnp.array([p, b]), jnp.array([[x0]])),
     )
     e = np.exp(-p * t)
     y = x0 * e + b / p * (1 - e)

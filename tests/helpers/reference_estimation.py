@@ -73,10 +73,12 @@ def rk4(rhs, t, u, x0, theta):
 def complex_step(function, theta):
     """Value and derivative without differences: `Im f(theta + i h) / h` (Squire & Trapp, SIAM
     Review 40(1), 1998).
+
+    The function is evaluated for all parameters at once, each step a column of its argument.
     """
     step = 1e-30
-    columns = [function(theta + 1j * step * e).imag / step for e in np.eye(len(theta))]
-    return function(theta.astype(float)), np.stack(columns, -1)
+    value = function(theta[:, None] + 1j * step * np.eye(len(theta)))
+    return value.real[..., 0], value.imag / step
 
 
 class Reference(NamedTuple):
@@ -90,7 +92,8 @@ def estimate_by_scipy(predict, z, start, covariance):
     """Maximum likelihood with R concentrated out, by SciPy.
 
     Args:
-        predict: from theta to the outputs of all records, one below the other, (sample, output).
+        predict: from columns of theta to the outputs of all records, one below the other,
+            (sample, output, column).
         z: measured, NaN where missing.
         start: of theta.
         covariance: from residuals (sample, output), zero where missing, and valid samples to R.

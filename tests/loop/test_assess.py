@@ -71,6 +71,17 @@ def test_lag_of_partial_gain_is_proxy():
     assert found.outcome is Outcome.PROXIES
 
 
+def test_effect_with_exact_equal_at_another_place_is_proxy():
+    """A constant force moves the place of rest as a bias of the position does, in every record."""
+    library = (Term("v", "1"), SensorBias("x"), Term("v", "x^3"))
+    found = search_effects(problem(14, Term("v", "1", jnp.array(0.3)), library=library))
+    (objection,) = found.assessment.objections
+    assert objection.check is Check.ALTERNATIVE
+    assert {*found.effects, *objection.names} == {"1 in v", "bias of x"}
+    assert objection.numbers == pytest.approx([0.0], abs=1e-3)
+    assert found.outcome is Outcome.PROXIES
+
+
 def test_faint_effect_is_proxy():
     """Of a faint effect the records show that it is there, not which shape it has."""
     found = search_effects(problem(13, FAINT))

@@ -140,23 +140,32 @@ def test_columns_with_linearised_steps_equal_those_of_forward_mode(monkeypatch, 
 
 
 def test_programs_that_are_not_waited_for_are_not_compiled(monkeypatch):
-    """A search that ends early, by an error or Ctrl-C, leaves no compilation behind."""
+    """Refits that are passed over, or a search that ends by an error or Ctrl-C, leave no
+    compilation behind.
+    """
     made = []
     monkeypatch.setattr(compilation, "_compile", lambda _, hypothesis: made.append(hypothesis))
     given = _problem(monkeypatch, True)
     hypotheses = [Hypothesis((effect.name,)) for effect in LIBRARY]
+    monkeypatch.setattr(compilation, "AHEAD", 2)
+    assert len(hypotheses) == 4
     with compilation.compiled_ahead(given, hypotheses) as wait_for:
-        wait_for(hypotheses[-1])
+        for hypothesis in hypotheses:
+            wait_for(hypothesis)
     assert made == hypotheses  # in their order
-    begun = []
 
     def slow(_, hypothesis):
         begun.append(hypothesis)
         first.set()
         go_on.wait()
 
-    first, go_on = Event(), Event()
+    begun, first, go_on = [], Event(), Event()
     monkeypatch.setattr(compilation, "_compile", slow)
+    with compilation.compiled_ahead(given, hypotheses) as wait_for:
+        first.wait()
+        Timer(0.2, go_on.set).start()
+        wait_for(hypotheses[-1])
+    assert begun == [hypotheses[0], hypotheses[-1]]
 
     def interrupted():
         with compilation.compiled_ahead(given, hypotheses):
@@ -164,6 +173,7 @@ def test_programs_that_are_not_waited_for_are_not_compiled(monkeypatch):
             Timer(0.2, go_on.set).start()  # while the search ends
             raise KeyboardInterrupt
 
+    begun, first, go_on = [], Event(), Event()
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert begun == hypotheses[:1]

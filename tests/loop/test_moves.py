@@ -7,10 +7,11 @@ from searched_spring import problem
 
 from jaxid.effects import InputDelay, SensorBias, Term
 from jaxid.loop import Coloured, Hypothesis, LoopOptions, search_effects
-from jaxid.loop.evidence import Decision, compare
+from jaxid.loop.evidence import Comparison, Decision, compare
 from jaxid.loop.fit import fit
-from jaxid.loop.moves import Proposals
+from jaxid.loop.moves import MoveKind, Proposals
 from jaxid.loop.noise import noise_moves
+from jaxid.loop.search import SearchTree, Step, refit, second_steps, with_shapes
 
 OPTIONS = LoopOptions()
 SQUARE, CUBIC = Term("v", "x^2", jnp.array(0.1)), Term("v", "x^3", jnp.array(-0.1))
@@ -68,3 +69,26 @@ def test_wider_beam_finds_the_same_pair():
     given = problem(5, Term("v", "x^3", jnp.array(-0.3)), SensorBias("v", jnp.array(0.1)))
     found = search_effects(given, options=LoopOptions(beam_width=2))
     assert set(found.effects) == {"x^3 in v", "bias of v"}
+
+
+def test_refused_effect_is_proposed_together_with_another():
+    """Each of two effects leaves the other in the residual, which may hide it; both at once do
+    not.
+    """
+    given = problem(5, CUBIC, SensorBias("v", jnp.array(0.1)))
+    declared = with_shapes(fit(given, Hypothesis()))
+    cubic = Proposals(declared, OPTIONS).additions()[0]
+    alone = refit(declared, cubic)
+    fall = 2.0 * (declared.cost - alone.cost)
+    refused = Comparison(Decision.NOT_SIGNIFICANT, fall, np.inf, 0.0)
+    tree = SearchTree(declared, declared, [Step(declared, cubic, alone, refused)])
+    moves = second_steps(tree, declared, OPTIONS)
+    pair = moves[0]
+    assert (pair.kind, pair.into) == (MoveKind.PAIR, ("x^3 in v", "bias of v"))
+    assert pair.start["x^3 in v.gain"] == alone.estimates["x^3 in v.gain"][0]
+    assert fall < pair.expected
+    assert compare(declared, refit(declared, pair), OPTIONS, 36).accepted
+    # Without evidence, of a cubic that is not there, no pair is proposed.
+    white = with_shapes(fit(problem(6), Hypothesis()))
+    steps = [Step(white, cubic, refit(white, cubic), refused)]
+    assert second_steps(SearchTree(white, white, steps), white, OPTIONS) == []

@@ -39,18 +39,25 @@ def test_static_argument_is_part_of_structure():
     assert traced == [2.0, 3.0]
 
 
-def test_programs_beyond_limit_are_released_and_recompiled():
-    programs = EvictingJit(times)
+def test_program_not_used_for_longest_is_released_and_recompiled():
+    traced = []
+
+    def counted(x, factor):
+        traced.append(x["x"].size)
+        return times(x, factor)
+
+    programs = EvictingJit(counted, most=2)
     compile_together([(programs, arguments(count)) for count in (1, 2)])
-    compiled = weakref.ref(programs.jitted)
-    programs(*arguments(2))  # compiled already: no more than two are known
-    programs.make_room(1, 3)
-    assert programs.jitted is compiled()
-    programs.make_room(2, 3)
+    released = weakref.ref(programs.known[programs.key(*arguments(2))])
+    programs(*arguments(1))
+    programs(*arguments(3))  # the second, as the first was used after it
     gc.collect()
-    assert compiled() is None
+    assert released() is None
+    programs(*arguments(1))
+    assert sorted(traced) == [1, 2, 3]
     np.testing.assert_array_equal(programs(*arguments(2))["product"], [0.0, 3.0])
-    assert len(programs.known) == 1
+    assert sorted(traced) == [1, 2, 2, 3]
+    assert len(programs.known) == 2
 
 
 def test_compiled_programs_are_released_at_half_of_memory_maps(monkeypatch):

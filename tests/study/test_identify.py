@@ -233,7 +233,7 @@ def test_result_equals_estimate_of_selected_terms_alone(result):
 def test_other_terms_use_same_programs_of_model(record):
     """Other terms, another number of them, and a prediction by each: one program of each kind."""
     for program in PROGRAMS:
-        program.make_room(1, 0)
+        program.clear()
     for terms in (tuple(TRUE), ("x", "v", "force", "x^3", "x v"), ("x", "force", "x^2")):
         options = IdentifyOptions(terms={"stiffness": terms}, leave_out=("drift",))
         result = identify(EMPTY, record, options=options)

@@ -104,7 +104,7 @@ def test_study_holds_its_model_in_four_programs(records):
     """
     programs = (*PROGRAMS, linear_models)
     for program in programs:
-        program.make_room(1, 0)
+        program.clear()
     model = Spring(jnp.array(1.5), jnp.array(0.2))
     study = close_loop(
         model,

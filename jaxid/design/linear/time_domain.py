@@ -17,8 +17,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from ..._foundation.checks import require, require_float64, require_known
 from ..._foundation.types import Array, Float, Numbers
@@ -132,6 +130,8 @@ class _Sensitivities:
 
     def best_input(self, rows, shape: tuple[int, int]) -> np.ndarray:
         """Return the input of unit norm with the largest trace `Tr(rows M rows')`."""
+        from scipy.sparse.linalg import LinearOperator, eigsh  # slow to import
+
         size = shape[0] * shape[1]
 
         def matvec(u):
@@ -188,6 +188,8 @@ def _improved(sensitivities: _Sensitivities, u, norm: float, measure: AbstractMe
 
 def _best_angle(cost: Callable[[float], float]) -> tuple[float, float]:
     """Return the best angle of a mixture, to either side: an eigenvector has no sign."""
+    from scipy.optimize import minimize_scalar  # slow to import
+
     ends = [(0.0, 0.5 * np.pi), (-0.5 * np.pi, 0.0)]
     results: list[Any] = [minimize_scalar(cost, bounds=end, method="bounded") for end in ends]
     best = min(results, key=lambda result: result.fun)

@@ -84,6 +84,7 @@ def kinematics() -> Kinematics:
     return Kinematics(
         Instruments(KINEMATIC_OUTPUTS, delay=dict.fromkeys(DELAYED, 0.0)),
         atmosphere=StandardAtmosphere(),
+        beta="vane",
     )
 
 
@@ -125,7 +126,9 @@ def simulated(key, t, aircraft, state, level):
     return (
         z[:, len(KINEMATIC_OUTPUTS) :],
         z[:, : len(KINEMATIC_OUTPUTS)],
-        Kinematics(model_instruments, input_bias=bias, atmosphere=StandardAtmosphere()),
+        Kinematics(
+            model_instruments, input_bias=bias, atmosphere=StandardAtmosphere(), beta="vane"
+        ),
     )
 
 

@@ -58,8 +58,8 @@ app = typer.Typer(add_completion=False, no_args_is_help=False, pretty_exceptions
 console = Console(stderr=True)
 
 # The arguments of `aircraft.model_of` that a study file may set: all that TOML can express.
-SETTINGS = ("mass", "Ix", "Iy", "Iz", "Ixz", "S", "b", "cbar", "reference", "check")
-SETTINGS += ("states", "frame", "measured", "held")
+SETTINGS = ("mass", "Ix", "Iy", "Iz", "Ixz", "S", "b", "cbar", "reference", "force_axes")
+SETTINGS += ("instruments", "check", "states", "frame", "measured", "held")
 BUILT_IN = {"aircraft": BuiltIn(model_of, (*SETTINGS, "outputs", "airspeed", "beta"))}
 # Samples, two seconds, from which the initial state of a flight is fitted (chosen).
 FLIGHT_WINDOW = 50

@@ -6,7 +6,10 @@ import numpy as np
 
 from benchmarks import report_numbers
 from benchmarks.report_tables.cases import CaseResult
+from benchmarks.report_tables.coefficients import motion_signals
 from benchmarks.report_tables.settings import BIAS
+from jaxid.aircraft import Flight
+from jaxid.structure import REPORT, Selection, columns, stepwise
 
 NONE = float("nan")
 PRINTED_SAMPLES = 100  # Table 6.2
@@ -101,6 +104,9 @@ class OverallF(NamedTuple):
         same_terms: our F at the step of the regression with the report's number of terms, NaN
             without such a step. Where this is near and ours is not, the number of terms is the
             reason.
+        without_errors: the same along the true motion, with the true coefficient: the misfit of the
+            polynomial to the tables alone limits it. Where it is far from the printed one, no
+            noise is the reason.
         signal, form: the ratio of ours to the report's as a product: of `R2 / (1 - R2)`, signal
             over residual, and of `(N - k - 1) / k`, the number of terms.
     """
@@ -112,6 +118,7 @@ class OverallF(NamedTuple):
     printed_terms: int
     near: bool
     same_terms: float
+    without_errors: float
     signal: float
     form: float
 
@@ -128,6 +135,7 @@ def overall_F(result: CaseResult) -> list[OverallF]:
         regression, k = equation.regression, chosen.count(name)
         models = equation.selection.models if equation.selection else ()
         same = next((float(one.overall_F) for one in models if len(one.terms) == k), NONE)
+        clean = error_free_F(result.flights[0], equation.selection, k)
         form = _form(len(regression.names)) / _form(k)
         ratio = float(regression.overall_F) / printed[name]
         rows.append(
@@ -139,11 +147,32 @@ def overall_F(result: CaseResult) -> list[OverallF]:
                 k,
                 0.5 <= ratio <= 2.0,
                 same,
+                clean,
                 ratio / form,
                 form,
             )
         )
     return rows
+
+
+def error_free_F(flight: Flight, selection: Selection | None, terms: int) -> float:
+    """Return the largest overall F of a regression of a true coefficient with some number of terms.
+
+    Args:
+        flight: its true motion is that of the regressors, about their means.
+        selection: path of the regression of the measured coefficient, for its candidates; NaN is
+            returned without one, or if no regression on the new path has this number of terms.
+        terms: number of terms.
+    """
+    if selection is None:
+        return NONE
+    signals, names = motion_signals(flight), selection.problem.names
+    centre = {name: float(np.mean(signals[name])) for name in ("alpha", "beta")}
+    y = np.asarray(flight.truth.channel(selection.problem.response))
+    path = stepwise(columns(names, signals, centre), y, names, options=REPORT)
+    return max(
+        (float(one.overall_F) for one in path.models if len(one.terms) == terms), default=NONE
+    )
 
 
 def _form(terms: int) -> float:

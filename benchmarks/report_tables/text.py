@@ -141,7 +141,7 @@ def F_table(results: Mapping[str, CaseResult]) -> str:
     """Return the overall F of each equation, ours and the report's, and the share of noise."""
     lines = [
         f"{'overall F':<16} {'':>4} {'ours':>9} {'k':>3} {'report':>9} {'k':>3} {'ratio':>6} "
-        f"{'signal':>7} {'terms':>6} {'F, same k':>10} {'noise':>6}"
+        f"{'signal':>7} {'terms':>6} {'F, same k':>10} {'no errors':>10} {'noise':>6}"
     ]
     for result in (one for one in results.values() if one.name in SETTINGS):
         rows = overall_F(result)
@@ -151,6 +151,7 @@ def F_table(results: Mapping[str, CaseResult]) -> str:
                 f"{result.name:<16} {row.response:>4} {row.ours:>9.4g} {row.terms:>3} "
                 f"{row.printed:>9.5g} {row.printed_terms:>3} {row.ours / row.printed:>6.2f} "
                 f"{row.signal:>7.2f} {row.form:>6.2f} {row.same_terms:>10.4g} "
+                f"{row.without_errors:>10.4g} "
                 f"{noise[row.response]:>6.2f}"
             )
     return "\n".join(lines)

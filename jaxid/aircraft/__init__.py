@@ -71,6 +71,7 @@ from .vehicle.aerodynamics import AbstractAerodynamics as AbstractAerodynamics
 from .vehicle.aerodynamics_increments import (
     AerodynamicsWithIncrements as AerodynamicsWithIncrements,
 )
+from .vehicle.aerodynamics_lift_drag import LiftDragAerodynamics as LiftDragAerodynamics
 from .vehicle.aerodynamics_polynomial import PolynomialAerodynamics as PolynomialAerodynamics
 from .vehicle.aerodynamics_tables import TableAerodynamics as TableAerodynamics
 from .vehicle.aerodynamics_tables import read_coefficients as read_coefficients

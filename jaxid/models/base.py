@@ -259,6 +259,13 @@ class AbstractModel(eqx.Module):
             "Write its method `corrected(record)`."
         )
 
+    def usual_ranges(self) -> dict[str, tuple[float, float]]:
+        """Return the range of usual values of parameters, by dotted name; empty by default.
+
+        An estimate outside its range may stand for an effect that the model does not have.
+        """
+        return {}
+
     def scales(self) -> tuple[str, ...]:
         """Names of the parameters that are positive scales, such as standard deviations; none by
         default. The confidence interval of a scale is symmetric in its logarithm.

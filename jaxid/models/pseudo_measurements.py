@@ -20,6 +20,8 @@ class PseudoMeasurements(eqx.Module):
         valid: True where all required channels were measured, shape (time,).
         candidates: candidate terms by response.
         centred: signals that enter the terms as differences from their mean over the records.
+        known: part of a response that the polynomial does not have, such as wind-tunnel tables,
+            each of shape (time,); the regression takes the rest. Zero where it is absent.
     """
 
     t: Float[Array, " time"]
@@ -28,6 +30,16 @@ class PseudoMeasurements(eqx.Module):
     valid: Bool[Array, " time"]
     candidates: Terms = eqx.field(static=True)
     centred: tuple[str, ...] = eqx.field(static=True, default=())
+    known: dict[str, Float[Array, " time"]] = eqx.field(default_factory=dict)
+
+    def unknown(self, name: str) -> Float[Array, " time"]:
+        """Return a response without its known part.
+
+        Args:
+            name: response.
+        """
+        response = self.responses[name]
+        return response - self.known[name] if name in self.known else response
 
 
 class WeakMeasurements(eqx.Module):

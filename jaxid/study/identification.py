@@ -8,10 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.compiler import fast_compile_jit
 from .._foundation.json_text import json_text
 from .._foundation.notebook import Table
-from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..data.stack import stack, unstack
 from ..diagnosis.bands import Band, Bands, prediction_bands
@@ -19,18 +17,16 @@ from ..diagnosis.combined_bands import CombinedBand, combined_bands
 from ..diagnosis.derivative_bands import derivative_bands
 from ..diagnosis.validation import Prediction, predict
 from ..estimation import Estimate, FilterError, OutputError
-from ..estimation.estimate import Case, as_stack
+from ..estimation.estimate import as_stack
 from ..estimation.likelihoods import AbstractLikelihood
-from ..estimation.shared_programs import evaluate
 from ..models.base import AbstractModel
 from ..models.free import all_names, with_values
 from ..models.noise import FixedNoise
 from ..models.replace import polynomials_of, with_polynomials, with_terms
 from ..models.stochastic import StochasticModel
-from ..sensitivity.information import Information
-from ..sensitivity.spectrum import spectrum
 from ..structure import Regression, Selection
-from .thresholds import SMALLEST_EIGENVALUE
+from .terms.start import Start
+from .terms.unusual_values import Parameter, unusual_values
 
 
 class Equation(NamedTuple):
@@ -50,45 +46,6 @@ class Equation(NamedTuple):
     kept: bool
     reason: str
     estimated: tuple[str, ...]
-
-
-class Start(NamedTuple):
-    """The second stage at the values of the regression, before its first step.
-
-    Attributes:
-        names: names of the estimated parameters.
-        values: their starting values.
-        F: `(value / standard error)^2` with the standard errors of maximum likelihood at the
-            starting values.
-        cost: negative log-likelihood without its constant.
-    """
-
-    names: tuple[str, ...]
-    values: Float[np.ndarray, " parameter"]
-    F: Float[np.ndarray, " parameter"]
-    cost: float
-
-
-class Parameter(NamedTuple):
-    """One row of the result, as in Table 6.5; NaN if a stage does not have the number.
-
-    Attributes:
-        name: name in the model.
-        regression, regression_F: value and F of the regression.
-        start, start_F: value and F at the start of maximum likelihood.
-        value, standard_error, coloured_error, F: result of maximum likelihood; NaN for a parameter
-            that it did not estimate.
-    """
-
-    name: str
-    regression: float
-    regression_F: float  # noqa: N815
-    start: float
-    start_F: float  # noqa: N815
-    value: float
-    standard_error: float
-    coloured_error: float
-    F: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +122,11 @@ class Identification:
             )
             for name in dict.fromkeys((*regressed, *estimate.names))
         )
+
+    @property
+    def caveats(self) -> tuple[str, ...]:
+        """Estimates outside the usual range of their parameter, in words."""
+        return unusual_values(self.parameters, self.start_model.usual_ranges())
 
     def prediction_bands(self, *signals: str) -> Bands:
         """Return states, outputs and signals along the fitted records, with their standard
@@ -289,6 +251,7 @@ class Identification:
             "parameters": {row.name: _without_name(row) for row in self.parameters},
             "reduced": self.reduced,
             "changes": list(self.changes),
+            "caveats": list(self.caveats),
             "start_cost": float(self.start.cost),
             "estimate": self.estimate.to_dict(),
         }
@@ -352,31 +315,13 @@ class Identification:
     def _notes(self) -> list[str]:
         """Changes of the terms and weak directions in words, and the status."""
         lines = [f"change: {words}" for words in self.changes]
+        lines += [f"caveat: {sentence}" for sentence in self.caveats]
         lines += [f"weak: {sentence}" for sentence in self.estimate.weak_directions]
         status = (
             f"status: {self.estimate.status} ({int(self.estimate.iterations)} iterations, cost "
             f"{self.start.cost:.6g} to {float(self.estimate.cost):.6g})"
         )
         return [*lines, status]
-
-
-def a_priori(case: Case) -> Start:
-    """Return cost and F-values at the start of maximum likelihood.
-
-    Args:
-        case: the second stage, with the values of the regression.
-    """
-    cost, linearised = evaluate(case, case.begin)
-    values, limits = case.begin.shared, case.problem.limits
-    F = _F(values, linearised.information, limits.scale)
-    return Start(case.free.shared, np.asarray(values), np.asarray(F), float(cost))
-
-
-@fast_compile_jit
-def _F(values: Float[Array, " parameter"], information: Information, scale):
-    """Return the squared values over their variances."""
-    eigen = spectrum(information.triangle, information.rhs, scale)
-    return values**2 / jnp.diagonal(eigen.covariance(SMALLEST_EIGENVALUE))
 
 
 def _single(records: Record | Sequence[Record]) -> list[Record]:

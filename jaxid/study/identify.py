@@ -7,29 +7,34 @@ from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.progress import text_progress
 from ..data.record import Record
-from ..data.stack import unstack
+from ..data.stack import segment, unstack
+from ..estimation import Estimate
 from ..estimation.estimate import Case, as_stack, checked_case, divergence
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
 from ..estimation.shared_programs import estimate_case
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel
 from ..models.equation_shapes import check_equations
-from ..models.free import Free, free
+from ..models.free import Free, all_names, free, with_values
 from ..models.polynomial import Polynomial
 from ..models.replace import polynomials_of, with_polynomials, with_terms
 from ..structure import Regression
-from .identification import Equation, Identification, Start, a_priori
+from .identification import Equation, Identification
 from .identify_options import IdentifyOptions
 from .terms.adaptation import Adaptation, adapted
-from .terms.reduction import AS_SELECTED, REDUCTIONS, Reduction
+from .terms.reduction import AS_SELECTED, REDUCTIONS
 from .terms.regressions import Measured, equations_of, regressions
+from .terms.start import Start, a_priori
 
 Records = Record | Sequence[Record]
+PIECES = (2, 4, 8, 16)  # numbers of pieces of a record, chosen
+SHORTEST_PIECE = 10  # samples, chosen
 
 
 def identify(
@@ -57,7 +62,10 @@ def identify(
        regression.
     4. **Maximum likelihood**, started at the values of the regression. If the simulation diverges
        there, the regression is repeated with lower powers, then with fewer terms, until one starts
-       (`REDUCTIONS`); `reduced` of the result has the limits. Terms given by name are kept.
+       (`REDUCTIONS`). If none does, the terms as selected are estimated from pieces of the records,
+       each with its own initial state (multiple shooting); the result is their estimate, or the
+       estimate from the whole records started at it, if that is finite. `reduced` of the result has
+       the limits. Terms given by name are kept.
 
     5. With `options.adapt`, **changes of the terms**, one at a time with an estimate after each:
        terms that the records do not determine are held, terms of small F deleted, candidates of
@@ -98,13 +106,13 @@ def identify(
         show("regression")
         measured = list(map(equations_of(model, options.weak_radius), single))
         candidates = dict(measured[0].candidates)
-        build = partial(_structure, model, single, likelihood, options, per_record, candidates)
-        chosen, reduced = build(*regressions(measured, options)), ""
+        build = partial(_structure, model, likelihood, options, per_record, candidates)
+        chosen, reduced = build(single, *regressions(measured, options)), ""
         show("simulation at the values of the regression")
         first = a_priori(chosen.case)
         if not np.isfinite(first.cost):
-            chosen, first, reduction = _reduced(build, measured, options, chosen)
-            reduced = f"{reduction}, because the terms as selected diverge at the start"
+            chosen, first, limits = _restarted(build, single, measured, options, chosen, solver)
+            reduced = f"{limits}, because the terms as selected diverge at the start"
         show("maximum likelihood")
         adaptation = Adaptation(estimate_case(chosen.case, solver), ())
         if options.adapt:
@@ -157,9 +165,17 @@ class _Structure(NamedTuple):
 
 
 def _structure(
-    model, single, likelihood, options, per_record, candidates, equations, centre
+    model,
+    likelihood,
+    options,
+    per_record,
+    candidates,
+    records,
+    equations,
+    centre,
+    values: Mapping[str, float] | None = None,
 ) -> _Structure:
-    """Return the second stage at the values of a regression, after all checks."""
+    """Return the second stage at the values of a regression, some replaced, after all checks."""
     left_out = tuple(name for name, equation in equations.items() if not equation.kept)
     require(
         len(left_out) < len(equations),
@@ -168,13 +184,16 @@ def _structure(
         + ". Give records with more motion, name equations to `keep`, or lower `least_F` or "
         "`least_R2`.",
     )
-    start_model = with_polynomials(model.without(left_out), _polynomials(equations, centre))
+    polynomials = _polynomials(equations, centre, options.prior)
+    start_model = with_polynomials(model.without(left_out), polynomials)
+    if values:
+        start_model = with_values(start_model, list(values), jnp.array([*values.values()]))
     candidates = _simulated_terms(start_model, equations, candidates)
     simulated = with_terms(start_model, candidates)
     absent = {f"initial_state.{name}" for name in {*model.states} - {*start_model.states}}
     kept = [name for name in per_record if name not in absent]
     chosen = _free(start_model, equations, options, kept)
-    prepared = as_stack([start_model.prepared(record) for record in single])
+    prepared = as_stack([start_model.prepared(record) for record in records])
     case = checked_case(simulated, chosen, prepared, likelihood)
     return _Structure(equations, centre, start_model, candidates, case)
 
@@ -191,7 +210,16 @@ def _simulated_terms(
     is known in the regression only.
     """
     terms = {
-        name: tuple(dict.fromkeys(("1", *candidates.get(name, ()), *equation.regression.names)))
+        name: tuple(
+            dict.fromkeys(
+                (
+                    "1",
+                    *candidates.get(name, ()),
+                    *equation.regression.names,
+                    *_not_regressed(equation),
+                )
+            )
+        )
         for name, equation in equations.items()
     }
     try:
@@ -201,30 +229,37 @@ def _simulated_terms(
     return terms
 
 
-def _reduced(
+def _restarted(
     build: Callable[..., _Structure],
+    single: Sequence[Record],
     measured: Sequence[Measured],
     options: IdentifyOptions,
-    diverging: _Structure,
-) -> tuple[_Structure, Start, Reduction]:
-    """Return the first reduced structure whose simulation is finite, its start, and its reduction.
+    selected: _Structure,
+    solver: GaussNewton | None,
+) -> tuple[_Structure, Start, str]:
+    """Return the first structure whose simulation is finite, its start, and its limits in words.
 
     Raises:
         InputError: if none is; with record, time and state at which the last one diverges.
     """
-    structures = [AS_SELECTED]
+    structures, diverging = [AS_SELECTED], selected
     for reduction in REDUCTIONS:
         equations, centre = regressions(measured, options, reduction)
         if not any(one.kept for one in equations.values()):
             break
-        chosen = build(equations, centre)
+        chosen = build(single, equations, centre)
         if chosen.terms == diverging.terms:
             continue
         diverging = chosen
         structures.append(reduction)
         first = a_priori(chosen.case)
         if np.isfinite(first.cost):
-            return chosen, first, reduction
+            return chosen, first, str(reduction)
+    shot = _from_pieces(
+        partial(build, equations=selected.equations, centre=selected.centre), single, solver
+    )
+    if shot is not None:
+        return shot
     case = diverging.case
     words = divergence(case.model, case.free, case.records, case.problem.likelihood)
     raise InputError(
@@ -235,16 +270,61 @@ def _reduced(
     )
 
 
+def _from_pieces(
+    build: Callable[..., _Structure], single: Sequence[Record], solver: GaussNewton | None
+) -> tuple[_Structure, Start, str] | None:
+    """Return the structure at values estimated from pieces of the records, on the complete records
+    if its simulation is finite there, else on the pieces; None if no division gives an estimate.
+    """
+    for seconds in _lengths(single):
+        pieces = build([piece for record in single for piece in segment(record, seconds)])
+        start = a_priori(pieces.case)
+        fit = estimate_case(pieces.case, solver) if np.isfinite(start.cost) else None
+        if fit is None or not bool(fit.successful):
+            continue
+        complete = build(single, values=_own_values(fit, pieces.model))
+        continued = a_priori(complete.case)
+        if np.isfinite(continued.cost):
+            return complete, continued, f"started from an estimate in pieces of {seconds:.3g} s"
+        return pieces, start, f"estimated in pieces of {seconds:.3g} s with own initial states"
+    return None
+
+
+def _lengths(single: Sequence[Record]) -> list[float]:
+    """Return the lengths of pieces to try [s], the longest first."""
+    longest = max(float(record.t[-1] - record.t[0]) for record in single)
+    step = max(float(np.median(np.diff(record.t))) for record in single)
+    return [longest / parts for parts in PIECES if longest / parts >= SHORTEST_PIECE * step]
+
+
+def _own_values(fit: Estimate, model: AbstractModel) -> dict[str, float]:
+    """Return the estimated parameters of the model itself, by name."""
+    values = dict(zip(fit.names, np.asarray(fit.values).tolist(), strict=True))
+    return {name: value for name, value in values.items() if name in all_names(model)}
+
+
 def _polynomials(
-    equations: Mapping[str, Equation], centre: Mapping[str, float]
+    equations: Mapping[str, Equation],
+    centre: Mapping[str, float],
+    prior: Mapping[str, tuple[float, float]],
 ) -> dict[str, Polynomial]:
-    """Results of the regressions, as polynomials of the model."""
+    """Results of the regressions, as polynomials of the model, with a-priori values of others."""
     return {
         name: Polynomial(
-            {"1": equation.regression.constant, **_values(equation.regression)}, centre=centre
+            {
+                "1": equation.regression.constant,
+                **{term: prior[f"{name}.{term}"][0] for term in _not_regressed(equation)},
+                **_values(equation.regression),
+            },
+            centre=centre,
         )
         for name, equation in equations.items()
     }
+
+
+def _not_regressed(equation: Equation) -> tuple[str, ...]:
+    """Return estimated terms that the regression does not have: those with a-priori values."""
+    return tuple(term for term in equation.estimated if term not in equation.regression.names)
 
 
 def _values(regression: Regression) -> dict[str, float]:
@@ -265,4 +345,4 @@ def _free(
         if equation.kept
         for term in (*constant, *equation.estimated)
     )
-    return free(model, *terms, *options.add, per_record=per_record)
+    return free(model, *terms, *options.add, per_record=per_record, prior=options.prior)

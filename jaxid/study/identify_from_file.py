@@ -85,6 +85,7 @@ def _options(file: StudyFile, weak_radius: float | None) -> IdentifyOptions:
     """Return the options of the section [identify]."""
     section: dict[str, Any] = {key: file.identify[key] for key in file.identify}
     section.pop("candidates", None)
+    section["prior"] = {name: tuple(pair) for name, pair in section.get("prior", {}).items()}
     rule = section.pop("rule", "F")
     with file.at("identify", "rule"):
         require_known("rule", [rule], RULES)

@@ -30,6 +30,13 @@ class IdentifyOptions:
         constants: True if the constant of each equation is estimated too (Table 6.4).
         adapt: True to add, delete and hold terms after the first estimate, by the levels of
             `subset`, with an estimate after each change (sections 1.3, 4.3.2).
+        prior: a-priori mean and standard deviation of terms by dotted name, such as
+            `{"Cm.alpha": (-0.6, 0.2)}`, from a wind tunnel or another flight; for increments to
+            tables the mean is zero. These terms are estimated with this prior, whatever their F,
+            and start at the mean if the regression does not select them; their equations are kept.
+        lower_powers: True to force in the lower powers of selected terms, such as alpha beta for
+            alpha^2 beta, which high noise hides behind a high one (section 6.3.1). They leave if
+            their F is below one, the high powers if it is below the level to stay.
         add: further parameters to estimate, by their dotted name in the model, such as a bias; a
             parameter of an instrument that the final model does not have is refused.
         keep: responses whose equation is kept, whatever its F.
@@ -51,6 +58,8 @@ class IdentifyOptions:
     share: float = 0.04
     constants: bool = True
     adapt: bool = False
+    prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    lower_powers: bool = False
     add: Sequence[str] = ()
     keep: Sequence[str] = ()
     leave_out: Sequence[str] = ()
@@ -73,6 +82,16 @@ class IdentifyOptions:
             f"The share is {self.share}; it lies between 0 and 1, the report's is 0.04.",
         )
         require_unique("response in keep and leave_out", (*self.keep, *self.leave_out))
+        require(
+            not (self.adapt and self.prior),
+            "Terms with a-priori values are not added or deleted. Leave `adapt` or `prior` out.",
+        )
+        for name, values in self.prior.items():
+            require(
+                "." in name and len(values) == 2 and values[1] > 0,
+                f"The prior of {name!r} is {values}. Name a term, such as 'Cm.alpha', and give its "
+                "mean and a positive standard deviation.",
+            )
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -83,7 +102,21 @@ class IdentifyOptions:
             self.fix,
             *((self.subset,) if isinstance(self.subset, Mapping) else ()),
         )
-        return (*self.keep, *self.leave_out, *(name for option in by_name for name in option))
+        return (
+            *self.keep,
+            *self.leave_out,
+            *(name for option in by_name for name in option),
+            *self.prior_terms,
+        )
+
+    @property
+    def prior_terms(self) -> dict[str, tuple[str, ...]]:
+        """Terms with a-priori values, by response."""
+        parts = [name.partition(".") for name in self.prior]
+        return {
+            response: tuple(term for other, _, term in parts if other == response)
+            for response, _, _ in parts
+        }
 
     def subset_of(self, response: str) -> SubsetOptions:
         """Return the levels of the regression for one response."""

@@ -333,6 +333,21 @@ def test_start_that_diverges_takes_lower_powers_and_says_so():
     assert float(result.estimate.cost) < result.start.cost
 
 
+def test_named_terms_that_diverge_are_estimated_by_multiple_shooting():
+    """The wrong cubic term makes the motion escape in the whole record, not in its pieces; the
+    estimate in these starts the whole record, which then has the values of a correct start.
+    """
+    terms = {"stiffness": tuple(TRUE)}
+    options = IdentifyOptions(terms=terms, share=0.0)
+    result = identify(EMPTY, misled(0.0, 2.5), options=options)
+    assert result.reduced.startswith("started from an estimate in pieces of ")
+    assert result.equations["stiffness"].regression.names == terms["stiffness"]
+    assert result.records.t.shape == (1, 200)
+    known = identify(EMPTY, misled(0.0, 0.0), options=options)
+    assert known.reduced == ""
+    np.testing.assert_allclose(result.estimate.values, known.estimate.values, rtol=1e-5)
+
+
 def test_structure_that_never_starts_is_refused_with_its_cause():
     with pytest.raises(InputError) as caught:
         identify(EMPTY, misled(2e4, 0.0))

@@ -65,6 +65,18 @@ def test_terms_are_selected_without_angular_accelerations(tmp_path):
         assert error < 4.0 * row["standard_error"], name
 
 
+def test_prior_of_the_file_is_that_of_the_estimate(tmp_path):
+    """A narrow a-priori value decides; the deviation is that of the file."""
+    text = STUDY.replace(
+        "[identify.candidates]", 'prior = { "Cm.qhat" = [-20.0, 1e-3] }\n[identify.candidates]'
+    )
+    with contextlib.redirect_stdout(io.StringIO()):
+        COMMAND(write_study(tmp_path, text), json=tmp_path / "terms.json")
+    row = json.loads((tmp_path / "terms.json").read_text())["parameters"]["Cm.qhat"]
+    assert abs(row["value"] + 20.0) < 4e-3
+    assert abs(row["standard_error"] - 1e-3) < 5e-5
+
+
 def test_angular_acceleration_is_needed_on_samples_alone(tmp_path):
     study = write_study(tmp_path, STUDY.replace("weak_radius = 0.6\n", ""))
     with pytest.raises(InputError, match="the model needs 'qdot' for the coefficients"):

@@ -13,6 +13,9 @@ import pytest
 from printed_code import blocks
 from written_flight import MASS, NOISE, SIZE, SURFACES, TRUE, flight, write_hfb, write_sidpac
 
+from jaxid import read_sidpac
+from jaxid.data.smoothing import Fourier, differentiate
+
 GUIDE = Path(__file__).resolve().parent.parent.parent / "docs" / "real_records.md"
 RATES = {"p": "pdot", "q": "qdot", "r": "rdot"}
 WORST = 4.0  # standard errors
@@ -80,6 +83,41 @@ def test_sidpac_record_is_identified(guide):
     }
     deviations = standardised(result)
     assert max(map(abs, deviations.values())) < WORST, deviations
+
+
+def test_regression_equals_ordinary_least_squares_on_measured_pressure(guide):
+    """Coefficients by hand from the recorded dynamic pressure, accelerations and rates, and NumPy's
+    least squares.
+    """
+    result = guide["found"]
+    record = differentiate(read_sidpac(guide["folder"] / "flight.mat"), RATES, Fourier())
+    z = {n: np.asarray(record.channel(n)) for n in (*record.inputs, *record.outputs)}
+    p, q, r = z["p"], z["q"], z["r"]
+    half = {"phat": SIZE["b"] * p, "qhat": SIZE["cbar"] * q, "rhat": SIZE["b"] * r}
+    signals = z | {name: value / (2.0 * z["V"]) for name, value in half.items()}
+    signals |= {name: z[name] - result.centre[name] for name in ("alpha", "beta")}
+    pressure, inertia = z["qbar"] * SIZE["S"], MASS
+    thrust = z["thrust"] if "thrust" in z else float(record.constants["thrust"])
+    forces = [inertia["mass"] * z[name] for name in ("ax", "ay", "az")]
+    forces[0] = forces[0] - thrust
+    Ix, Iy, Iz, Ixz = (inertia[name] for name in ("Ix", "Iy", "Iz", "Ixz"))
+    moments = [
+        Ix * z["pdot"] - Ixz * (z["rdot"] + p * q) + (Iz - Iy) * q * r,
+        Iy * z["qdot"] + (Ix - Iz) * p * r + Ixz * (p**2 - r**2),
+        Iz * z["rdot"] - Ixz * (z["pdot"] - q * r) + (Iy - Ix) * p * q,
+    ]
+    lengths = (1.0, 1.0, 1.0, SIZE["b"], SIZE["cbar"], SIZE["b"])
+    for name, load, length in zip(TRUE, (*forces, *moments), lengths, strict=True):
+        regression = result.equations[name].regression
+        columns = [np.ones_like(p)]
+        for term in regression.names:
+            base, _, power = term.partition("^")
+            columns.append(signals[base] ** int(power or 1))
+        values, *_ = np.linalg.lstsq(
+            np.stack(columns, axis=1), load / (pressure * length), rcond=None
+        )
+        ours = np.array([regression.constant, *regression.values])
+        np.testing.assert_allclose(ours, values, rtol=1e-6, err_msg=name)
 
 
 def test_consistency_of_sidpac_record_finds_gyro_noise_level(guide):

@@ -44,8 +44,8 @@ LATERAL_PRODUCTS = (
 # chosen after Table 6.1: even in the lateral signals for the symmetric coefficients, odd for the
 # others
 CANDIDATE_PRODUCTS = {
-    **dict.fromkeys(("CX", "CZ", "Cm"), SYMMETRIC_PRODUCTS),
-    **dict.fromkeys(("CY", "Cl", "Cn"), LATERAL_PRODUCTS),
+    **dict.fromkeys(("CX", "CZ", "Cm", "CD", "CL"), SYMMETRIC_PRODUCTS),
+    **dict.fromkeys(("CY", "Cl", "Cn", "CC"), LATERAL_PRODUCTS),
 }
 
 

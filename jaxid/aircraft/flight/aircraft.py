@@ -104,6 +104,11 @@ class Aircraft(AbstractModel):
             engines is None or len(engines) > 0,
             "An aircraft has at least one engine; give one of zero thrust.",
         )
+        require(
+            controls is not None or bool(airframe.limits),
+            f"Airframe {airframe.name!r} has no limits of its surfaces, which the standard "
+            "actuators need. Give it `limits`, or controls such as `MeasuredSurfaces()`.",
+        )
         self.airframe = airframe
         self.engines = (Engine(ConstantThrust(0.0)),) if engines is None else engines
         self.controls = (

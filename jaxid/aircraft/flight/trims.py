@@ -364,7 +364,7 @@ def _set(flight: _SteadyFlight, trim: Trim) -> Trimmed:
 
 def _limits(aircraft: Aircraft, setting_limits) -> dict:
     """Return lower and upper limits of all unknowns: surfaces, engine setting and angles."""
-    stops = dict(aircraft.airframe.limits)
+    stops = dict.fromkeys(SURFACES, (-np.pi / 2, np.pi / 2)) | aircraft.airframe.limits
     if isinstance(aircraft.controls, ControlSystem):
         actuators = zip(SURFACES, aircraft.controls.actuators, strict=True)
         stops = {name: (actuator.lower, actuator.upper) for name, actuator in actuators}

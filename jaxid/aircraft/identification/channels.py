@@ -7,6 +7,7 @@ from ..._foundation.checks import require, require_known, require_unique
 from ..air.turbulence import GUSTS
 from ..instruments.channels import ANGULAR, FORCE, RATES
 from ..vehicle.controls import SURFACES
+from ..vehicle.force_axes import FORCE_AXES, ForceAxes
 from .frames import FRAMES, Translation
 
 EULER_ANGLES = ("phi", "pitch", "psi")
@@ -18,7 +19,7 @@ STATE_GROUPS = {
 }
 AIR_PATH_STATES = {"u": "V", "v": "beta", "w": "alpha"}
 # signals other than states and surfaces that can be measured or held
-OTHER_SIGNALS = ("thrust", "altitude", "density", *ANGULAR)
+OTHER_SIGNALS = ("thrust", "altitude", "density", "sound_speed", *ANGULAR)
 MOMENT_STATES = dict(zip(("Cl", "Cm", "Cn"), RATES, strict=True))
 
 
@@ -35,12 +36,14 @@ class Channels(NamedTuple):
 
     Attributes:
         frame: "body" or "air path".
+        axes: axes of the force coefficients, a name in `FORCE_AXES`.
         states, inputs, outputs: names in order.
         measured: inputs that are neither surfaces nor histories of states.
         held: names of the constants.
     """
 
     frame: str
+    axes: str
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -53,14 +56,31 @@ class Channels(NamedTuple):
         return FRAMES[self.frame]
 
     @property
+    def force(self) -> ForceAxes:
+        """The three force coefficients."""
+        return FORCE_AXES[self.axes]
+
+    @property
     def equation(self) -> dict[str, str]:
         """State whose equation a coefficient dominates, by coefficient: `Cm` and `q`."""
-        return {**self.translation.equation, **MOMENT_STATES}
+        forces = zip(self.force.names, self.translation.equation.values(), strict=True)
+        return {**dict(forces), **MOMENT_STATES}
 
     @property
     def responses(self) -> tuple[str, ...]:
         """Coefficients whose equations are propagated."""
         return tuple(name for name, state in self.equation.items() if state in self.states)
+
+    def affected(self, coefficient: str) -> tuple[str, ...]:
+        """Return the propagated states whose rates a coefficient may change.
+
+        Args:
+            coefficient: one in these axes or in body axes.
+        """
+        if coefficient in self.translation.affected:
+            return self.translation.affected_states(coefficient, self.states)
+        own = self.translation.names if coefficient in self.force.names else ()
+        return _among((*own, *RATES), self.states)
 
     @property
     def owner(self) -> dict[str, str]:
@@ -145,6 +165,7 @@ def arrange_channels(
     held: Iterable[str],
     instruments: tuple[str, ...],
     outputs: Sequence[str] | None,
+    axes: str = "body",
 ) -> Channels:
     """Return the channels for a choice of states, in an order independent of the choice's order.
 
@@ -156,6 +177,7 @@ def arrange_channels(
         held: names of the constants.
         instruments: channels on board.
         outputs: a selection of these channels; None for all that depend on a propagated equation.
+        axes: axes of the force coefficients.
 
     Raises:
         InputError: for an unknown name, a name with two roles, an altitude without a role, or an
@@ -167,13 +189,14 @@ def arrange_channels(
     _check_states(chosen, measured, possible)
     # A state that is not propagated is measured or held; so is the acceleration of such a rate.
     accelerations = tuple(f"{name}dot" for name in _except(RATES, chosen))
-    others = _among(OTHER_SIGNALS, ("thrust", "altitude", "density", *accelerations))
+    others = _among(OTHER_SIGNALS, (*OTHER_SIGNALS[:4], *accelerations))
     histories = _except(possible, (*chosen, "psi", "altitude"))
     require_known("input (in `measured`)", measured, (*others, *GUSTS[:3]))
     require_known("constant (in `held`)", held, (*SURFACES, *others, *histories))
     _check_one_role(chosen, measured, held)
     return Channels(
         frame=frame,
+        axes=axes,
         states=_among(possible, chosen),
         inputs=(
             *_except(SURFACES, held),

@@ -9,13 +9,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._foundation.checks import require
 from ..._foundation.types import Array, Bool
 from ...data.record import Record
 from ...models.pseudo_measurements import PseudoMeasurements, WeakMeasurements
 from ..instruments.channels import ANGULAR, FORCE, RATES
-from ..vehicle.aerodynamics import COEFFICIENTS
 from ..vehicle.controls import SURFACES
+from ..vehicle.force_axes import FORCES
 from .motion import RigidMotion, Signals
+from .rate_signals import needed_rates
 from .readings import AIR_DATA, Readings
 from .records import Histories, histories, missing
 
@@ -46,9 +48,9 @@ def pseudo_measurements(
     """
     measured, known = histories(readings, record)
     _require_needed((*_needed(motion), *ANGULAR), record, (*measured, *known, *motion.held))
-    coefficients, signals = _coefficients(motion, readings, measured, known)
+    coefficients, tables, signals = _coefficients(motion, readings, measured, known)
     responses = {name: coefficients[name] for name in motion.channels.responses}
-    signals = {name: signals[name] for name in REGRESSION_SIGNALS}
+    signals = _factors(motion, record, candidates, signals)
     valid = _finite(responses, signals)
     return PseudoMeasurements(
         t=record.t,
@@ -57,6 +59,7 @@ def pseudo_measurements(
         valid=valid,
         candidates=tuple((name, candidates.get(name, ())) for name in responses),
         centred=("alpha", "beta"),
+        known={name: jnp.where(valid, tables[name], 0.0) for name in responses if name in tables},
     )
 
 
@@ -81,8 +84,9 @@ def weak_measurements(
     """
     measured, known = map(_without_angular, histories(readings, record))
     _require_needed(_needed(motion), record, (*measured, *known, *motion.held))
+    _require_at_cg(motion, readings)
     *equations, signals = _weak_parts(motion, readings, measured, known)
-    signals = {name: signals[name] for name in REGRESSION_SIGNALS}
+    signals = _factors(motion, record, candidates, signals)
     responses = motion.channels.responses
     multipliers, *parts = ({name: each[name] for name in responses} for each in equations)
     valid = _finite(signals, multipliers, *parts)
@@ -94,6 +98,35 @@ def weak_measurements(
         valid=valid,
         candidates=tuple((name, candidates.get(name, ())) for name in responses),
         centred=("alpha", "beta"),
+    )
+
+
+def _factors(
+    motion: RigidMotion,
+    record: Record,
+    candidates: Mapping[str, tuple[str, ...]],
+    signals: Histories,
+) -> Histories:
+    """Return the factors of terms, with the rates of the air angles if a candidate has them."""
+    own = {name: candidates.get(name, ()) for name in motion.channels.responses}
+    rates = needed_rates(own, motion.channels)
+    for name in ("phi", "pitch") if rates else ():
+        if name not in signals:
+            raise missing(record, name, "for the rates of the air angles")
+    return {name: signals[name] for name in (*REGRESSION_SIGNALS, *rates)}
+
+
+def _require_at_cg(motion: RigidMotion, readings: Readings) -> None:
+    """Refuse the weak form of lift and drag from accelerometers off the centre of gravity.
+
+    The share of the angular accelerations in lift and drag then varies with the angles.
+    """
+    position = readings.instruments.position
+    off = [name for name in FORCE if name in position.channels and np.any(position[name])]
+    require(
+        motion.channels.axes == "body" or not off,
+        "The weak form of lift and drag needs accelerometers at the centre of gravity. Correct "
+        "them first (`corrected_accelerations`), or take the regression on samples.",
     )
 
 
@@ -121,8 +154,9 @@ def _require_needed(needed: tuple[str, ...], record: Record, available: tuple[st
 def _needed(motion: RigidMotion) -> tuple[str, ...]:
     """Return the channels that the coefficients need, without angular accelerations."""
     channels = motion.channels
-    forces = zip(("CX", "CY", "CZ"), FORCE, strict=True)
-    accelerometers = tuple(name for force, name in forces if force in channels.responses)
+    body = {force for name in channels.responses for force in channels.force.body.get(name, ())}
+    forces = zip(FORCES, FORCE, strict=True)
+    accelerometers = tuple(name for force, name in forces if force in body)
     if bool(np.any(np.asarray(motion.airframe.reference) != 0.0)):  # every force makes a moment
         accelerometers = FORCE
     measured = tuple(name for name in channels.measured if name not in ANGULAR)
@@ -133,11 +167,14 @@ def _needed(motion: RigidMotion) -> tuple[str, ...]:
 @eqx.filter_jit
 def _coefficients(
     motion: RigidMotion, readings: Readings, measured: Histories, known: Histories
-) -> tuple[Histories, Histories]:
-    """Return the six coefficients and all signals at each sample."""
-    return jax.vmap(lambda measured, known: motion.coefficients(readings.motion(measured, known)))(
-        measured, known
-    )
+) -> tuple[Histories, Histories, Histories]:
+    """Return the six coefficients, their known parts, and all signals at each sample."""
+
+    def at(measured: Signals, known: Signals) -> tuple[Signals, Signals, Signals]:
+        coefficients, signals = motion.coefficients(readings.motion(measured, known))
+        return coefficients, motion.known_coefficients(signals), signals
+
+    return jax.vmap(at)(measured, known)
 
 
 @eqx.filter_jit
@@ -153,15 +190,18 @@ def _weak_parts(
     def at(measured: Signals, known: Signals) -> tuple[Signals, Signals, Signals, Signals]:
         at_rest = readings.motion(measured, known | dict.fromkeys(ANGULAR, jnp.zeros(())))
         coefficients, signals = motion.coefficients(at_rest)
+        tables = motion.known_coefficients(signals)
         rates = {dot: at_rest[rate] for dot, rate in zip(ANGULAR, RATES, strict=True)}
         moving, _ = motion.coefficients(readings.motion(measured, known | rates))
         lengths = (1.0, 1.0, 1.0, *motion.airframe.lengths)
         pressure_area = signals["qbar"] * motion.airframe.S
+        names = motion.channels.force.coefficients
         multipliers = {
-            name: pressure_area * length for name, length in zip(COEFFICIENTS, lengths, strict=True)
+            name: pressure_area * length for name, length in zip(names, lengths, strict=True)
         }
-        static = {name: multipliers[name] * coefficients[name] for name in COEFFICIENTS}
-        momenta = {name: multipliers[name] * moving[name] - static[name] for name in COEFFICIENTS}
-        return multipliers, static, momenta, signals
+        static = {name: multipliers[name] * coefficients[name] for name in names}
+        momenta = {name: multipliers[name] * moving[name] - static[name] for name in names}
+        unknown = {name: static[name] - multipliers[name] * tables.get(name, 0.0) for name in names}
+        return multipliers, unknown, momenta, signals
 
     return jax.vmap(at)(measured, known)

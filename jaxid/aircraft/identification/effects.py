@@ -34,11 +34,10 @@ def effects_of(
         channels: channels of the model.
         terms: terms of the model by coefficient.
     """
-    affected = {
-        name: channels.translation.affected_states(name, channels.states)
-        for name in channels.responses
-    }
+    affected = {name: channels.affected(name) for name in channels.responses}
     absent = absent_terms(terms, affected)
+    in_body_axes = channels._replace(axes="body")
+    affected = {name: in_body_axes.affected(name) for name in in_body_axes.responses}
     names = tuple(
         name for name in parameter_names(canonical(model)) if _has_influence(name, channels)
     )

@@ -10,33 +10,39 @@ from ..._foundation.checks import require_known
 from ...data.record import Record
 from ..flight.aircraft import Aircraft
 from ..flight.simulate_flight import Flight
-from ..vehicle.aerodynamics_polynomial import PolynomialAerodynamics
+from ..vehicle.aerodynamics_lift_drag import without_terms
 from ..vehicle.controls import SURFACES
 from .model import IdentificationModel
 
 
-def from_aircraft(aircraft: Aircraft, **options: Any) -> IdentificationModel:
+def from_aircraft(
+    aircraft: Aircraft, *, force_axes: str = "body", **options: Any
+) -> IdentificationModel:
     """Return an identification model of an aircraft with empty polynomials.
 
     Mass, size, engines and instruments are taken from the aircraft. The instruments keep their
-    errors; give other instruments if their errors are unknown. By default the altitude is measured,
-    and so is the thrust of engines without constant thrust; `flight_record` has both. Wind, buffet
-    and control system are not modelled.
+    errors; give other instruments if their errors are unknown. V is the indicated airspeed and beta
+    the flank angle of a vane, as simulated instruments measure them. By default the altitude is
+    measured, and so is the thrust of engines without constant thrust; `flight_record` has both.
+    Wind, buffet and control system are not modelled.
 
     Args:
         aircraft: an aircraft, such as `Flight.aircraft`.
+        force_axes: "body", "stability" or "wind", see `model_of`.
         options: options of `IdentificationModel`.
 
     Raises:
         InputError: as `IdentificationModel`.
     """
     airframe = eqx.tree_at(
-        lambda frame: frame.aerodynamics, aircraft.airframe, PolynomialAerodynamics({})
+        lambda frame: frame.aerodynamics, aircraft.airframe, without_terms(force_axes)
     )
     given = {
         "engines": aircraft.engines,
         "instruments": aircraft.instruments,
         "atmosphere": aircraft.atmosphere,
+        "airspeed": "indicated",
+        "beta": "vane",
     }
     placed = {*options.get("held", {}), *options.get("states", ()), *options.get("measured", ())}
     measured = tuple(name for name in _unmodelled_channels(aircraft) if name not in placed)

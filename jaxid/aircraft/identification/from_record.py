@@ -1,19 +1,20 @@
 """Models of an aircraft from the constants and channels of its record."""
 
+import inspect
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ..._foundation.checks import require
+from ..._foundation.checks import require, require_known
 from ...data.record import Record
 from ..instruments.channels import ANGULAR, CHANNELS
 from ..instruments.instruments import Instruments
 from ..physics.mass import MassProperties
-from ..reconstruction.kinematics import KINEMATIC_OUTPUTS, Kinematics
+from ..reconstruction.kinematics import KINEMATIC_OUTPUTS, LONGITUDINAL_OUTPUTS, Kinematics
 from ..records.air_data import air_known
 from ..records.plausibility import require_plausible
-from ..vehicle.aerodynamics_polynomial import PolynomialAerodynamics
+from ..vehicle.aerodynamics_lift_drag import without_terms
 from ..vehicle.airframe import Airframe
 from ..vehicle.controls import SURFACES
 from .channels import group_states, owners
@@ -28,7 +29,6 @@ AFFECTED_BY_SURFACE = {
     "aileron": LATERAL_STATES,
     "rudder": LATERAL_STATES,
 }
-MAX_DEFLECTION = np.pi / 2  # rad; chosen: the stops of the surfaces are not used in this model
 
 
 def model_of(
@@ -43,6 +43,7 @@ def model_of(
     b: float | None = None,
     cbar: float | None = None,
     reference: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    force_axes: str = "body",
     check: bool = True,
     **options: Any,
 ) -> IdentificationModel:
@@ -93,10 +94,13 @@ def model_of(
         cbar: mean chord [m].
         reference: reference point of the moment coefficients relative to the centre of gravity,
             body axes [m].
+        force_axes: "body" for CX, CY, CZ; "stability" or "wind" for drag, side force and lift
+            (`LiftDragAerodynamics`).
         check: refuse a record whose magnitudes indicate another unit or sign (`require_plausible`).
         options: options of `IdentificationModel`; they take precedence over the record. By default
             the instruments are error-free and at the centre of gravity, V is the true airspeed and
-            beta the sideslip.
+            beta the sideslip. `instruments` may be the arguments of `Instruments`, as a study file
+            has them: `{"position": {"alpha": [13.0, 0.0, 0.0]}}`.
 
     Raises:
         InputError: for a stack; if mass or size is not known, or an argument differs from the
@@ -107,13 +111,9 @@ def model_of(
         not record.is_stack,
         "This is a stack of records. Make the model of one of them: `model_of(stack[0])`.",
     )
-    chosen: dict[str, Any] = {
-        "airspeed": "true",
-        "beta": "sideslip",
-        "instruments": Instruments(),
-        "frame": "body",
-    }
+    chosen: dict[str, Any] = {"airspeed": "true", "instruments": Instruments(), "frame": "body"}
     chosen.update(options)
+    chosen["instruments"] = _instruments(chosen["instruments"])
     states = chosen["states"] = _states(record, chosen.get("states", "coupled"), chosen["frame"])
     given = {"mass": mass, "Ix": Ix, "Iy": Iy, "Iz": Iz, "Ixz": Ixz, "S": S, "b": b, "cbar": cbar}
     known = _constants(record, given, across=bool({*LATERAL_STATES} & {*states}))
@@ -124,8 +124,7 @@ def model_of(
         S=known["S"],
         b=known["b"],
         cbar=known["cbar"],
-        aerodynamics=PolynomialAerodynamics({}),
-        limits=dict.fromkeys(SURFACES, (-MAX_DEFLECTION, MAX_DEFLECTION)),
+        aerodynamics=without_terms(force_axes),
         reference=reference,
     )
     if check:
@@ -145,7 +144,8 @@ def model_of(
 def kinematics_of(record: Record, **options: Any) -> Kinematics:
     """Return the kinematic model of a record, for `jaxid.consistency`.
 
-    Its outputs are the kinematic outputs that the record has.
+    Its outputs are the kinematic outputs that the record has. A record without ay, p and r is one
+    of symmetric flight (`longitudinal=True`).
 
     Args:
         record: a record or a stack.
@@ -155,15 +155,27 @@ def kinematics_of(record: Record, **options: Any) -> Kinematics:
         InputError: if none of V, alpha, beta, phi, pitch, psi, altitude is an output of the record;
             as `Kinematics`.
     """
-    outputs = tuple(name for name in KINEMATIC_OUTPUTS if name in record.outputs)
+    channels = {*record.inputs, *record.outputs}
+    longitudinal = bool(options.get("longitudinal", not {"ay", "p", "r"} & channels))
+    possible = LONGITUDINAL_OUTPUTS if longitudinal else KINEMATIC_OUTPUTS
+    outputs = tuple(name for name in possible if name in record.outputs)
     require(
         len(outputs) > 0,
-        f"Record {record.names[0]!r} has none of {', '.join(KINEMATIC_OUTPUTS)} among its "
+        f"Record {record.names[0]!r} has none of {', '.join(possible)} among its "
         "outputs, so that accelerations and rates have nothing to agree with. Measure one of them.",
     )
-    chosen: dict[str, Any] = {"instruments": Instruments(outputs), "beta": "sideslip"}
+    chosen: dict[str, Any] = {"instruments": Instruments(outputs), "longitudinal": longitudinal}
     chosen.update(options)
     return Kinematics(**chosen)
+
+
+def _instruments(given: Instruments | Mapping[str, Any]) -> Instruments:
+    """Return instruments, also from their arguments."""
+    if isinstance(given, Instruments):
+        return given
+    known = tuple(inspect.signature(Instruments).parameters)
+    require_known("argument of `Instruments`", given, known)
+    return Instruments(**given)
 
 
 def _states(record: Record, states: Any, frame: str) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ from .effects import effects_of
 from .motion import RigidMotion
 from .readings import Readings
 from .records import at_constants, prepared
-from .regressors import TABLE_6_1
+from .regressors import TABLE_6_1, USUAL_RANGES, in_axes
 from .units import units_of
 
 
@@ -67,8 +67,8 @@ class IdentificationModel(AbstractModel):
             names among u v w (V alpha beta) p q r phi pitch psi altitude.
         frame: "body" or "air path".
         measured: inputs in addition to the surfaces and the states that are not propagated: thrust
-            [N], altitude [m], density [kg/m^3], pdot, qdot, rdot of rates that are not propagated
-            [rad/s^2], and `gust_u` to `gust_w`, the velocity of the air [m/s].
+            [N], altitude [m], density [kg/m^3], sound_speed [m/s], pdot, qdot, rdot of rates that
+            are not propagated [rad/s^2], and `gust_u` to `gust_w`, the velocity of the air [m/s].
         held: constants that replace states or inputs, by name [SI]. The altitude must be here if it
             is neither a state nor measured: it determines density and speed of sound.
         engines: engines without states, unless the thrust is measured or held; the engines then
@@ -78,11 +78,11 @@ class IdentificationModel(AbstractModel):
             errors correct measured histories. By default error-free ones at the centre of gravity.
         outputs: a selection of the instruments' channels.
         atmosphere: the standard atmosphere by default.
-        airspeed: meaning of the channel V: "indicated" airspeed (D.2.4), or "true" airspeed.
-        beta: meaning of the channel beta: the flank angle atan2(v, u) of a "vane" (D.2.6), or the
-            "sideslip" asin(v/V) (E.14).
+        airspeed: meaning of the channel V: "true" airspeed, or "indicated" airspeed (D.2.4).
+        beta: meaning of the channel beta: the "sideslip" asin(v/V) (E.14), or the flank angle
+            atan2(v, u) of a "vane" (D.2.6).
         candidates: terms by coefficient for the regression; by default Table 6.1 (`extended` adds
-            terms to it).
+            terms to it). Terms of CX, CY, CZ serve CD, CY or CC, CL where these are the forces.
 
     Raises:
         InputError: for an unknown state, input, output or coefficient, a name with two roles, an
@@ -116,8 +116,8 @@ class IdentificationModel(AbstractModel):
         instruments: Instruments | None = None,
         outputs: Sequence[str] | None = None,
         atmosphere: AbstractAtmosphere | None = None,
-        airspeed: str = "indicated",
-        beta: str = "vane",
+        airspeed: str = "true",
+        beta: str = "sideslip",
         candidates: Mapping[str, Sequence[str]] | None = None,
     ):
         require_known("meaning of V", [airspeed], ("indicated", "true"))
@@ -127,14 +127,20 @@ class IdentificationModel(AbstractModel):
         self.instruments = Instruments() if instruments is None else instruments
         self.atmosphere = StandardAtmosphere() if atmosphere is None else atmosphere
         self.channels = arrange_channels(
-            states, frame, measured, held or {}, self.instruments.channels, outputs
+            states,
+            frame,
+            measured,
+            held or {},
+            self.instruments.channels,
+            outputs,
+            airframe.aerodynamics.force_axes,
         )
         given = {name: (held or {}).get(name, 0.0) for name in self.channels.held}
         self.held = {name: jnp.asarray(value, float) for name, value in given.items()}
         self.airspeed, self.beta = airspeed, beta
         candidates = TABLE_6_1 if candidates is None else candidates
-        require_known("aerodynamic coefficient (in `candidates`)", candidates, COEFFICIENTS)
-        self.candidates = tuple((name, tuple(terms)) for name, terms in candidates.items())
+        chosen = in_axes(candidates, self.channels.force)
+        self.candidates = tuple((name, tuple(terms)) for name, terms in chosen.items())
         _check_engines(self.engines, self.channels)
 
     @property
@@ -176,9 +182,10 @@ class IdentificationModel(AbstractModel):
 
         Returns:
             Inputs, states and held constants, `u v w`, the signals of `air_relative.flow` (`alpha`,
-            `beta`, `V`, `mach`, `qbar`, `phat`, `qhat`, `rhat` and others), `thrust`, the six
-            coefficients, and the derivatives of the state rates by the coefficients, `p_per_Cl` and
-            so on.
+            `beta`, `V`, `mach`, `qbar`, `phat`, `qhat`, `rhat` and others), `thrust`, the
+            coefficients in body axes and in those of the model, and the derivatives of the state
+            rates by the coefficients, `p_per_Cl` and so on; `alphadot_hat` and `betadot_hat` if a
+            term depends on them.
         """
         return self.rhs_and_signals(t, x, u)[1]
 
@@ -188,8 +195,7 @@ class IdentificationModel(AbstractModel):
     def rhs_and_signals(self, t, x, u):
         motion = self.motion
         signals = motion.flow(x, u)
-        coefficients = self.airframe.aerodynamics.coefficients(signals)
-        signals |= dict(zip(COEFFICIENTS, coefficients, strict=True))
+        coefficients, signals = motion.coefficient_signals(signals)
         rates = motion.rates(signals, coefficients)
         return jnp.stack([rates[name] for name in self.states]), signals | motion.effectiveness(
             signals
@@ -303,6 +309,9 @@ class IdentificationModel(AbstractModel):
 
     def effects(self):
         return effects_of(self, self.channels, self.airframe.aerodynamics.terms)
+
+    def usual_ranges(self):
+        return USUAL_RANGES
 
     def input_rates(self, t, x, u):
         """Return the rates of the attitude angles and the altitude that are inputs."""

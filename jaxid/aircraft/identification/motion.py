@@ -10,9 +10,9 @@ import numpy as np
 from ..._foundation.types import Array, Float
 from ..air.atmosphere import GRAVITY, AbstractAtmosphere
 from ..air.turbulence import GUSTS
-from ..instruments.channels import ANGULAR, FORCE, RATES
+from ..instruments.channels import ANGULAR, FLOW, FORCE, RATES
 from ..instruments.inverse import air_of
-from ..physics.frames import downwards, euler_rates
+from ..physics.frames import air_angle_rates, downwards, euler_rates
 from ..physics.rigid_body import solve_3x3, specific_force
 from ..vehicle.aerodynamics import COEFFICIENTS
 from ..vehicle.air_relative import flow
@@ -21,6 +21,7 @@ from ..vehicle.engine import Engine, loads
 from ..vehicle.force_derivatives import effectiveness
 from .channels import Channels
 from .frames import Translation
+from .rate_signals import RATE_SIGNALS, needed_rates, solve_2x2
 
 Signals = dict[str, Float[Array, ""]]
 
@@ -65,6 +66,61 @@ class RigidMotion(eqx.Module):
         )
         return signals | {"thrust": jnp.sum(jnp.stack(self.engine_thrusts(signals)))}
 
+    def coefficient_signals(self, signals: Signals) -> tuple[Float[Array, "6"], Signals]:
+        """Return CX to Cn, and the signals with all coefficients by name.
+
+        Where terms depend on the rates of alpha and beta, which the coefficients determine, the
+        linear equations of both are solved (`C xdot = f`, E.21):
+
+            d = g(C(d)) = g(C(0)) + G d,    (I - G) d = g(C(0)),    d = (alphadot_hat, betadot_hat)
+
+        Args:
+            signals: signals from `flow`.
+
+        Raises:
+            InputError: if a term is not linear in the rates, or the equation of the angle is not
+                propagated.
+        """
+        aerodynamics = self.airframe.aerodynamics
+        if needed_rates(aerodynamics.terms, self.channels):
+
+            def resulting(rates: Float[Array, "2"]) -> Float[Array, "2"]:
+                given = signals | dict(zip(RATE_SIGNALS, rates, strict=True))
+                vdot, _ = self._accelerations(given, aerodynamics.coefficients(given))
+                return self.reduced_air_rates(signals, vdot)
+
+            base, slopes = resulting(jnp.zeros(2)), jax.jacfwd(resulting)(jnp.zeros(2))
+            rates = solve_2x2(jnp.eye(2) - slopes, base)
+            signals = signals | dict(zip(RATE_SIGNALS, rates, strict=True))
+        values = aerodynamics.coefficients(signals)
+        return values, signals | self._named(signals, values)
+
+    def reduced_air_rates(self, signals: Signals, vdot: Float[Array, "3"]) -> Float[Array, "2"]:
+        """Return `alphadot cbar/2V` and `betadot b/2V`, with the propagated parts of `vdot` only.
+
+        The velocity of the air is taken as constant.
+
+        Args:
+            signals: signals from `flow`.
+            vdot: rate of the velocity in body axes [m/s^2].
+        """
+        velocity = _vector(signals, "uvw")
+        rates = self._translation.rates(velocity, vdot)
+        propagated = np.array([name in self.channels.states for name in self._translation.names])
+        vdot = self._translation.accelerations(velocity, jnp.where(propagated, rates, 0.0))
+        alphadot, betadot = air_angle_rates(_vector(signals, FLOW), vdot)
+        lengths = jnp.stack([self.airframe.cbar, self.airframe.b])
+        return jnp.stack([alphadot, betadot]) * lengths / (2.0 * signals["V"])
+
+    def _named(self, signals: Signals, values: Float[Array, "6"]) -> Signals:
+        """Return the coefficients by name, in body axes and in the axes of the model."""
+        body = dict(zip(COEFFICIENTS, values, strict=True))
+        if self.channels.axes == "body":
+            return body
+        force = self.channels.force
+        turned = force.matrix(signals["alpha"], signals["beta"]).T @ values[:3]
+        return dict(zip(force.names, turned, strict=True)) | body
+
     def engine_thrusts(self, signals: Signals) -> list[Float[Array, ""]]:
         """Return the thrust of each engine [N].
 
@@ -108,7 +164,7 @@ class RigidMotion(eqx.Module):
         given = dict(zip(self.channels.states, dx, strict=True))
         rates = dict(given)
         if not {*self._translation.names, *RATES} <= set(given):
-            rates = self.rates(signals, self.airframe.aerodynamics.coefficients(signals)) | given
+            rates = self.rates(signals, self.coefficient_signals(signals)[0]) | given
         velocity, omega = _vector(signals, "uvw"), _vector(signals, RATES)
         vdot = self._translation.accelerations(velocity, _vector(rates, self._translation.names))
         omegadot = _vector(rates, RATES)
@@ -130,10 +186,10 @@ class RigidMotion(eqx.Module):
         columns = dict(zip(self._translation.names, translated.T, strict=True))
         columns |= dict(zip(RATES, slopes[:, 3:].T, strict=True))
         return {
-            f"{state}_per_{coefficient}": column[k]
+            f"{state}_per_{coefficient}": slope
             for state, column in columns.items()
             if state in self.channels.states
-            for k, coefficient in enumerate(COEFFICIENTS)
+            for coefficient, slope in self._named(signals, column).items()
         }
 
     def coefficients(self, true: Mapping[str, Float[Array, ""]]) -> tuple[Signals, Signals]:
@@ -144,10 +200,11 @@ class RigidMotion(eqx.Module):
         Args:
             true: `u v w`, rates, angular accelerations and specific forces at the centre of
                 gravity, surfaces, and the signals that determine air and engines [SI]. A missing
-                specific force counts as zero.
+                specific force counts as zero. A measured `qbar` precedes `density V^2/2`.
 
         Returns:
-            The six coefficients, and all signals of the instant.
+            The six coefficients in the axes of the model, and all signals of the instant, with the
+            reduced rates of alpha and beta if the attitude is known.
         """
         airframe, mass = self.airframe, self.airframe.mass_properties
         velocity, omega, omegadot = (
@@ -156,6 +213,9 @@ class RigidMotion(eqx.Module):
             _vector(true, ANGULAR),
         )
         signals = dict(true) | flow(airframe, air_of(self.atmosphere, true), velocity, omega)
+        if "qbar" in true:
+            measured = jnp.isfinite(true["qbar"])
+            signals["qbar"] = jnp.where(measured, true["qbar"], signals["qbar"])
         thrusts = self.engine_thrusts(signals)
         signals |= {"thrust": jnp.sum(jnp.stack(thrusts))}
         engine_force, engine_moment, momentum = loads(self.engines, thrusts)
@@ -166,7 +226,21 @@ class RigidMotion(eqx.Module):
         moment = moment - jnp.cross(airframe.reference, force)
         pressure_area = signals["qbar"] * airframe.S
         values = jnp.concatenate([force, moment / airframe.lengths]) / pressure_area
-        return {name: values[k] for k, name in enumerate(COEFFICIENTS)}, signals
+        if {"phi", "pitch"} <= set(signals):
+            gravity = GRAVITY * downwards(signals["phi"], signals["pitch"])
+            vdot = acceleration + gravity - jnp.cross(omega, velocity)
+            rates = self.reduced_air_rates(signals, vdot)
+            signals |= dict(zip(RATE_SIGNALS, rates, strict=True))
+        return self._named(signals, values), signals
+
+    def known_coefficients(self, signals: Signals) -> Signals:
+        """Return the part of each coefficient that has no terms, such as tables, by name.
+
+        Args:
+            signals: all signals of an instant.
+        """
+        known = self.airframe.aerodynamics.known(signals)
+        return {} if known is None else self._named(signals, known)
 
     @property
     def _translation(self) -> Translation:

@@ -15,7 +15,7 @@ from ...models.base import AbstractModel
 from ...models.free import with_values
 from ...models.names import parameter_names
 from ..instruments.channels import ANGULAR, CHANNEL_TABLE
-from ..records.air_data import density_of
+from ..records.air_data import density_of, has_pressure
 from .readings import AIR_DATA, Readings
 from .units import SIGNALS
 
@@ -105,8 +105,8 @@ def histories(readings: Readings, record: Record) -> tuple[Histories, Histories]
         record: a single record.
 
     Returns:
-        Readings by channel, NaN where a sample is missing [its unit]; and the known signals: inputs
-        and a measured density [SI].
+        Readings by channel, NaN where a sample is missing [its unit]; and the known signals:
+        inputs, a measured density, and the dynamic pressure that determines it [SI].
     """
     held = readings.held
     known = {
@@ -115,6 +115,8 @@ def histories(readings: Readings, record: Record) -> tuple[Histories, Histories]
     if "density" in readings.channels.measured:
         density = density_of(record, readings.airspeed)
         known |= {} if density is None else {"density": density}
+        if has_pressure(record, readings.airspeed):
+            known["qbar"] = record.channel("qbar")
     taken = (*known, *held)
     measured = {
         name: record.channel(name)

@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from ..._foundation.checks import require_known
+from ..._foundation.checks import require, require_known
 from ..vehicle.aerodynamics import COEFFICIENTS
+from ..vehicle.force_axes import ForceAxes
 
 STATIC_TERMS = (
     *(
@@ -73,6 +74,19 @@ noise.
 """
 
 
+USUAL_RANGES: dict[str, tuple[float, float]] = {
+    **{"CZ.qhat": (-60.0, 10.0), "CL.qhat": (-10.0, 60.0), "Cm.qhat": (-80.0, 15.0)},
+    **{"Cl.phat": (-1.5, 1.0), "Cl.rhat": (-1.0, 1.0)},
+    **{"Cn.phat": (-1.0, 1.0), "Cn.rhat": (-2.0, 0.5)},
+}
+"""Ranges of damping derivatives (chosen).
+
+They include the tables of the F-16 (NASA TP-1538) up to 45 deg of alpha, where CZ.qhat reaches -38,
+Cm.qhat -13, Cl.phat -0.9 to 0.6 and Cn.rhat -1.0, and the larger dampings of propeller aircraft and
+transports.
+"""
+
+
 def extended(*more: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
     """Return the regressors of Table 6.1 followed by further terms.
 
@@ -93,3 +107,25 @@ def extended(*more: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
             name: tuple(dict.fromkeys((*terms[name], *added))) for name, added in given.items()
         }
     return terms
+
+
+def in_axes(candidates: Mapping[str, Sequence[str]], force: ForceAxes) -> dict[str, Sequence[str]]:
+    """Return candidates by the coefficients of a model; terms of CX, CY, CZ serve the coefficients
+    that take their place.
+
+    Args:
+        candidates: terms by coefficient, of the model or in body axes.
+        force: axes of the force coefficients of the model.
+
+    Raises:
+        InputError: for an unknown coefficient, or terms of one in both axes.
+    """
+    place = dict(zip(COEFFICIENTS, force.coefficients, strict=True))
+    names = dict.fromkeys((*force.coefficients, *COEFFICIENTS))
+    require_known("aerodynamic coefficient (in `candidates`)", candidates, names)
+    for name, own in place.items():
+        require(
+            name == own or not {name, own} <= {*candidates},
+            f"There are candidates of {name} and of {own}, which takes its place. Give one.",
+        )
+    return {place.get(name, name): terms for name, terms in candidates.items()}

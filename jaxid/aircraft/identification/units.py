@@ -15,7 +15,7 @@ SIGNALS = {
     **dict.fromkeys(RATES, "rad/s"),
     **dict.fromkeys(ANGULAR, "rad/s^2"),
     **dict.fromkeys(GUSTS[:3], "m/s"),
-    **{"altitude": "m", "density": "kg/m^3", "thrust": "N"},
+    **{"altitude": "m", "density": "kg/m^3", "sound_speed": "m/s", "thrust": "N"},
 }
 BODY_UNITS = {
     **{"mass": "kg", "S": "m^2", "b": "m", "cbar": "m"},

@@ -66,14 +66,15 @@ def motion(
 
 
 def air_of(atmosphere: AbstractAtmosphere, true: Signals) -> Air:
-    """Return the air at an `altitude` [m], with the measured `density` [kg/m^3] if there is one.
+    """Return the air at an `altitude` [m], with the known `density` [kg/m^3] and `sound_speed`
+    [m/s] if there are any.
 
     Args:
         atmosphere: model of the other properties of the air.
         true: signals, with `altitude`.
     """
-    air = atmosphere.air(true["altitude"])
-    return air._replace(density=true["density"]) if "density" in true else air
+    known = {name: true[name] for name in ("density", "sound_speed") if name in true}
+    return atmosphere.air(true["altitude"])._replace(**known)
 
 
 def _unscaled(instruments: Instruments, name: str, value: Float[Array, ""]) -> Float[Array, ""]:

@@ -34,6 +34,9 @@ from .remove_sensor_errors import remove_sensor_errors
 
 KINEMATIC_OUTPUTS = ("V", "alpha", "beta", "phi", "pitch", "psi", "altitude")
 BASE_STATES = ("u", "v", "w", "phi", "pitch")
+# states and inputs that are zero in symmetric flight
+SYMMETRIC_STATES, SYMMETRIC_INPUTS = ("v", "phi"), ("ay", "p", "r", "pdot", "rdot")
+LONGITUDINAL_OUTPUTS = ("V", "alpha", "pitch", "altitude")
 # no other equation depends on these, so they are states only if they are outputs
 OPTIONAL_STATES = ("psi", "altitude")
 STATE_UNITS = {
@@ -84,8 +87,11 @@ class Kinematics(AbstractModel):
             initial `u v w` (the altitude determines only the vertical component).
         atmosphere: if given, V is the indicated airspeed at the altitude; otherwise the true
             airspeed.
-        beta: meaning of the channel beta: the flank angle atan2(v, u) of a "vane", or the
-            "sideslip" asin(v/V).
+        beta: meaning of the channel beta: the "sideslip" asin(v/V), or the flank angle atan2(v, u)
+            of a "vane".
+        longitudinal: True for symmetric flight: `v`, `phi` and all lateral inputs are zero, the
+            inputs are ax, az, q (and qdot), the states u, w, pitch, and no lateral error of an
+            instrument can take up a misfit.
 
     Raises:
         InputError: for an unknown channel or input; for accelerometers off the c.g. without angular
@@ -104,6 +110,7 @@ class Kinematics(AbstractModel):
     atmosphere: AbstractAtmosphere | None
     inputs: tuple[str, ...] = eqx.field(static=True)
     beta: Literal["vane", "sideslip"] = eqx.field(static=True)
+    longitudinal: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -115,12 +122,15 @@ class Kinematics(AbstractModel):
         angular_acceleration: bool = False,
         wind: Any = None,
         atmosphere: AbstractAtmosphere | None = None,
-        beta: Literal["vane", "sideslip"] = "vane",
+        beta: Literal["vane", "sideslip"] = "sideslip",
+        longitudinal: bool = False,
     ):
-        self.instruments = Instruments(KINEMATIC_OUTPUTS) if instruments is None else instruments
-        require_known("output of a kinematic model", self.instruments.channels, KINEMATIC_OUTPUTS)
+        possible = LONGITUDINAL_OUTPUTS if longitudinal else KINEMATIC_OUTPUTS
+        self.instruments = Instruments(possible) if instruments is None else instruments
+        require_known("output of a kinematic model", self.instruments.channels, possible)
+        self.longitudinal = longitudinal
         require_known("meaning of beta", [beta], ("vane", "sideslip"))
-        self.inputs = (*FORCE, *RATES, *(ANGULAR if angular_acceleration else ()))
+        self.inputs = _inputs(angular_acceleration, longitudinal)
         self.input_bias = numbers(self.inputs, "input_bias", input_bias, 0.0)
         self.input_scale = numbers(self.inputs, "input_scale", input_scale, 0.0)
         self.input_position, self.beta = _positions(input_position, self.inputs), beta
@@ -143,7 +153,9 @@ class Kinematics(AbstractModel):
 
     @property
     def states(self) -> tuple[str, ...]:
-        return (*BASE_STATES, *(name for name in OPTIONAL_STATES if name in self.outputs))
+        absent = SYMMETRIC_STATES if self.longitudinal else ()
+        base = tuple(name for name in BASE_STATES if name not in absent)
+        return (*base, *(name for name in OPTIONAL_STATES if name in self.outputs))
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -218,6 +230,8 @@ class Kinematics(AbstractModel):
                 strict=True,
             )
         )
+        if self.longitudinal:
+            true |= dict.fromkeys(SYMMETRIC_INPUTS, jnp.zeros(()))
         position = self.input_position
         return true | {
             name: acceleration_at_cg(name[1], true, true[name], position[name])
@@ -252,7 +266,8 @@ class Kinematics(AbstractModel):
         if self.wind is not None:
             e = quaternion(at["phi"], at["pitch"], at["psi"])
             ground_velocity = ground_velocity + rotation(e) @ self.wind
-        return jnp.stack([*ground_velocity, *(at[name] for name in self.states[3:])])
+        at |= dict(zip("uvw", ground_velocity, strict=True))
+        return jnp.stack([at[name] for name in self.states])
 
     def sensor_errors(self) -> tuple[str, ...]:
         """Return names of the errors that are jointly identifiable from a dynamic manoeuvre.
@@ -271,7 +286,7 @@ class Kinematics(AbstractModel):
             for n in getattr(self.instruments, kind).channels
         ]
         return (
-            *(f"input_bias.{name}" for name in (*FORCE, *RATES)),
+            *(f"input_bias.{name}" for name in (*FORCE, *RATES) if name in self.inputs),
             *(
                 f"instruments.{kind}.{n}"
                 for kind, names in air.items()
@@ -314,12 +329,20 @@ class Kinematics(AbstractModel):
         return states | inputs | self.instruments.units() | parameters
 
     def _state(self, x) -> Signals:
-        return dict(zip(self.states, x, strict=True))
+        zero = dict.fromkeys(SYMMETRIC_STATES, jnp.zeros(())) if self.longitudinal else {}
+        return zero | dict(zip(self.states, x, strict=True))
+
+
+def _inputs(angular_acceleration: bool, longitudinal: bool) -> tuple[str, ...]:
+    """Return the names of the inputs."""
+    possible = (*FORCE, *RATES, *(ANGULAR if angular_acceleration else ()))
+    absent = SYMMETRIC_INPUTS if longitudinal else ()
+    return tuple(name for name in possible if name not in absent)
 
 
 def _positions(given: Mapping[str, Any] | None, inputs: tuple[str, ...]) -> PerChannel:
     """Return the positions of the accelerometers; empty without angular accelerations."""
-    if set(ANGULAR) <= set(inputs):
+    if "qdot" in inputs:
         return positions(given, inputs)
     require_known("accelerometer (in `input_position`)", given or {}, FORCE)
     message = (

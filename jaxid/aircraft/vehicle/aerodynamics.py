@@ -6,8 +6,9 @@ from collections.abc import Mapping
 import equinox as eqx
 
 from ..._foundation.types import Array, Float
+from .force_axes import FORCES, MOMENTS
 
-COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+COEFFICIENTS = (*FORCES, *MOMENTS)
 
 
 class AbstractAerodynamics(eqx.Module):
@@ -30,6 +31,14 @@ class AbstractAerodynamics(eqx.Module):
             InputError: when a signal is missing.
         """
 
+    def known(self, signals: Mapping[str, Float[Array, ""]]) -> Float[Array, " coefficient"] | None:
+        """Return the part of CX to Cn that has no terms, such as tables; None without one.
+
+        Args:
+            signals: as for `coefficients`.
+        """
+        return None
+
     @property
     @abc.abstractmethod
     def limits(self) -> dict[str, tuple[float, float]]:
@@ -41,6 +50,11 @@ class AbstractAerodynamics(eqx.Module):
     def hard_limits(self) -> dict[str, tuple[float, float]]:
         """The limits beyond which the coefficients are NaN."""
         return {}
+
+    @property
+    def force_axes(self) -> str:
+        """Axes of the force coefficients that have terms, a name in `FORCE_AXES`."""
+        return "body"
 
     @property
     def terms(self) -> dict[str, tuple[str, ...]]:

@@ -14,7 +14,8 @@ class AerodynamicsWithIncrements(AbstractAerodynamics):
         C = C_baseline + C_increments
 
     Parameters of the increments are named as in a polynomial, `Cm.alpha`; parameters of the
-    baseline keep their names.
+    baseline keep their names. `identify` starts at the baseline: its regression selects terms of
+    the increments, and their a-priori values are zero (`IdentifyOptions(prior=...)`).
 
     Args:
         baseline: known coefficients, such as the tables of an airframe.
@@ -28,6 +29,9 @@ class AerodynamicsWithIncrements(AbstractAerodynamics):
 
     def coefficients(self, signals: Mapping[str, Float[Array, ""]]) -> Float[Array, " coefficient"]:
         return self.baseline.coefficients(signals) + self.increments.coefficients(signals)
+
+    def known(self, signals: Mapping[str, Float[Array, ""]]) -> Float[Array, " coefficient"]:
+        return self.baseline.coefficients(signals)
 
     @property
     def limits(self) -> dict[str, tuple[float, float]]:

@@ -27,12 +27,14 @@ class Airframe(eqx.Module):
         aerodynamics: the six coefficients.
         reference: position of the aerodynamic reference point from the centre of gravity, in body
             axes [m].
-        limits: lowest and highest position of each control surface [rad].
+        limits: lowest and highest position of each control surface [rad]; without them the
+            airframe serves identification, and simulations whose surfaces are measured.
         trusted: range of signals in which the data of this aircraft are reliable [rad]; a signal
             that is absent has no such range.
 
     Raises:
-        InputError: when `limits` does not hold each of the three surfaces, or a range is empty.
+        InputError: when `limits` are given and do not hold each of the three surfaces, or a range
+            is empty.
     """
 
     mass_properties: MassProperties
@@ -60,12 +62,13 @@ class Airframe(eqx.Module):
         b,
         cbar,
         aerodynamics: AbstractAerodynamics,
-        limits: Mapping[str, tuple[float, float]],
+        limits: Mapping[str, tuple[float, float]] | None = None,
         reference: Numbers | Sequence[float] = (0.0, 0.0, 0.0),
         trusted: Mapping[str, tuple[float, float]] | None = None,
     ):
+        limits = dict(limits or {})
         require_known("control surface (in `limits`)", limits, SURFACES)
-        for surface in SURFACES:
+        for surface in SURFACES if limits else ():
             require(
                 surface in limits,
                 f"Airframe {name!r} has no limits of the {surface}. Give (lowest, highest) in rad.",

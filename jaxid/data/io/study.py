@@ -165,6 +165,8 @@ SECTIONS: dict[str, dict[str, Kind]] = {
             "share": NUMBER,
             "constants": SWITCH,
             "adapt": SWITCH,
+            "lower_powers": SWITCH,
+            "prior": BOUNDS,
         },
         **{"add": TEXTS, "keep": TEXTS, "leave_out": TEXTS},
         **{"estimate": TEXTS_BY_NAME, "fix": TEXTS_BY_NAME},

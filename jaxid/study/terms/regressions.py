@@ -13,6 +13,7 @@ from ...structure import Regression, choose, columns, least_squares, stepwise, s
 from ...structure.selection import Selection
 from ..identification import Equation
 from ..identify_options import IdentifyOptions
+from .lower_powers import with_lower_powers
 from .reduction import AS_SELECTED, Reduction
 from .weak_rows import WeakRecords, weak_rows
 
@@ -50,6 +51,9 @@ def regressions(
     signals = _signals(measured)
     centre = {name: float(np.mean(signals[name])) for name in measured[0].centred}
     tables = _tables(candidates, signals, centre, options)
+    for name, terms in options.prior_terms.items():
+        possible = (*candidates[name], *options.terms.get(name, ()))
+        require_known(f"candidate term of {name} (in `options.prior`)", terms, possible)
     equations = {}
     for name, admitted in reduction.admitted(candidates).items():
         fit = partial(_regression, name, admitted, options=options, reduction=reduction)
@@ -88,7 +92,7 @@ def _fitted(
     weak = [one for one in measured if isinstance(one, WeakMeasurements)]
     if not weak or options.weak_radius is None:
         pointwise = [one for one in measured if isinstance(one, PseudoMeasurements)]
-        return fit((table, _joined(pointwise, [one.responses[name] for one in pointwise])))
+        return fit((table, _joined(pointwise, [one.unknown(name) for one in pointwise])))
     records = WeakRecords(weak, name, options.weak_radius)
     result = fit(weak_rows(records, table, None))
     for _ in range(WEAK_REPETITIONS):
@@ -130,11 +134,13 @@ def _regression(
         return least_squares(_matrix(table, terms, len(y)), y, terms, response=name)
 
     if name in options.terms:
-        selection, regression = None, fit(tuple(options.terms[name]))
-    else:
-        X = _matrix(table, candidates, len(y))
-        selection = stepwise(X, y, candidates, options=options.subset_of(name), response=name)
-        regression = choose(selection, options.rule)
+        return None, fit(tuple(options.terms[name]))
+    X = _matrix(table, candidates, len(y))
+    selection = stepwise(X, y, candidates, options=options.subset_of(name), response=name)
+    regression = choose(selection, options.rule)
+    if options.lower_powers:
+        stay = options.subset_of(name).F_to_stay(regression.dof)
+        regression = with_lower_powers(regression, candidates, fit, stay)
     terms = reduction.kept(regression)
     return selection, regression if terms == regression.names else fit(terms)
 
@@ -148,6 +154,8 @@ def _decision(name: str, regression: Regression, options: IdentifyOptions) -> tu
     F = regression.overall_F if regression.names else 0.0
     if name in options.keep:
         return True, "kept by name"
+    if name in options.prior_terms:
+        return True, f"overall F {F:.4g}, kept by its a-priori values"
     if name in options.leave_out:
         return False, "left out by name"
     if options.least_F > F:
@@ -169,7 +177,7 @@ def _estimated(
             getattr(options, kind).get(name, ()),
             regression.names,
         )
-    chosen = {*strong_terms(regression, options.share), *options.estimate.get(name, ())} - {
-        *options.fix.get(name, ())
-    }
-    return tuple(term for term in regression.names if term in chosen)
+    prior = options.prior_terms.get(name, ())
+    named_terms = (*options.estimate.get(name, ()), *prior)
+    chosen = {*strong_terms(regression, options.share), *named_terms} - {*options.fix.get(name, ())}
+    return tuple(term for term in dict.fromkeys((*regression.names, *prior)) if term in chosen)

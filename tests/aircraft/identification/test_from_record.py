@@ -2,12 +2,21 @@
 
 import dataclasses
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxid._foundation.checks import InputError
-from jaxid.aircraft import Engine, Instruments, StandardAtmosphere, kinematics_of, model_of
+from jaxid.aircraft import (
+    Aircraft,
+    Engine,
+    Instruments,
+    MeasuredSurfaces,
+    StandardAtmosphere,
+    kinematics_of,
+    model_of,
+)
 from jaxid.aircraft.records.air_data import altitude_of, density_of
 from jaxid.aircraft.records.plausibility import require_plausible
 from jaxid.data.build import record as make_record
@@ -353,3 +362,25 @@ def test_kinematic_model_has_the_kinematic_outputs_of_the_record():
 def test_replaced_constant_of_a_record_is_used():
     record = dataclasses.replace(level(), constants={**MASS, **SIZE, "mass": jnp.asarray(4500.0)})
     assert float(model_of(record).airframe.mass_properties.mass) == 4500.0
+
+
+def test_airframe_without_stops_serves_identification_and_measured_surfaces():
+    model = model_of(level(), states="longitudinal")
+    assert model.airframe.limits == {}
+    Aircraft(model.airframe, controls=MeasuredSurfaces())
+    with pytest.raises(InputError, match="no limits of its surfaces"):
+        Aircraft(model.airframe)
+
+
+def test_known_speed_of_sound_replaces_the_standard_one():
+    model = model_of(level(), held={"sound_speed": 300.0})
+    signals = model.signals(jnp.zeros(()), jnp.ones(9), jnp.ones(len(model.inputs)))
+    np.testing.assert_allclose(signals["mach"], signals["V"] / 300.0, rtol=1e-14)
+
+
+def test_instruments_are_also_given_by_their_arguments():
+    given = {"position": {"alpha": [5.0, 0.0, 0.0]}, "bias": {"ax": 0.1}}
+    model = model_of(level(), instruments=given)
+    expected = model_of(level(), instruments=Instruments(**given))
+    assert eqx.tree_equal(model, expected)
+    refused("no argument of `Instruments` 'place'", level(), instruments={"place": {}})

@@ -12,10 +12,12 @@ from jaxid._foundation.checks import InputError
 from jaxid.aircraft import (
     COEFFICIENTS,
     TABLE_6_1,
+    AerodynamicsWithIncrements,
     Aircraft,
     ControlSystem,
     IdentificationModel,
     Instruments,
+    PolynomialAerodynamics,
     extended,
     f16_engine,
     flight_record,
@@ -91,6 +93,28 @@ def test_pseudo_measurements_equal_the_true_coefficients(flight, record, states)
     )
     assert dict(result.candidates) == TABLE_6_1
     assert result.centred == ("alpha", "beta")
+
+
+def test_tables_are_the_known_part_of_the_coefficients(flight, record):
+    """With the true coefficients as the baseline, nothing is left for the increments, pointwise and
+    in weak form.
+    """
+    known = AerodynamicsWithIncrements(
+        flight.aircraft.airframe.aerodynamics, PolynomialAerodynamics({})
+    )
+    model = eqx.tree_at(
+        lambda one: one.airframe.aerodynamics, from_aircraft(flight.aircraft), known
+    )
+    measured = model.pseudo_measurements(record)
+    for name in COEFFICIENTS:
+        size = np.max(np.abs(measured.responses[name]))
+        np.testing.assert_allclose(measured.unknown(name), 0.0, atol=1e-9 * size)
+    plain = from_aircraft(flight.aircraft).weak_measurements(record)
+    rest = model.weak_measurements(record)
+    for name in COEFFICIENTS:
+        expected = plain.parts[name][0] - plain.multipliers[name] * measured.known[name]
+        size = np.max(np.abs(plain.parts[name][0]))
+        np.testing.assert_allclose(rest.parts[name][0], expected, atol=1e-12 * size)
 
 
 def test_pseudo_measurements_are_of_the_propagated_equations_only(flight, record):

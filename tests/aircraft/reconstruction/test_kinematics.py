@@ -43,6 +43,7 @@ def model():
         input_position=PLACES,
         angular_acceleration=True,
         wind=motion.WIND,
+        beta="vane",
     )
 
 
@@ -143,10 +144,8 @@ def test_sensitivities_match_central_differences(model, inputs):
 
 def test_beta_is_flank_angle_or_sideslip_as_declared():
     x, u = jnp.array([100.0, 8.0, 30.0, 0.1, 0.2]), jnp.zeros(6)
-    flank = Kinematics(Instruments(("V", "beta"))).output(jnp.zeros(()), x, u)
-    slip = Kinematics(Instruments(("V", "beta"), scale={"beta": 0.1}), beta="sideslip").output(
-        jnp.zeros(()), x, u
-    )
+    flank = Kinematics(Instruments(("V", "beta")), beta="vane").output(jnp.zeros(()), x, u)
+    slip = Kinematics(Instruments(("V", "beta"), scale={"beta": 0.1})).output(jnp.zeros(()), x, u)
     np.testing.assert_allclose(flank[1], np.arctan2(8.0, 100.0), rtol=1e-14)
     np.testing.assert_allclose(slip[1], 1.1 * np.arcsin(8.0 / float(slip[0])), rtol=1e-14)
 

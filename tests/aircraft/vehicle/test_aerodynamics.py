@@ -1,11 +1,14 @@
 """Polynomial and table aerodynamics against sums by hand; errors on invalid folders and names."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from small_airframe import small_airframe
 
 from jaxid._foundation.checks import InputError
+from jaxid.aircraft import Aircraft, IdentificationModel, MeasuredSurfaces
 from jaxid.aircraft.vehicle.aerodynamics import COEFFICIENTS
 from jaxid.aircraft.vehicle.aerodynamics_polynomial import PolynomialAerodynamics
 from jaxid.aircraft.vehicle.aerodynamics_tables import TableAerodynamics, origins, read_coefficients
@@ -133,3 +136,34 @@ def test_invalid_folder_raises_error(folder, name, text, words):
 def test_empty_folder_raises_error(tmp_path):
     with pytest.raises(InputError, match="There is no CSV file in the folder"):
         read_coefficients(tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["simulated", "identified"])
+def test_tables_and_terms_vary_with_mach_and_altitude(tmp_path, kind):
+    """Bilinear tables (Figs. 2.4, 2.5), equal to polynomial terms in alpha, Mach and altitude."""
+    (tmp_path / "CZ.csv").write_text("alpha_rad,mach,CZ\n0,0,0\n0,1,-1\n1,0,-4\n1,1,-7\n")
+    (tmp_path / "Cm.csv").write_text("altitude_m,Cm\n0,0.01\n10000,0.03\n")
+    tables = TableAerodynamics(read_coefficients(tmp_path), interpolation="linear")
+    terms = PolynomialAerodynamics(
+        {
+            "CZ": {"mach": -1.0, "alpha": -4.0, "alpha mach": -2.0},
+            "Cm": {"1": 0.01, "altitude": 2e-6},
+        }
+    )
+
+    def coefficients(aerodynamics):
+        frame = eqx.tree_at(lambda one: one.aerodynamics, small_airframe(), aerodynamics)
+        if kind == "identified":
+            model = IdentificationModel(frame, held={"altitude": 5000.0})
+            x = jnp.array([150.0, 2.0, 20.0, *np.zeros(6)])
+        else:
+            model = Aircraft(frame, controls=MeasuredSurfaces())
+            e = jnp.array([1.0, 0.0, 0.0, 0.0])
+            place = jnp.array([0.0, 0.0, 5000.0])
+            x = model.flight_state(jnp.array([150.0, 2.0, 20.0]), jnp.zeros(3), e, place)
+        signals = model.signals(jnp.zeros(()), x, jnp.zeros(len(model.inputs)))
+        assert 0.45 < signals["mach"] < 0.5
+        return [signals[name] for name in COEFFICIENTS]
+
+    np.testing.assert_allclose(coefficients(tables), coefficients(terms), atol=1e-14)
+    assert coefficients(tables)[4] == pytest.approx(0.02)

@@ -203,7 +203,7 @@ def spring_lag(number: int) -> Record:
     def rate(_, x, force):
         return np.array([x[1], x[2] - 20.0 * x[0] - 1.2 * x[1], (force - x[2]) / 0.12])
 
-    x = integrate(rate, np.zeros(3), t, u)[:, :1]
+    x = integrate(rate, np.zeros(3), t, u, held=False)[:, :1]
     return recorded(SPRING, t, u, x + 0.002 * draw.normal(size=x.shape))
 
 
@@ -389,6 +389,7 @@ SYSTEMS = (
         ("k", "c", "b"),
         spring_lag,
         Answer.PROXIES,
+        held=False,
     ),
     System(
         "spring, fatigue",

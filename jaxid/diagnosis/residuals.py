@@ -270,7 +270,7 @@ def _channels(residuals, mask, outputs) -> tuple[Array, Array, tuple[str, ...]]:
 
 
 def _signals(signals, shape: tuple[int, ...]) -> dict[str, Array]:
-    """Return the signals by name, those of records being their inputs."""
+    """Return the signals by name; the signals of records are their inputs."""
     if signals is None:
         return {}
     if not isinstance(signals, Mapping):

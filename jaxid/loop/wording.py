@@ -9,7 +9,8 @@ from .fit import LoopFit
 from .outcome import Outcome
 from .search import SearchTree
 
-EQUAL = 0.05  # difference of chi-square below which two fits are equal in words (chosen)
+# Chosen: difference of chi-square below which two fits are equal; a fit is iterated no further.
+EQUAL = 0.1
 NO_EFFECT = (
     "No effect is missing that these records could show: the residual is consistent with {}."
 )

@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from ._foundation.checks import InputError
+from ._foundation.checks import InputError, require
 from ._foundation.configuration import configure
 from ._foundation.types import Array
 from .aircraft import model_of
@@ -183,13 +183,17 @@ def study_file(
     ] = False,
 ) -> None:
     """Find the effects that your own model lacks; a study file names the model and the records."""
+    require(
+        not list_candidates or (json is None and out is None),
+        "--candidates writes no file. Leave --json and --out out.",
+    )
     _require_output(json, out)
     with show_progress(console) as progress:
         progress("reading")
         file = read_study(path)
         case = case_of(file, BUILT_IN, progress)
         if list_candidates:
-            print("\n".join(candidate_table(case.effects or ()).lines()))
+            print("\n".join(candidate_table(case.library).lines()))
             return
         study = _study_of(case, progress)
     _deliver(study, file.title, json, out, (path, *file.files))

@@ -7,6 +7,7 @@ from threading import Lock
 from typing import Any
 
 import jax
+from jax.core import Tracer
 
 from .compiler import compiler_options
 from .host import are_known
@@ -14,7 +15,7 @@ from .progress import report_part
 from .stored_programs import joined_leaves, split_leaves, stored_program, types_of
 
 # Chosen: programs of one function that are kept. Each takes some 300 of the 65,530 memory maps that
-# Linux grants a process (`vm.max_map_count`), and that of a fit on long records some 50 MB.
+# Linux grants a process (`vm.max_map_count`), and some 50 MB for a fit on long records.
 MOST_PROGRAMS = 16
 
 
@@ -37,43 +38,40 @@ class EvictingJit:
     def __call__(self, *arguments: Any) -> Any:
         """Return the function's result; compile it first if necessary."""
         arrays, others = split_leaves(arguments)
-        if are_known(arrays):
-            return self._program(arguments)(arrays)
-        return self._jitted(others)(arrays)  # inside another program, which keeps it
+        if any(isinstance(array, Tracer) for array in arrays):
+            # JAX accepts compiler options for the outermost program only, which keeps this one.
+            return jax.jit(self._of_arrays(others))(arrays)
+        return self._program(arguments, arrays, others)(arrays)
 
     def lower(self, *arguments: Any) -> Any:
         """Return the lowered program for such arguments."""
-        return self._program(arguments).lower(split_leaves(arguments)[0])
+        arrays, others = split_leaves(arguments)
+        return self._program(arguments, arrays, others).lower(arrays)
 
     def key(self, *arguments: Any) -> tuple:
         """Return a key of the program for such arguments."""
-        return types_of(*split_leaves(arguments))
+        return _key(*split_leaves(arguments))
 
     def clear(self) -> None:
         """Release all programs."""
-        self.known.clear()
+        with self.lock:
+            self.known.clear()
 
-    def _program(self, arguments: tuple) -> Any:
+    def _program(self, arguments: tuple, arrays: list, others: tuple) -> Any:
         """Return the jitted program for such arguments, a function of their arrays."""
-        arrays, others = split_leaves(arguments)
-        key = types_of(arrays, others)
-        program = self.known.get(key)
+        key = _key(arrays, others)
+        with self.lock:
+            program = self.known.get(key)
         if program is None:
-            run = self._of_arrays(others)
-            program = stored_program(self.function, arguments, arrays, run, compiler_options())
-            program = program or self._jitted(others)
+            run, options = self._of_arrays(others), compiler_options()  # not known at import
+            program = stored_program(self.function, arguments, arrays, run, options)
+            program = program or jax.jit(run, compiler_options=options)
         with self.lock:
             self.known[key] = program
             self.known.move_to_end(key)
             while len(self.known) > self.most:
                 self.known.popitem(last=False)
         return program
-
-    def _jitted(self, others: tuple) -> Any:
-        """Return a jitted function of arrays, for some static leaves; the compiler options are
-        unknown at import.
-        """
-        return jax.jit(self._of_arrays(others), compiler_options=compiler_options())
 
     def _of_arrays(self, others: tuple) -> Callable[[list], Any]:
         """Return the function of arrays, for some static leaves."""
@@ -83,6 +81,13 @@ class EvictingJit:
 
         run.__name__ = self.function.__name__  # the name that JAX gives to the program
         return run
+
+
+def _key(arrays: list, others: tuple) -> tuple:
+    """Return a key of the program for some split arguments; no program on disk serves arrays that
+    stand on a device that the user chose.
+    """
+    return *types_of(arrays, others), are_known(arrays)
 
 
 def compile_together(programs: Sequence[tuple[EvictingJit, tuple]]) -> None:

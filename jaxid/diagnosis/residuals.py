@@ -249,7 +249,8 @@ def _channels(residuals, mask, outputs) -> tuple[Array, Array, tuple[str, ...]]:
     if isinstance(residuals, Estimate):
         require(
             mask is None and outputs is None,
-            "An estimate has the mask and the names of its outputs. Give `signals` alone.",
+            "An estimate has the mask and the names of its outputs. Give the records alone, as "
+            "`signals=records`.",
         )
         require(
             residuals.values.ndim == 1,
@@ -261,16 +262,22 @@ def _channels(residuals, mask, outputs) -> tuple[Array, Array, tuple[str, ...]]:
             "Residuals need `mask`, the valid samples, and `outputs`, their names. An estimate has "
             "both: `residual_tests(fit, signals=records)`."
         )
-    channels = residuals.shape[2]
+    shape, valid = np.shape(residuals), np.shape(mask)
+    require(
+        len(shape) == 3 and valid == shape,
+        f"The residuals have the shape {shape} and `mask` {valid}. Give both as (record, sample, "
+        "output); `v[None]` makes a stack of one record.",
+    )
+    channels = shape[2]
     require(
         len(outputs) == channels,
         f"There are {channels} residual channels and {len(outputs)} names. Name each once.",
     )
-    return residuals, mask, tuple(outputs)
+    return jnp.asarray(residuals), jnp.asarray(mask), tuple(outputs)
 
 
 def _signals(signals, shape: tuple[int, ...]) -> dict[str, Array]:
-    """Return the signals by name, those of records being their inputs."""
+    """Return the signals by name; the signals of records are their inputs."""
     if signals is None:
         return {}
     if not isinstance(signals, Mapping):

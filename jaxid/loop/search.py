@@ -208,9 +208,12 @@ def _expand(tree, parent: LoopFit, path, options: LoopOptions, progress) -> list
 
 
 def _new(tree: SearchTree, parent: LoopFit, moves: Iterable[Move]) -> list[Move]:
-    """Return the moves that no earlier stage from a fit has refitted."""
+    """Return the moves that no earlier stage from a fit has refitted, each hypothesis once: of two
+    moves to one hypothesis the last, which starts closer to it.
+    """
     known = {step.move.hypothesis.key for step in tree.steps if step.parent is parent}
-    return [move for move in moves if move.hypothesis.key not in known]
+    by_key = {move.hypothesis.key: move for move in moves}
+    return [move for key, move in by_key.items() if key not in known]
 
 
 def _stages(
@@ -249,7 +252,7 @@ def second_steps(tree: SearchTree, parent: LoopFit, options: LoopOptions) -> lis
         dataclasses.replace(
             move,
             kind=MoveKind.PAIR,
-            into=(*first.move.into, *move.into),
+            into=tuple(n for n in move.hypothesis.effects if n not in parent.effects),
             expected=first.comparison.fall + move.expected,
             start=known | dict(move.start),
         )

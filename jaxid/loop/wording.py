@@ -1,7 +1,7 @@
 """Sentences and the table of a search; no other file of the search has any."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from ..effects.augmented import split_effects
 from .assess import Assessment, Check, Objection
@@ -9,7 +9,8 @@ from .fit import LoopFit
 from .outcome import Outcome
 from .search import SearchTree
 
-EQUAL = 0.05  # difference of chi-square that is printed as zero
+# Chosen: difference of chi-square below which two fits are equal; a fit is iterated no further.
+EQUAL = 0.1
 NO_EFFECT = (
     "No effect is missing that these records could show: the residual is consistent with {}."
 )
@@ -59,11 +60,10 @@ def worse_words(test: str, channels: Sequence[str], beyond: Sequence[str]) -> st
 
 def objection_words(objection: Objection) -> str:
     """Return the objection of a check as a sentence."""
+    if objection.check is Check.ALTERNATIVE:
+        return _alternative_words(objection)
     names = ", ".join(objection.names)
-    numbers = ", ".join(
-        f"{name} ({round(number, 3) + 0.0:.3g})"  # not -0
-        for name, number in zip(objection.names, objection.numbers, strict=False)
-    )
+    numbers = _numbered(zip(objection.names, objection.numbers, strict=False))
     return {
         Check.NOISE_LIKE: "The residual that remains is more than noise"
         + (f"; it depends on {names}." if names else "."),
@@ -71,11 +71,28 @@ def objection_words(objection: Objection) -> str:
         Check.IN_PLACE: f"The residual of the declared model acts elsewhere than {names}.",
         Check.UNIT_GAIN: f"An effect that is absent or present has another gain than one: "
         f"{numbers}.",
-        Check.ALTERNATIVE: f"Other hypotheses fit nearly as well, with chi-square larger by: "
-        f"{numbers}.",
         Check.BORNE_OUT: f"On the complete training records it is insignificant: {names}.",
         Check.CARRIES_OVER: f"The error of test records grows, by the logarithm: {numbers}.",
     }[objection.check]
+
+
+def _alternative_words(objection: Objection) -> str:
+    """Return the hypotheses that fit as well, nearly as well, and better, in a sentence each."""
+    worse = dict(zip(objection.names, objection.numbers, strict=True))
+    equal = " or ".join(name for name, number in worse.items() if abs(number) < EQUAL)
+    larger = _numbered((name, number) for name, number in worse.items() if number >= EQUAL)
+    smaller = _numbered((name, -number) for name, number in worse.items() if number <= -EQUAL)
+    sentences = (
+        (equal, "These records cannot distinguish this from {}: chi-square is the same."),
+        (larger, "Other hypotheses fit nearly as well, with chi-square larger by: {}."),
+        (smaller, "Other hypotheses fit better, with chi-square smaller by: {}."),
+    )
+    return " ".join(sentence.format(names) for names, sentence in sentences if names)
+
+
+def _numbered(pairs: Iterable[tuple[str, float]]) -> str:
+    """Return names with their numbers in brackets."""
+    return ", ".join(f"{name} ({number:.3g})" for name, number in pairs)
 
 
 def next_best_words(tree: SearchTree) -> str:
@@ -86,10 +103,13 @@ def next_best_words(tree: SearchTree) -> str:
     other, worse = others[0]
     effects = " and ".join(other.effects) or "no effect"
     noise = other.hypothesis.noise.words
-    distance = (
-        f"worse by {max(worse, 0.0):.1f} in chi-square"
-        if worse > -EQUAL
-        else f"better by {-worse:.1f} in chi-square, but refused: it predicts the check records "
-        "worse, or its noise depends on a signal"
-    )
+    if abs(worse) < EQUAL:
+        distance = "with the same chi-square"
+    elif worse > 0:
+        distance = f"worse by {worse:.1f} in chi-square"
+    else:
+        distance = (
+            f"better by {-worse:.1f} in chi-square, but refused: it predicts the check records "
+            "worse, or its noise depends on a signal"
+        )
     return f"Next best: {effects} with {noise}, {distance}."

@@ -18,7 +18,7 @@ class EstimateErrors(eqx.Module):
 
     Attributes:
         names: names of the shared parameters.
-        values, standard_errors, corrected_errors, covariance: as those of `Estimate`.
+        values, standard_errors, corrected_errors, covariance: as in `Estimate`.
         own_names: names of the parameters of each record.
         own, own_errors: their values and standard errors, one row for each record.
         outputs: names of the outputs.

@@ -64,7 +64,7 @@ def html(
         drawn=drawn,
         errors={test: error_rows(study, test) for test in study.tests},
         record_errors={test: record_error_rows(study, test) for test in study.tests},
-        runaways=study.runaways,
+        error_notes=study.error_notes,
         decided=decided(study),
         effects=effect_rows(study),
         parameters=parameter_rows(study),

@@ -25,7 +25,7 @@ def candidate_table(effects: Sequence[Effect]) -> Table:
     """
     cards = [effect.card for effect in effects]
     rows = [(card.name, card.family, str(card.location), card.description) for card in cards]
-    family, place = (max(len(row[column]) for row in rows) + 1 for column in (1, 2))
+    family, place = (max((len(row[column]) for row in rows), default=0) + 1 for column in (1, 2))
     return Table(("candidate", "family", "place", "description"), (9, family, place), tuple(rows))
 
 

@@ -53,6 +53,14 @@ class Case(NamedTuple):
     window: int | None
     options: LoopOptions
 
+    @property
+    def library(self) -> tuple[Effect, ...]:
+        """The candidates, those of the default library if the file has no section [library]."""
+        if self.effects is not None:
+            return self.effects
+        parts = (self.train, self.check, *(self.test or {}).values())
+        return candidates(self.model, self.free, *(stack(part) for part in parts if part))
+
 
 def case_of(
     file: StudyFile,

@@ -28,6 +28,10 @@ RUNAWAY_REMEDY = (
     "If a motion is unstable, drifts far, or is held by a pilot or a controller, cut the records "
     "into pieces (`jaxid.segment`, `cut` in a study file)."
 )
+RANDOM_MOTION = (
+    "A simulation of the test records does not contain the motion that the random forces cause, so "
+    "that this error by itself does not rate a model."
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,7 +193,7 @@ class Study:
 
     def _repr_html_(self) -> str:
         errors = [self._errors(test).html(above=[_error_title(test)]) for test in self.tests]
-        above, below = paragraphs(self._summary_lines()), paragraphs(self.runaways)
+        above, below = paragraphs(self._summary_lines()), paragraphs(self.error_notes)
         return "".join([above, *errors, below, self.after.estimate._repr_html_()])
 
     def __str__(self) -> str:
@@ -197,7 +201,13 @@ class Study:
         for test in self.tests:
             lines += ["", _error_title(test), *self._errors(test).lines()]
         caution = [self.caution] if self.caution else []
-        return "\n".join([*lines, *self.runaways, "", str(self.after.estimate), *caution])
+        return "\n".join([*lines, *self.error_notes, "", str(self.after.estimate), *caution])
+
+    @property
+    def error_notes(self) -> tuple[str, ...]:
+        """Sentences on the errors on test records: simulations that diverge, and random forces."""
+        random = self.noise_model.outcome is Outcome.PROCESS_NOISE
+        return (*self.runaways, *[RANDOM_MOTION] * random)
 
     @property
     def caution(self) -> str:

@@ -228,3 +228,14 @@ def test_bad_options_are_refused(change, words):
     options = {"outputs": ("q",)} | change
     with pytest.raises(InputError, match=words):
         residual_tests(v, whole(v), {}, **options)
+
+
+@pytest.mark.parametrize(
+    ("given", "shape"),
+    [(np.zeros((30, 1)), r"\(30, 1\)"), ([[0.0], [1.0]], r"\(2, 1\)"), (0.0, r"\(\)")],
+)
+def test_residuals_that_are_no_stack_are_refused(given, shape):
+    """In the tests an annotation of `residual_tests` would refuse them before."""
+    words = rf"residuals have the shape {shape} and `mask` {shape}.*record, sample, output"
+    with pytest.raises(InputError, match=words):
+        residuals._channels(given, np.ones(np.shape(given), bool), ("q",))

@@ -15,7 +15,8 @@ from jaxid.effects import (
     Term,
 )
 from jaxid.loop import Outcome, search_effects
-from jaxid.loop.assess import Check, one_function
+from jaxid.loop.assess import Check, Objection, one_function
+from jaxid.loop.wording import objection_words
 from jaxid.models import FixedNoise
 
 LATE_INPUT = InputDelay("force", jnp.array(0.1))
@@ -80,6 +81,21 @@ def test_effect_with_exact_equal_at_another_place_is_proxy():
     assert {*found.effects, *objection.names} == {"1 in v", "bias of x"}
     assert objection.numbers == pytest.approx([0.0], abs=1e-3)
     assert found.outcome is Outcome.PROXIES
+    (equal,) = objection.names
+    assert f"These records cannot distinguish this from {equal}: chi-square is the same." in str(
+        found
+    )
+    assert f"Next best: {equal} with white noise, with the same chi-square." in str(found)
+
+
+def test_alternatives_are_worded_by_their_fit():
+    """Rounding may give an equal fit either sign."""
+    names, numbers = ("a", "b + c", "d", "e", "f"), (0.0, -1e-9, 3.21, 0.2, -12.0)
+    assert objection_words(Objection(Check.ALTERNATIVE, names, numbers)) == (
+        "These records cannot distinguish this from a or b + c: chi-square is the same. "
+        "Other hypotheses fit nearly as well, with chi-square larger by: d (3.21), e (0.2). "
+        "Other hypotheses fit better, with chi-square smaller by: f (12)."
+    )
 
 
 def test_faint_effect_is_proxy():

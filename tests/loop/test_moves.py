@@ -1,5 +1,7 @@
 """Proposals of moves: groups, swaps, removals, and noise models, from the linear model of a fit."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,9 +11,9 @@ from jaxid.effects import InputDelay, SensorBias, Term
 from jaxid.loop import Coloured, Hypothesis, LoopOptions, search_effects
 from jaxid.loop.evidence import Comparison, Decision, compare
 from jaxid.loop.fit import fit
-from jaxid.loop.moves import MoveKind, Proposals
+from jaxid.loop.moves import Move, MoveKind, Proposals
 from jaxid.loop.noise import noise_moves
-from jaxid.loop.search import SearchTree, Step, refit, second_steps, with_shapes
+from jaxid.loop.search import SearchTree, Step, _new, refit, second_steps, with_shapes
 
 OPTIONS = LoopOptions()
 SQUARE, CUBIC = Term("v", "x^2", jnp.array(0.1)), Term("v", "x^3", jnp.array(-0.1))
@@ -71,17 +73,26 @@ def test_wider_beam_finds_the_same_pair():
     assert set(found.effects) == {"x^3 in v", "bias of v"}
 
 
-def test_refused_effect_is_proposed_together_with_another():
-    """Each of two effects leaves the other in the residual, which may hide it; both at once do
-    not.
-    """
+@pytest.fixture(scope="module")
+def refused_cubic():
+    """A search that has refused the cubic term, one of two missing effects."""
     given = problem(5, CUBIC, SensorBias("v", jnp.array(0.1)))
     declared = with_shapes(fit(given, Hypothesis()))
     cubic = Proposals(declared, OPTIONS).additions()[0]
     alone = refit(declared, cubic)
     fall = 2.0 * (declared.cost - alone.cost)
     refused = Comparison(Decision.NOT_SIGNIFICANT, fall, np.inf, 0.0)
-    tree = SearchTree(declared, declared, [Step(declared, cubic, alone, refused)])
+    return SearchTree(declared, declared, [Step(declared, cubic, alone, refused)])
+
+
+def test_refused_effect_is_proposed_together_with_another(refused_cubic):
+    """Each of two effects leaves the other in the residual, which may hide it; both at once do
+    not.
+    """
+    tree, declared = refused_cubic, refused_cubic.declared
+    (step,) = tree.steps
+    cubic, alone, refused = step.move, step.fit, step.comparison
+    fall = refused.fall
     moves = second_steps(tree, declared, OPTIONS)
     pair = moves[0]
     assert (pair.kind, pair.into) == (MoveKind.PAIR, ("x^3 in v", "bias of v"))
@@ -92,3 +103,22 @@ def test_refused_effect_is_proposed_together_with_another():
     white = with_shapes(fit(problem(6), Hypothesis()))
     steps = [Step(white, cubic, refit(white, cubic), refused)]
     assert second_steps(SearchTree(white, white, steps), white, OPTIONS) == []
+
+
+def test_hypothesis_that_two_moves_reach_is_refitted_once(refused_cubic):
+    """A pair may be proposed by its joint score and after a refused addition, whose values it then
+    starts from.
+    """
+    declared = refused_cubic.declared
+    pair = second_steps(refused_cubic, declared, OPTIONS)[0]
+    scored = dataclasses.replace(pair, start={}, expected=2.0 * pair.expected)
+    assert _new(refused_cubic, declared, [scored, pair]) == [pair]
+    (step,) = refused_cubic.steps
+    assert _new(refused_cubic, declared, [step.move, pair]) == [pair]
+
+
+def test_refinement_of_refused_effect_replaces_it(refused_cubic, monkeypatch):
+    finer = Move(MoveKind.ADD, Hypothesis(("bias of v",)), ("bias of v",), 1.0, {}, {})
+    monkeypatch.setattr(Proposals, "additions", lambda _: [finer])
+    (move,) = second_steps(refused_cubic, refused_cubic.declared, OPTIONS)
+    assert (move.into, move.hypothesis.effects) == (("bias of v",), ("bias of v",))

@@ -16,6 +16,7 @@ from notebook_cells import assert_has_printed_lines
 from spring_study import HOSTILE, make_study
 
 from jaxid._foundation.checks import InputError
+from jaxid.loop import RandomForces
 from jaxid.loop.outcome import Outcome
 from jaxid.report import figures, gallery, html, views, words, write_json, write_study
 
@@ -203,6 +204,14 @@ def test_page_describes_every_outcome(study, drawn, outcome, quick):
     parsed = Page(html(dataclasses.replace(study, outcome=outcome, **changed), drawn=drawn))
     assert words.OUTCOMES[outcome] in parsed.text
     assert ("No effect was added" in parsed.text) == (not has_effects)
+
+
+def test_page_qualifies_errors_under_random_forces(study, drawn, quick):
+    note = "does not contain the motion that the random forces cause"
+    random = dataclasses.replace(study, noise_model=RandomForces({"v": 0.1}, {}, 1.0))
+    for shown, expected in ((study, False), (random, True)):
+        assert (note in " ".join(Page(html(shown, drawn=drawn)).text.split())) is expected
+        assert (note in str(shown)) is expected
 
 
 def test_page_names_test_set_that_decided(study, drawn, quick):

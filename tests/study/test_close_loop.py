@@ -102,6 +102,7 @@ def test_loop_adds_only_the_planted_effect(planted_study, name):
     result = planted_study(name)
     assert result.effects == (name,)
     assert result.outcome is Outcome.EXPLAINED
+    assert result.error_notes == ()
     assert result.before.rms["test"]["x"] > 1.5 * result.after.rms["test"]["x"]
     # The estimate costs a few degrees of freedom of hundreds of samples: within 3 % of the noise
     # that is really there.
@@ -282,6 +283,9 @@ def test_random_force_is_reported_as_process_noise_without_effects():
         )
         assert abs(value - true) < 4.0 * error < 4.0 * true
     assert "random forces" in result.verdict
+    note = "does not contain the motion that the random forces cause"
+    assert note in str(result)
+    assert note in result._repr_html_()
 
 
 def coloured(seed, effect=None):

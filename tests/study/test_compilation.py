@@ -60,6 +60,20 @@ def test_program_not_used_for_longest_is_released_and_recompiled():
     assert len(programs.known) == 2
 
 
+def test_arrays_on_a_chosen_device_are_traced_once():
+    traced = []
+
+    def counted(x, factor):
+        traced.append(x["x"].size)
+        return times(x, factor)
+
+    programs = EvictingJit(counted)
+    placed = jax.device_put(arguments(2), jax.devices()[0])
+    for given in (placed, placed, arguments(2), arguments(2), placed):
+        np.testing.assert_array_equal(programs(*given)["product"], [0.0, 3.0])
+    assert len(traced) == len(programs.known) == 2
+
+
 def test_compiled_programs_are_released_at_half_of_memory_maps(monkeypatch):
     traced = []
 
@@ -98,6 +112,7 @@ assert {expected}, options
 assert jax.jit(lambda x: x + len(compiler.compiler_options() or ()))(0.0) == len(options or ())
 assert float(compiler.fast_compile_jit(jnp.sum)(jnp.ones(3))) == 3.0
 assert float(EvictingJit(lambda x: x + 1.0)(jnp.ones(()))) == 2.0
+assert float(jax.jit(EvictingJit(lambda x: x + 1.0))(jnp.ones(()))) == 2.0
 """
 
 

@@ -147,6 +147,27 @@ def test_command_lists_the_candidates(said, tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "jaxid-study").exists()
 
 
+def test_command_lists_the_default_candidates(said, tmp_path, monkeypatch, capsys):
+    """A file without a section [library] has the same ones as `general = true`."""
+    library = GOOD[GOOD.index("[library]") :]
+    default = said((library, ""))
+    monkeypatch.chdir(tmp_path)
+    command.study_file(tmp_path / "study.toml", list_candidates=True)
+    names = [effect.name for effect in said((library, "[library]\ngeneral = true")).effects]
+    assert [effect.name for effect in default.library] == names
+    lines = capsys.readouterr().out.splitlines()[1:]
+    assert all(line.startswith(name) for line, name in zip(lines, names, strict=True))
+
+
+@pytest.mark.parametrize("option", ["json", "out"])
+def test_list_of_candidates_writes_no_file(said, tmp_path, option):
+    said()
+    with pytest.raises(InputError, match="Leave --json and --out out"):
+        command.study_file(
+            tmp_path / "study.toml", list_candidates=True, **{option: tmp_path / "other"}
+        )
+
+
 @pytest.mark.parametrize(
     ("name", "kind"),
     [

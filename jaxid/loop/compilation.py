@@ -57,12 +57,13 @@ def compiled_ahead(
                 ahead[following.key] = executor.submit(_compile, problem, following)
 
         def wait_for(hypothesis: Hypothesis) -> None:
-            while hypothesis.key not in ahead:
+            while left and hypothesis.key not in ahead:
                 compile_next()
-            while next(iter(ahead)) != hypothesis.key:  # others were passed over
+            while ahead and next(iter(ahead)) != hypothesis.key:  # others were passed over
                 ahead.popitem(last=False)[1].cancel()
             compile_next()
-            ahead.pop(hypothesis.key).result()
+            if hypothesis.key in ahead:
+                ahead.pop(hypothesis.key).result()
 
         for _ in range(AHEAD):
             compile_next()

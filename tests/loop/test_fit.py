@@ -153,6 +153,10 @@ def test_programs_that_are_not_waited_for_are_not_compiled(monkeypatch):
         for hypothesis in hypotheses:
             wait_for(hypothesis)
     assert made == hypotheses  # in their order
+    with compilation.compiled_ahead(given, hypotheses) as wait_for:
+        wait_for(hypotheses[1])
+        wait_for(hypotheses[0])  # passed over: compiled at its use
+        wait_for(Hypothesis())  # not among them
 
     def slow(_, hypothesis):
         begun.append(hypothesis)

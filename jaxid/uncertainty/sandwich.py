@@ -1,10 +1,11 @@
 r"""`sandwich`: standard errors that hold when the likelihood is not the true one.
 
-    V = C ( sum_g s_g s_g' ) C,    s_g = sum_(i in g) S_i' R^-1 v_i,    C = M^-1
+    V = C ( sum_g s_g s_g' + T ) C,    s_g = sum_(i in g) S_i' R^-1 v_i,    C = M^-1
 
 with the scores `s_g` of groups of samples that are independent of each other: the records, or
-blocks of consecutive samples. Within a group the errors may have any covariance (P. J. Huber,
-Proc. Fifth Berkeley Symposium 1, 1967; K.-Y. Liang, S. L. Zeger, Biometrika 73, 1986).
+blocks of consecutive samples; and the information T of the priors, a part of M. Within a group the
+errors may have any covariance (P. J. Huber, Proc. Fifth Berkeley Symposium 1, 1967; K.-Y. Liang,
+S. L. Zeger, Biometrika 73, 1986).
 """
 
 from collections.abc import Sequence
@@ -113,7 +114,8 @@ def sandwich(
     inverse, rows = half @ half.T, float(np.sum(count))
     factor = groups / (groups - 1.0) * (rows - 1.0) / (rows - size)
     moved = by_group @ inverse
-    covariance = jnp.asarray(factor * moved.T @ moved)
+    prior = inverse / np.asarray(problem.limits.prior_deviation)
+    covariance = jnp.asarray(factor * moved.T @ moved + prior @ prior.T)
     return Sandwich(estimate.names, estimate.values, covariance, groups)
 
 

@@ -72,6 +72,31 @@ def test_own_parameters_are_eliminated(seed):
     np.testing.assert_allclose(result.covariance[0, 0], expected, rtol=1e-7)
 
 
+@pytest.mark.parametrize("motion", [1.0, 0.0])
+def test_priors_are_part_of_the_scatter(seed, motion):
+    """`V = C (f sum s s' + T) C`; without motion the slope has the error of its prior."""
+    records, u, z = data(seed)
+    u = motion * u
+    pairs = zip(u, z, strict=True)
+    records = [
+        jaxid.record(0.1 * np.arange(ROWS), a, b, inputs=("u",), outputs=("y",)) for a, b in pairs
+    ]
+    model, likelihood = (
+        Line(jnp.array(1.0), jnp.array(0.0)),
+        jaxid.OutputError(jaxid.FixedNoise([4.0])),
+    )
+    free = jaxid.free(model, "slope", "level", prior={"slope": (1.5, 0.1)})
+    result = sandwich(jaxid.estimate(model, free, records, likelihood), records, likelihood)
+    X, T = np.stack([u, np.ones(u.shape)], axis=-1), np.diag([1 / 0.1**2, 0.0])
+    C = np.linalg.inv(np.einsum("gti,gtj->ij", X, X) / 4.0 + T)
+    theta = C @ (np.einsum("gti,gt->i", X, z) / 4.0 + T @ [1.5, 0.0])
+    s = np.einsum("gti,gt->gi", X, z - X @ theta) / 4.0
+    factor = CASES / (CASES - 1) * (u.size - 1) / (u.size - 2)
+    np.testing.assert_allclose(result.covariance, C @ (factor * s.T @ s + T) @ C, rtol=1e-7)
+    if not motion:
+        np.testing.assert_allclose(result.standard_errors[0], 0.1, rtol=1e-12)
+
+
 def test_errors_equal_scatter_where_cramer_rao_is_a_third_of_it(seed):
     """Errors in common to a record, 40 records: the scatter of 4,000 least-squares estimates is
     known to 1.1 % (one sigma), the mean of 12 sandwich errors of 15 % scatter to 4.3 %.

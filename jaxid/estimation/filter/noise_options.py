@@ -69,6 +69,11 @@ def sensor_parts(name: str, option) -> tuple[Number | None, dict[str, FirstOrder
     white = [part for part in parts if not isinstance(part, FirstOrder)]
     coloured = [part for part in parts if isinstance(part, FirstOrder)]
     require(
+        len(parts) > 0,
+        f"The noise of sensor {name!r} has no parts. Give one, or leave the sensor out: its white "
+        "noise is then estimated.",
+    )
+    require(
         len(white) <= 1,
         f"The noise of sensor {name!r} has {len(white)} white parts. Give one number, and "
         "`FirstOrder` for the parts with memory.",

@@ -21,16 +21,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
-from ..estimation.estimate import as_stack, check_channels
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..estimation.result import Estimate
 from ..models.free import Parameters
 from ..sensitivity.information import OwnBlock
 from ..sensitivity.spectrum import spectrum
+from .argument_checks import stack_of_estimate
 
 # Chosen: largest ratio of the scatter of all draws to the one within the chains (A. Gelman,
 # D. B. Rubin, Statistical Science 7, 1992), and least effective number of draws.
@@ -95,26 +95,30 @@ class Posterior(eqx.Module):
         )
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self._table().html(below=self._chains())
 
     def __str__(self) -> str:
-        width = max(len(name) for name in (*self.names, "parameter"))
-        head = ("mean", "deviation", "2.5 %", "97.5 %", "effective", "ratio")
-        lines = [f"{'parameter':<{width}}" + "".join(f"{title:>12}" for title in head)]
-        flat, ends = np.asarray(self.draws).reshape(-1, len(self.names)), self.interval()
-        for k, name in enumerate(self.names):
-            column = flat[:, k]
-            cells = (column.mean(), column.std(), *ends[k])
-            lines.append(
-                f"{name:<{width}}"
-                + "".join(f"{cell:>12.5g}" for cell in cells)
-                + f"{self.effective[k]:>12.0f}{self.ratio[k]:>12.4f}"
-            )
+        return "\n".join([*self._table().lines(), *self._chains()])
+
+    def _table(self) -> Table:
+        """Return the distribution of each shared parameter in words."""
+        heads = ("parameter", "mean", "deviation", "2.5 %", "97.5 %", "effective", "ratio", "")
+        flat = np.asarray(self.draws).reshape(-1, len(self.names))
+        moments = np.column_stack([flat.mean(axis=0), flat.std(axis=0), self.interval()])
+        columns = (self.names, moments, self.effective, self.ratio)
+        rows = (
+            (name, *(f"{cell:.5g}" for cell in cells), f"{effective:.0f}", f"{ratio:.4f}", "")
+            for name, cells, effective, ratio in zip(*columns, strict=True)
+        )
+        return Table(heads, (9, *(11 for _ in heads[1:-1])), tuple(rows))
+
+    def _chains(self) -> list[str]:
+        """Return number, divergences and agreement of the chains, in words."""
         chains, draws = self.divergent.shape
-        lines.append(f"{chains} chains of {draws} draws, {int(self.divergent.sum())} divergent")
+        lines = [f"{chains} chains of {draws} draws, {int(self.divergent.sum())} divergent"]
         if not self.agree:
             lines.append("The chains do not agree yet, or are too short: give more `draws`.")
-        return "\n".join(lines)
+        return lines
 
 
 class _Coordinates(NamedTuple):
@@ -163,8 +167,7 @@ def posterior(
     blackjax = _blackjax()
     require(chains >= 2, f"{chains} chain cannot be compared with another. Give at least 2.")
     require(min(draws, warmup) >= 100, "Give at least 100 draws, and 100 for `warmup`.")
-    records = as_stack(records)
-    check_channels(estimate.model, records)
+    records = stack_of_estimate(estimate, records, likelihood)
     problem = Problem.of(estimate.model, estimate.free, records, likelihood)
     centre = _coordinates(problem, estimate)
     xi, divergent = _chains(blackjax, problem, centre, key, draws, warmup, chains)
@@ -218,13 +221,14 @@ def _coordinates(problem: Problem, estimate: Estimate) -> _Coordinates:
         "The data do not determine all parameters (see `weak_directions`), so that the posterior "
         "is not finite. Give a prior, or fix a parameter.",
     )
-    columns = Parameters(information.triangle, information.own.jacobian)
+    columns = information.triangle, information.own.jacobian
+    norms = Parameters(*(jnp.linalg.norm(column, axis=-2) for column in columns))
 
-    def inside(value, low, high, column):
-        shift = jnp.minimum(INSIDE / jnp.linalg.norm(column, axis=-2), 0.25 * (high - low))
+    def inside(value, low, high, norm):
+        shift = jnp.minimum(INSIDE / norm, 0.25 * (high - low))
         return jnp.clip(value, low + shift, high - shift)
 
-    centre = jax.tree.map(inside, parameters, limits.lower, limits.upper, columns)
+    centre = jax.tree.map(inside, parameters, limits.lower, limits.upper, norms)
     return _Coordinates(centre, svd.square_root(estimate.threshold), information.own)
 
 

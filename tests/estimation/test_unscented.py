@@ -127,7 +127,7 @@ def test_smoothed_states_are_those_of_the_recursion_with_gains():
     likelihood = FilterError({"angle": 0.2, "rate": 0.8}, initial=start, unscented=True)
     case = checked_case(PENDULUM, free(PENDULUM, *PHYSICS), data, likelihood)
     model, initial_state = case.problem.model_of(case.begin, 0)
-    filtered = jax.jit(likelihood.filter)(model, data, initial_state)
+    filtered = eqx.filter_jit(likelihood.filter)(model, data, initial_state)
     smoothed, _ = smooth_filtered(filtered)
     expected = [np.asarray(filtered.x[-1])]
     for i in range(38, -1, -1):

@@ -1,5 +1,7 @@
 """Sandwich covariance against statsmodels, with own parameters, and under a wrong likelihood."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,8 +11,15 @@ from scipy.stats import t as t_distribution
 
 import jaxid
 from jaxid import InputError
-from jaxid.models import AbstractModel
-from jaxid.uncertainty import ErrorKind, compare_errors, sandwich
+from jaxid.models import AbstractModel, LinearModel
+from jaxid.uncertainty import (
+    ErrorKind,
+    bootstrap,
+    compare_errors,
+    consider,
+    profile_likelihood,
+    sandwich,
+)
 
 ROWS, CASES = 12, 20
 
@@ -145,3 +154,24 @@ def test_too_few_groups_are_refused(seed):
         sandwich(fit, records, jaxid.OutputError())
     with pytest.raises(InputError, match="A block has -1 samples"):
         sandwich(fit, records, jaxid.OutputError(), block=-1)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        partial(sandwich, block=2),
+        partial(bootstrap, key=jax.random.key(0)),
+        partial(profile_likelihood, name="B[0,0]"),
+        partial(consider, deviations={"C[0,0]": 0.1}),
+    ],
+    ids=lambda function: function.func.__name__,
+)
+def test_likelihood_of_another_estimate_is_refused(function):
+    t = 0.1 * np.arange(40)
+    records = jaxid.record(t, np.sin(t), np.sin(t), inputs=("u",), outputs=("x",))
+    model = LinearModel(
+        *([[0.0]], [[1.0]], [[1.0]], [[0.0]]), states=("x",), inputs=("u",), outputs=("x",)
+    )
+    fit = jaxid.estimate(model, jaxid.free(model, "B[0,0]"), records, jaxid.OutputError())
+    with pytest.raises(InputError, match="no noise parameters of FilterError"):
+        function(fit, records, jaxid.FilterError({"x": 0.1}))

@@ -48,8 +48,19 @@ class FirstOrder(eqx.Module):
 
 
 def number(value) -> Number:
-    """Return a number as an array; `Fixed` unchanged."""
-    return value if isinstance(value, Fixed) else as_float(value)
+    """Return a number as an array; `Fixed` unchanged.
+
+    Raises:
+        InputError: for anything else.
+    """
+    if isinstance(value, Fixed):
+        return value
+    require(
+        not isinstance(value, str) and np.shape(value) == (),
+        f"A noise is {value!r}. Give one number (the start of its estimate), `Fixed(number)`, or "
+        "`FirstOrder(deviation, correlation_time)`.",
+    )
+    return as_float(value)
 
 
 def value_of(option: Number) -> Float[Array, ""]:

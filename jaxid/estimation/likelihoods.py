@@ -213,8 +213,9 @@ class OutputError(AbstractLikelihood):
 
     def __check_init__(self):
         require(
-            self.shooting is None or self.shooting >= 2,
-            f"`shooting` is {self.shooting}; give the number of pieces of each record, 2 or more.",
+            self.shooting is None or (isinstance(self.shooting, int) and self.shooting >= 2),
+            f"`shooting` is {self.shooting!r}; give the number of pieces of each record, an int of "
+            "2 or more.",
         )
 
     def solve(self, model, record, initial_state):

@@ -30,9 +30,9 @@ POOR_FIT = 50.0  # percent; chosen
 CORRELATED = 5.0  # standard deviations of the correlation of neighbours in white noise; chosen
 POOR = (
     "The iteration may have ended in a minimum far from the best one, or the model lacks an "
-    "effect. Try many starting values between bounds (`jaxid.multi_start`), or short pieces with "
-    "initial states of their own (`jaxid.segment`: multiple shooting); if they agree, "
-    "`jaxid.close_loop`. `jaxid.advice(records, model)` looks for wrong units."
+    "effect. Try many starting values between bounds (`jaxid.multi_start`), or multiple shooting "
+    "(`jaxid.OutputError(shooting=20)`); if they agree, `jaxid.close_loop`. "
+    "`jaxid.advice(records, model)` looks for wrong units."
 )
 
 
@@ -139,9 +139,9 @@ def _poor_fit(estimate: Any) -> list[str]:
     count = np.maximum(np.sum(both, axis=(0, 1)), 1)
     poor = (np.asarray(estimate.fit) < POOR_FIT) & (correlation * np.sqrt(count) > CORRELATED)
     names = [name for name, bad in zip(estimate.model.outputs, poor, strict=True) if bad]
-    return [f"poor fit: the residual of {', '.join(names)} is large and no noise. {POOR}"] * any(
-        names
-    )
+    if not names:
+        return []
+    return [f"poor fit: the residual of {', '.join(names)} is large and no noise. {POOR}"]
 
 
 def _errors(estimate: Any) -> str:

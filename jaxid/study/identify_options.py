@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
 
 from .._foundation.checks import require, require_unique
 from ..structure import REPORT, AbstractRule, MaximumF, Minimum, SubsetOptions
@@ -86,9 +89,15 @@ class IdentifyOptions:
             not (self.adapt and self.prior),
             "Terms with a-priori values are not added or deleted. Leave `adapt` or `prior` out.",
         )
+        both = [name for name in self.prior_terms if name in self.leave_out]
+        require(
+            not both,
+            f"The equation of {', '.join(both)} is to be left out, and a-priori values keep it. "
+            "Take it out of `leave_out` or `prior`.",
+        )
         for name, values in self.prior.items():
             require(
-                "." in name and len(values) == 2 and values[1] > 0,
+                "." in name and _is_prior(values),
                 f"The prior of {name!r} is {values}. Name a term, such as 'Cm.alpha', and give its "
                 "mean and a positive standard deviation.",
             )
@@ -125,6 +134,13 @@ class IdentifyOptions:
             if isinstance(self.subset, SubsetOptions)
             else self.subset.get(response, REPORT)
         )
+
+
+def _is_prior(values: Any) -> bool:
+    """Return True for a finite mean and a finite, positive standard deviation."""
+    pair = np.asarray(values)
+    numbers = pair.shape == (2,) and pair.dtype.kind in "fi"
+    return numbers and bool(np.all(np.isfinite(pair)) and pair[1] > 0)
 
 
 # For records of a thousand samples and more, for which the report's levels are too weak: a

@@ -10,7 +10,7 @@ import numpy as np
 from .._foundation.checks import require
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
-from ..estimation.estimate import as_stack, check_channels, fit_problem
+from ..estimation.estimate import fit_problem
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem, kept_bytes
 from ..estimation.result import Estimate
@@ -18,6 +18,7 @@ from ..estimation.solver import GaussNewton
 from ..models.free import Parameters
 from ..models.free_model import FreeModel
 from ..models.noise import DiagonalNoise, FixedNoise, FullNoise, InnovationNoise
+from .argument_checks import stack_of_estimate
 
 WHITE_NORMAL = (FixedNoise, DiagonalNoise, FullNoise, InnovationNoise)
 FEWEST_DRAWS = 20  # successful ones for a standard error, which is then right to 16 %; chosen
@@ -122,8 +123,7 @@ def bootstrap(
             records in which samples are missing, or of innovations; for a parametric bootstrap of
             noise with memory or outliers.
     """
-    records = as_stack(records)
-    check_channels(estimate.model, records)
+    records = stack_of_estimate(estimate, records, likelihood)
     require(draws >= FEWEST_DRAWS, f"{draws} draws give no standard error; take 200.")
     _check_noise(likelihood, block)
     samples = np.atleast_1d(np.asarray(records.samples))

@@ -16,13 +16,13 @@ from .._foundation.compiler import fast_compile_jit
 from .._foundation.notebook import Table
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from ..estimation.estimate import as_stack, check_channels
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..estimation.result import Estimate
 from ..models.free import Free, Parameters, all_names, flat_vectors
 from ..sensitivity.information import Information
 from ..sensitivity.spectrum import spectrum
+from .argument_checks import stack_of_estimate
 
 
 class FixedConstants(eqx.Module):
@@ -100,8 +100,7 @@ def consider(
         InputError: for a name that is no parameter or is free, a standard deviation that is not
             positive, or a constant that differs from record to record.
     """
-    records, free = as_stack(records), estimate.free
-    check_channels(estimate.model, records)
+    records, free = stack_of_estimate(estimate, records, likelihood), estimate.free
     names = tuple(deviations)
     available = all_names(estimate.model)
     require_known("fixed constant", names, available)

@@ -3,7 +3,8 @@ r"""`posterior`: draws from the posterior of the parameters, by Hamiltonian Mont
     p(theta | z)  ~  exp(-J(theta)) prior(theta)    within the bounds
 
 with the cost J of the estimate. For an unknown diagonal R the profiled cost `N/2 log det R(theta)`
-is the one in which R is integrated out with the density 1/s of each deviation s (Jeffreys).
+is the one in which R is integrated out with the density 1/s of each deviation s (Jeffreys). The
+cost of other unknown noises is profiled too: they are at their largest likelihood.
 
 The chains move in coordinates `xi` in which the posterior of a linear model is standard normal,
 by the information of the estimate with the parameters of each record eliminated,
@@ -20,22 +21,23 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
-from ..estimation.estimate import as_stack, check_channels
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..estimation.result import Estimate
 from ..models.free import Parameters
 from ..sensitivity.information import OwnBlock
 from ..sensitivity.spectrum import spectrum
+from .argument_checks import stack_of_estimate
 
 # Chosen: largest ratio of the scatter of all draws to the one within the chains (A. Gelman,
 # D. B. Rubin, Statistical Science 7, 1992), and least effective number of draws.
 LARGEST_RATIO, LEAST_EFFECTIVE = 1.01, 400.0
-# Chosen: share of the range, or of the size of the bound, by which a start is moved off a bound.
-INSIDE = 1e-6
+# Chosen: distance from a bound at which chains start, in standard deviations that the parameter
+# has if the others are known.
+INSIDE = 1e-3
 
 
 class Posterior(eqx.Module):
@@ -93,26 +95,30 @@ class Posterior(eqx.Module):
         )
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self._table().html(below=self._chains())
 
     def __str__(self) -> str:
-        width = max(len(name) for name in (*self.names, "parameter"))
-        head = ("mean", "deviation", "2.5 %", "97.5 %", "effective", "ratio")
-        lines = [f"{'parameter':<{width}}" + "".join(f"{title:>12}" for title in head)]
-        flat, ends = np.asarray(self.draws).reshape(-1, len(self.names)), self.interval()
-        for k, name in enumerate(self.names):
-            column = flat[:, k]
-            cells = (column.mean(), column.std(), *ends[k])
-            lines.append(
-                f"{name:<{width}}"
-                + "".join(f"{cell:>12.5g}" for cell in cells)
-                + f"{self.effective[k]:>12.0f}{self.ratio[k]:>12.4f}"
-            )
+        return "\n".join([*self._table().lines(), *self._chains()])
+
+    def _table(self) -> Table:
+        """Return the distribution of each shared parameter in words."""
+        heads = ("parameter", "mean", "deviation", "2.5 %", "97.5 %", "effective", "ratio", "")
+        flat = np.asarray(self.draws).reshape(-1, len(self.names))
+        moments = np.column_stack([flat.mean(axis=0), flat.std(axis=0), self.interval()])
+        columns = (self.names, moments, self.effective, self.ratio)
+        rows = (
+            (name, *(f"{cell:.5g}" for cell in cells), f"{effective:.0f}", f"{ratio:.4f}", "")
+            for name, cells, effective, ratio in zip(*columns, strict=True)
+        )
+        return Table(heads, (9, *(11 for _ in heads[1:-1])), tuple(rows))
+
+    def _chains(self) -> list[str]:
+        """Return number, divergences and agreement of the chains, in words."""
         chains, draws = self.divergent.shape
-        lines.append(f"{chains} chains of {draws} draws, {int(self.divergent.sum())} divergent")
+        lines = [f"{chains} chains of {draws} draws, {int(self.divergent.sum())} divergent"]
         if not self.agree:
             lines.append("The chains do not agree yet, or are too short: give more `draws`.")
-        return "\n".join(lines)
+        return lines
 
 
 class _Coordinates(NamedTuple):
@@ -154,21 +160,16 @@ def posterior(
         chains: number of chains, which run together.
 
     Raises:
-        InputError: without blackjax, for less than two chains, and when the data do not determine
-            the parameters, so that the posterior is not finite.
+        InputError: without blackjax, for less than two chains or too few draws, for an estimate
+            whose cost is not finite, and when the data and priors do not determine the parameters,
+            so that the posterior is not finite.
     """
     blackjax = _blackjax()
     require(chains >= 2, f"{chains} chain cannot be compared with another. Give at least 2.")
     require(min(draws, warmup) >= 100, "Give at least 100 draws, and 100 for `warmup`.")
-    records = as_stack(records)
-    check_channels(estimate.model, records)
+    records = stack_of_estimate(estimate, records, likelihood)
     problem = Problem.of(estimate.model, estimate.free, records, likelihood)
-    centre, weak = _coordinates(problem, estimate)
-    require(
-        not weak,
-        "The data do not determine all parameters (see `weak_directions`), so that the posterior "
-        "is not finite. Give a prior, bounds, or fix a parameter.",
-    )
+    centre = _coordinates(problem, estimate)
     xi, divergent = _chains(blackjax, problem, centre, key, draws, warmup, chains)
     values = jax.vmap(jax.vmap(centre))(xi)
     diagnostics = blackjax.diagnostics
@@ -193,21 +194,42 @@ def _blackjax() -> Any:
     return blackjax
 
 
-def _coordinates(problem: Problem, estimate: Estimate) -> tuple[_Coordinates, bool]:
-    """Return the map from standard coordinates, and True if a direction is not determined."""
+def _coordinates(problem: Problem, estimate: Estimate) -> _Coordinates:
+    """Return the map from standard coordinates, about the estimate.
+
+    Raises:
+        InputError: if a direction is not determined, or the cost of the estimate is not finite.
+    """
     limits, parameters = problem.limits, estimate.parameters
-
-    def inside(value, low, high):
-        size = jnp.where(jnp.isfinite(high - low), high - low, jnp.abs(value) + 1.0)
-        return jnp.clip(value, low + INSIDE * size, high - INSIDE * size)
-
-    centre = jax.tree.map(inside, parameters, limits.lower, limits.upper)
-    information = eqx.filter_jit(Problem.linearise)(problem, centre).information
+    ends = jax.tree.map(lambda low: jnp.full(low.shape, jnp.inf), limits.lower)
+    # without bounds, which would hold a parameter on one of them
+    unbounded = eqx.tree_at(
+        lambda node: (node.limits.lower, node.limits.upper),
+        problem,
+        (jax.tree.map(jnp.negative, ends), ends),
+    )
+    cost, linearised = eqx.filter_jit(Problem.evaluate)(unbounded, parameters)
+    require(
+        bool(jnp.isfinite(cost)),
+        f"The cost of the estimate is not finite, so that no chain can start: {estimate.status}",
+    )
+    information = linearised.information
     svd = spectrum(information.triangle, information.rhs, limits.scale)
-    weak = svd.weak(estimate.threshold)
-    undetermined = bool(jnp.any(weak) | jnp.any(information.own.undetermined))
-    half = svd.square_root(estimate.threshold)
-    return _Coordinates(centre, half, information.own), undetermined
+    weak = jnp.any(svd.weak(estimate.threshold)) | jnp.any(information.own.undetermined)
+    require(
+        not bool(weak),
+        "The data do not determine all parameters (see `weak_directions`), so that the posterior "
+        "is not finite. Give a prior, or fix a parameter.",
+    )
+    columns = information.triangle, information.own.jacobian
+    norms = Parameters(*(jnp.linalg.norm(column, axis=-2) for column in columns))
+
+    def inside(value, low, high, norm):
+        shift = jnp.minimum(INSIDE / norm, 0.25 * (high - low))
+        return jnp.clip(value, low + shift, high - shift)
+
+    centre = jax.tree.map(inside, parameters, limits.lower, limits.upper, norms)
+    return _Coordinates(centre, svd.square_root(estimate.threshold), information.own)
 
 
 @eqx.filter_jit

@@ -12,12 +12,13 @@ from .._foundation.checks import require, require_known
 from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from ..estimation.estimate import as_stack, check_channels, fit_problem
+from ..estimation.estimate import fit_problem
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..estimation.result import Estimate
 from ..estimation.solver import GaussNewton
 from ..models.free import Parameters
+from .argument_checks import stack_of_estimate
 
 POINTS = 17  # of a profile; chosen
 WIDTHS = (4.0, 16.0, 64.0)  # half widths in standard errors, until the interval ends; chosen
@@ -98,8 +99,7 @@ def profile_likelihood(
     """
     from scipy.special import ndtri, stdtrit  # slow to import, and only intervals need it
 
-    records = as_stack(records)
-    check_channels(estimate.model, records)
+    records = stack_of_estimate(estimate, records, likelihood)
     require_known("free parameter", [name], estimate.names)
     require(0 < level < 1, f"The level is {level}; a probability lies between 0 and 1.")
     problem = Problem.of(estimate.model, estimate.free, records, likelihood)

@@ -1,10 +1,11 @@
 r"""`sandwich`: standard errors that hold when the likelihood is not the true one.
 
-    V = C ( sum_g s_g s_g' ) C,    s_g = sum_(i in g) S_i' R^-1 v_i,    C = M^-1
+    V = C ( sum_g s_g s_g' + T ) C,    s_g = sum_(i in g) S_i' R^-1 v_i,    C = M^-1
 
 with the scores `s_g` of groups of samples that are independent of each other: the records, or
-blocks of consecutive samples. Within a group the errors may have any covariance (P. J. Huber,
-Proc. Fifth Berkeley Symposium 1, 1967; K.-Y. Liang, S. L. Zeger, Biometrika 73, 1986).
+blocks of consecutive samples; and the information T of the priors, a part of M. Within a group the
+errors may have any covariance (P. J. Huber, Proc. Fifth Berkeley Symposium 1, 1967; K.-Y. Liang,
+S. L. Zeger, Biometrika 73, 1986).
 """
 
 from collections.abc import Sequence
@@ -14,14 +15,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require
-from .._foundation.notebook import preformatted
+from .._foundation.notebook import Table
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from ..estimation.estimate import as_stack, check_channels
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..estimation.result import Estimate
 from ..models.free import Parameters
+from .argument_checks import stack_of_estimate
 
 FEWEST_GROUPS = 10  # beyond the number of parameters, for a covariance of their scores; chosen
 
@@ -63,14 +64,19 @@ class Sandwich(eqx.Module):
         return jnp.stack([self.values - width, self.values + width], axis=-1)
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self))
+        return self._table().html(below=[self._source()])
 
     def __str__(self) -> str:
-        width = max(len(name) for name in (*self.names, "parameter"))
-        lines = [f"{'parameter':<{width}}{'value':>14}{'std. error':>12}"]
+        return "\n".join([*self._table().lines(), self._source()])
+
+    def _table(self) -> Table:
+        """Return the parameters in words."""
         rows = zip(self.names, self.values, self.standard_errors, strict=True)
-        lines += [f"{name:<{width}}{value:>14.6g}{error:>12.3g}" for name, value, error in rows]
-        return "\n".join([*lines, f"sandwich from {self.groups} groups of samples"])
+        cells = tuple((name, f"{value:.6g}", f"{error:.3g}", "") for name, value, error in rows)
+        return Table(("parameter", "value", "std. error", ""), (9, 13, 11), cells)
+
+    def _source(self) -> str:
+        return f"sandwich from {self.groups} groups of samples"
 
 
 def sandwich(
@@ -93,8 +99,7 @@ def sandwich(
     Raises:
         InputError: when there are too few groups for the number of parameters.
     """
-    records = as_stack(records)
-    check_channels(estimate.model, records)
+    records = stack_of_estimate(estimate, records, likelihood)
     samples = records.t.shape[1]
     require(block >= 0, f"A block has {block} samples; give a positive number, or 0 for records.")
     length = min(block or samples, samples)
@@ -113,7 +118,8 @@ def sandwich(
     inverse, rows = half @ half.T, float(np.sum(count))
     factor = groups / (groups - 1.0) * (rows - 1.0) / (rows - size)
     moved = by_group @ inverse
-    covariance = jnp.asarray(factor * moved.T @ moved)
+    prior = inverse / np.asarray(problem.limits.prior_deviation)
+    covariance = jnp.asarray(factor * moved.T @ moved + prior @ prior.T)
     return Sandwich(estimate.names, estimate.values, covariance, groups)
 
 

@@ -118,6 +118,11 @@ def fit_output(fit, t, u):
 def test_faulty_noises_are_refused():
     with pytest.raises(InputError, match="sensor 'a' has 2 white parts"):
         FilterError(noise={"a": (0.1, 0.2)})
+    for value in ("large", np.array([0.1, 0.2])):
+        with pytest.raises(InputError, match="Give one number"):
+            FilterError(noise={"a": value})
+    with pytest.raises(InputError, match="sensor 'a' has no parts"):
+        FilterError(noise={"a": ()})
     with pytest.raises(InputError, match="correlation time of the noise of sensor 'a' is -1"):
         FilterError(noise={"a": FirstOrder(0.1, -1.0)})
     t, u, z = data()

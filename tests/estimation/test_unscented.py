@@ -10,6 +10,7 @@ from gusty_pendulum import PENDULUM, PHYSICS
 from jaxid import RK4, FilterError, InputError
 from jaxid.data import record
 from jaxid.estimation.estimate import checked_case
+from jaxid.estimation.filter.backward_pass import smooth_filtered
 from jaxid.estimation.filter.kalman import Sample, cholesky, unscented_update
 from jaxid.estimation.problem import Problem
 from jaxid.models import AbstractModel, LinearModel, free
@@ -112,6 +113,28 @@ def test_innovations_of_a_curved_output_have_no_mean():
         means.append(float(jnp.mean(w)))
     assert abs(means[1]) < 0.04
     assert means[0] > 0.1
+
+
+def test_smoothed_states_are_those_of_the_recursion_with_gains():
+    """`x_s = x + P Phi' P_pred^-1 (x_s(next) - x_pred(next))` (Rauch, Tung, Striebel), with the
+    moments of the unscented updates.
+    """
+    rng, t = np.random.default_rng(6), 0.08 * np.arange(40)
+    z = np.stack([2 * np.sin(2 * t), 2 * np.cos(3 * t), 3 * np.cos(2 * t)], 1)
+    z[rng.uniform(size=z.shape) < 0.3] = np.nan
+    data = record(t, np.sin(3 * t), z, inputs=("torque",), outputs=PENDULUM.outputs)
+    start = {"angle": 0.5, "rate": 0.5}
+    likelihood = FilterError({"angle": 0.2, "rate": 0.8}, initial=start, unscented=True)
+    case = checked_case(PENDULUM, free(PENDULUM, *PHYSICS), data, likelihood)
+    model, initial_state = case.problem.model_of(case.begin, 0)
+    filtered = eqx.filter_jit(likelihood.filter)(model, data, initial_state)
+    smoothed, _ = smooth_filtered(filtered)
+    expected = [np.asarray(filtered.x[-1])]
+    for i in range(38, -1, -1):
+        P, Phi, P_next = filtered.P[i], filtered.Phi[i], filtered.P_predicted[i + 1]
+        step = np.linalg.solve(P_next, expected[0] - filtered.x_predicted[i + 1])
+        expected.insert(0, filtered.x[i] + P @ Phi.T @ step)
+    np.testing.assert_allclose(smoothed, expected, rtol=1e-8, atol=1e-8)
 
 
 def test_contradictory_options_are_refused():

@@ -129,6 +129,8 @@ def test_start_of_an_unselected_term_is_its_prior_mean(record):
         ({"prior": {"damping.x": (0.0, 1.0)}}, "response .in `options`. 'damping'"),
         ({"prior": {"stiffness.x": (0.0, 0.0)}}, "positive standard deviation"),
         ({"prior": {"stiffness": (0.0, 1.0)}}, "Name a term"),
+        ({"prior": {"stiffness.x": (0.0, np.inf)}}, "positive standard deviation"),
+        ({"prior": {"stiffness.x": (0.0, 1.0)}, "leave_out": ("stiffness",)}, "`leave_out` or"),
         ({"prior": {"stiffness.x": (0.0, 1.0)}, "adapt": True}, "Leave `adapt` or `prior` out"),
     ],
 )

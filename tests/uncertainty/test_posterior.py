@@ -1,5 +1,7 @@
 """Draws from the posterior against closed forms: known and unknown R, a bound, own parameters."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -141,6 +143,9 @@ def test_undetermined_and_too_few_are_refused(seed):
     model, likelihood = Line(jnp.array(1.0), jnp.array(0.0)), jaxid.OutputError()
     fit = jaxid.estimate(model, jaxid.free(model, "slope", "level"), records, likelihood)
     key = jax.random.key(0)
+    nowhere = dataclasses.replace(fit, values=jnp.full(2, jnp.nan))
+    with pytest.raises(InputError, match="cost of the estimate is not finite"):
+        posterior(nowhere, records, likelihood, key=key)
     with pytest.raises(InputError, match="do not determine all parameters"):
         posterior(fit, records, likelihood, key=key)
     with pytest.raises(InputError, match="Give at least 2"):

@@ -1,5 +1,7 @@
 """Sandwich covariance against statsmodels, with own parameters, and under a wrong likelihood."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,8 +11,15 @@ from scipy.stats import t as t_distribution
 
 import jaxid
 from jaxid import InputError
-from jaxid.models import AbstractModel
-from jaxid.uncertainty import ErrorKind, compare_errors, sandwich
+from jaxid.models import AbstractModel, LinearModel
+from jaxid.uncertainty import (
+    ErrorKind,
+    bootstrap,
+    compare_errors,
+    consider,
+    profile_likelihood,
+    sandwich,
+)
 
 ROWS, CASES = 12, 20
 
@@ -72,6 +81,31 @@ def test_own_parameters_are_eliminated(seed):
     np.testing.assert_allclose(result.covariance[0, 0], expected, rtol=1e-7)
 
 
+@pytest.mark.parametrize("motion", [1.0, 0.0])
+def test_priors_are_part_of_the_scatter(seed, motion):
+    """`V = C (f sum s s' + T) C`; without motion the slope has the error of its prior."""
+    records, u, z = data(seed)
+    u = motion * u
+    pairs = zip(u, z, strict=True)
+    records = [
+        jaxid.record(0.1 * np.arange(ROWS), a, b, inputs=("u",), outputs=("y",)) for a, b in pairs
+    ]
+    model, likelihood = (
+        Line(jnp.array(1.0), jnp.array(0.0)),
+        jaxid.OutputError(jaxid.FixedNoise([4.0])),
+    )
+    free = jaxid.free(model, "slope", "level", prior={"slope": (1.5, 0.1)})
+    result = sandwich(jaxid.estimate(model, free, records, likelihood), records, likelihood)
+    X, T = np.stack([u, np.ones(u.shape)], axis=-1), np.diag([1 / 0.1**2, 0.0])
+    C = np.linalg.inv(np.einsum("gti,gtj->ij", X, X) / 4.0 + T)
+    theta = C @ (np.einsum("gti,gt->i", X, z) / 4.0 + T @ [1.5, 0.0])
+    s = np.einsum("gti,gt->gi", X, z - X @ theta) / 4.0
+    factor = CASES / (CASES - 1) * (u.size - 1) / (u.size - 2)
+    np.testing.assert_allclose(result.covariance, C @ (factor * s.T @ s + T) @ C, rtol=1e-7)
+    if not motion:
+        np.testing.assert_allclose(result.standard_errors[0], 0.1, rtol=1e-12)
+
+
 def test_errors_equal_scatter_where_cramer_rao_is_a_third_of_it(seed):
     """Errors in common to a record, 40 records: the scatter of 4,000 least-squares estimates is
     known to 1.1 % (one sigma), the mean of 12 sandwich errors of 15 % scatter to 4.3 %.
@@ -120,3 +154,24 @@ def test_too_few_groups_are_refused(seed):
         sandwich(fit, records, jaxid.OutputError())
     with pytest.raises(InputError, match="A block has -1 samples"):
         sandwich(fit, records, jaxid.OutputError(), block=-1)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        partial(sandwich, block=2),
+        partial(bootstrap, key=jax.random.key(0)),
+        partial(profile_likelihood, name="B[0,0]"),
+        partial(consider, deviations={"C[0,0]": 0.1}),
+    ],
+    ids=lambda function: function.func.__name__,
+)
+def test_likelihood_of_another_estimate_is_refused(function):
+    t = 0.1 * np.arange(40)
+    records = jaxid.record(t, np.sin(t), np.sin(t), inputs=("u",), outputs=("x",))
+    model = LinearModel(
+        *([[0.0]], [[1.0]], [[1.0]], [[0.0]]), states=("x",), inputs=("u",), outputs=("x",)
+    )
+    fit = jaxid.estimate(model, jaxid.free(model, "B[0,0]"), records, jaxid.OutputError())
+    with pytest.raises(InputError, match="no noise parameters of FilterError"):
+        function(fit, records, jaxid.FilterError({"x": 0.1}))

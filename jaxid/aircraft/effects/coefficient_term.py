@@ -58,7 +58,7 @@ class CoefficientTerm(Effect):
     force equation, a row of `qbar S I^-1 diag(b, cbar, b)` in a moment equation.
 
     Args:
-        coefficient: "CX" to "Cn".
+        coefficient: "CX" to "Cn", or "CD", "CC", "CL" of a model with these forces.
         product: a product of powers of the model's signals, such as `"alpha^2 qhat"`.
         affected_states: the states whose rates the coefficient changes.
         gain: the coefficient of the term [per radian, for each angle or reduced rate in it].

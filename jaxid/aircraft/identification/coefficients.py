@@ -50,7 +50,7 @@ def pseudo_measurements(
     _require_needed((*_needed(motion), *ANGULAR), record, (*measured, *known, *motion.held))
     coefficients, tables, signals = _coefficients(motion, readings, measured, known)
     responses = {name: coefficients[name] for name in motion.channels.responses}
-    signals = _factors(motion, record, candidates, signals)
+    signals = _factors(record, _rates(motion, candidates), signals)
     valid = _finite(responses, signals)
     return PseudoMeasurements(
         t=record.t,
@@ -84,9 +84,10 @@ def weak_measurements(
     """
     measured, known = map(_without_angular, histories(readings, record))
     _require_needed(_needed(motion), record, (*measured, *known, *motion.held))
-    _require_at_cg(motion, readings)
+    rates = _rates(motion, candidates)
+    _require_at_cg(motion, readings, rates)
     *equations, signals = _weak_parts(motion, readings, measured, known)
-    signals = _factors(motion, record, candidates, signals)
+    signals = _factors(record, rates, signals)
     responses = motion.channels.responses
     multipliers, *parts = ({name: each[name] for name in responses} for each in equations)
     valid = _finite(signals, multipliers, *parts)
@@ -101,32 +102,34 @@ def weak_measurements(
     )
 
 
-def _factors(
-    motion: RigidMotion,
-    record: Record,
-    candidates: Mapping[str, tuple[str, ...]],
-    signals: Histories,
-) -> Histories:
-    """Return the factors of terms, with the rates of the air angles if a candidate has them."""
+def _rates(motion: RigidMotion, candidates: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """Return the rates of the air angles on which candidates depend."""
     own = {name: candidates.get(name, ()) for name in motion.channels.responses}
-    rates = needed_rates(own, motion.channels)
+    return needed_rates(own, motion.channels)
+
+
+def _factors(record: Record, rates: tuple[str, ...], signals: Histories) -> Histories:
+    """Return the factors of terms, with the rates of the air angles."""
     for name in ("phi", "pitch") if rates else ():
         if name not in signals:
             raise missing(record, name, "for the rates of the air angles")
     return {name: signals[name] for name in (*REGRESSION_SIGNALS, *rates)}
 
 
-def _require_at_cg(motion: RigidMotion, readings: Readings) -> None:
-    """Refuse the weak form of lift and drag from accelerometers off the centre of gravity.
+def _require_at_cg(motion: RigidMotion, readings: Readings, rates: tuple[str, ...]) -> None:
+    """Refuse the weak form of lift and drag, and of terms with the rates of the air angles, from
+    accelerometers off the centre of gravity.
 
-    The share of the angular accelerations in lift and drag then varies with the angles.
+    The share of the angular accelerations in lift and drag then varies with the angles, and the
+    rates of the air angles cannot be computed without angular accelerations.
     """
     position = readings.instruments.position
     off = [name for name in FORCE if name in position.channels and np.any(position[name])]
     require(
-        motion.channels.axes == "body" or not off,
-        "The weak form of lift and drag needs accelerometers at the centre of gravity. Correct "
-        "them first (`corrected_accelerations`), or take the regression on samples.",
+        not off or (motion.channels.axes == "body" and not rates),
+        "The weak form of lift and drag, or with rates of the air angles, needs accelerometers at "
+        "the centre of gravity. Correct them first (`corrected_accelerations`), or take the "
+        "regression on samples.",
     )
 
 

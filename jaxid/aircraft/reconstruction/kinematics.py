@@ -272,12 +272,12 @@ class Kinematics(AbstractModel):
     def sensor_errors(self) -> tuple[str, ...]:
         """Return names of the errors that are jointly identifiable from a dynamic manoeuvre.
 
-        A manoeuvre of some seconds with a free initial state determines the biases of the six
-        inputs, the scales of V, alpha and beta, the biases of alpha and beta, and all lags and
-        delays of the model. Left out are the biases of attitude angles (the biases of psi and of
-        the altitude are confounded with the initial state in every record), the scales of the
-        inputs, and the bias of V, which only a large change of speed separates from its scale. Pass
-        their names to `jaxid.consistency` if the manoeuvre is designed for them.
+        A manoeuvre of some seconds with a free initial state determines the biases of the specific
+        forces and rates, the scales of V, alpha and beta, the biases of alpha and beta, and all
+        lags and delays of the model. Left out are the biases of attitude angles (the biases of psi
+        and of the altitude are confounded with the initial state in every record), the scales of
+        the inputs, and the bias of V, which only a large change of speed separates from its scale.
+        Pass their names to `jaxid.consistency` if the manoeuvre is designed for them.
         """
         air = {"scale": ("V", "alpha", "beta"), "bias": ("alpha", "beta")}
         dynamic = [

@@ -26,6 +26,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.linalg import solve_triangular
 
 from ..._foundation.checks import require
 from ..._foundation.dependence import returns_argument
@@ -56,7 +57,7 @@ class Filtered(NamedTuple):
         x, P: state and covariance after the sample (A.24, A.25).
         Phi, Q: transition from each sample to the next, and the covariance of its noise.
         score: `H' B^-1 v`, the gradient of the log-likelihood of a sample by the predicted state.
-        remaining: `I - K H`.
+        remaining: `I - K H`, with the H of `P H' = cov(x, y)`.
     """
 
     y: Float[Array, "time output"]
@@ -227,14 +228,13 @@ def unscented_update(model, x, P, sample: Sample, deviations) -> Update:
     The mean is the one of the unscented transform with three as the sum of dimension and kappa, and
     B has no negative weights (M. Norgaard, N. Poulsen, O. Ravn, Automatica 36, 2000). Exact for
     outputs that are sums of quadratic functions of single components of `S^-1 x`. `score` and
-    `remaining` are those of the linearised outputs.
+    `remaining` have the slope `H = D S^-1`, for which `P H'` is the covariance of x and y.
     """
     t, u, z, mask = sample
     S = cholesky(P)
     points = jnp.concatenate([x[None] + np.sqrt(3.0) * S.T, x[None] - np.sqrt(3.0) * S.T])
     plus, minus = jnp.split(jax.vmap(lambda x: model.output(t, x, u))(points), 2)
-    y, H = value_and_jacobian(lambda x: model.output(t, x, u), x)
-    present = mask[:, None]
+    y, present = model.output(t, x, u), mask[:, None]
     D = jnp.where(present, (plus - minus).T / (2.0 * np.sqrt(3.0)), 0.0)
     E = jnp.where(present, np.sqrt(2.0) / 6.0 * (plus + minus - 2.0 * y[None]).T, 0.0)
     y = y + jnp.sum(E, axis=1) / np.sqrt(2.0)
@@ -245,7 +245,8 @@ def unscented_update(model, x, P, sample: Sample, deviations) -> Update:
     gain = product(product(S, product(inverse, D).T), inverse)
     rest = S - product(gain, D)
     after = product(rest, rest.T) + congruence(gain, noise)
-    H = jnp.where(present, H, 0.0)
+    empty = jnp.diag(jnp.where(jnp.diagonal(S) > 0.0, 0.0, 1.0))  # columns of S and of D are zero
+    H = solve_triangular(S + empty, D.T, trans="T", lower=True).T
     score = product(H.T, product(inverse.T, product(inverse, v)))
     remaining = jnp.eye(x.size) - product(gain, H)
     return Update(y, v, B, x + product(gain, v), (after + after.T) / 2, score, remaining)

@@ -48,8 +48,19 @@ class FirstOrder(eqx.Module):
 
 
 def number(value) -> Number:
-    """Return a number as an array; `Fixed` unchanged."""
-    return value if isinstance(value, Fixed) else as_float(value)
+    """Return a number as an array; `Fixed` unchanged.
+
+    Raises:
+        InputError: for anything else.
+    """
+    if isinstance(value, Fixed):
+        return value
+    require(
+        not isinstance(value, str) and np.shape(value) == (),
+        f"A noise is {value!r}. Give one number (the start of its estimate), `Fixed(number)`, or "
+        "`FirstOrder(deviation, correlation_time)`.",
+    )
+    return as_float(value)
 
 
 def value_of(option: Number) -> Float[Array, ""]:
@@ -68,6 +79,11 @@ def sensor_parts(name: str, option) -> tuple[Number | None, dict[str, FirstOrder
     parts = option if isinstance(option, (tuple, list)) else (option,)
     white = [part for part in parts if not isinstance(part, FirstOrder)]
     coloured = [part for part in parts if isinstance(part, FirstOrder)]
+    require(
+        len(parts) > 0,
+        f"The noise of sensor {name!r} has no parts. Give one, or leave the sensor out: its white "
+        "noise is then estimated.",
+    )
     require(
         len(white) <= 1,
         f"The noise of sensor {name!r} has {len(white)} white parts. Give one number, and "

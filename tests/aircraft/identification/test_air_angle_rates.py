@@ -4,6 +4,7 @@ The flight is integrated by SciPy: with `CL` linear in alphadot the equation of 
 hand, `alphadot (1 + qbar S cbar CL_alphadot / 2 m V^2) = ...`.
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from small_airframe import small_airframe
 import jaxid
 from jaxid import identify
 from jaxid._foundation.checks import InputError
-from jaxid.aircraft import IdentificationModel, model_of
+from jaxid.aircraft import IdentificationModel, Instruments, model_of
 from jaxid.aircraft.physics.frames import air_angle_rates
 from jaxid.models import Polynomial, with_polynomials
 from jaxid.study import IdentifyOptions
@@ -152,6 +153,16 @@ def test_candidates_with_these_rates_need_the_attitude(record, model):
     )
     with pytest.raises(InputError, match="'pitch' for the rates of the air angles"):
         model.pseudo_measurements(short)
+
+
+def test_weak_form_off_the_centre_of_gravity_is_refused(record, model):
+    """The rate of alpha needs the acceleration there, and this the angular accelerations."""
+    moved = eqx.tree_at(
+        lambda one: one.instruments, model, Instruments(position={"az": (2.0, 0.0, 0.0)})
+    )
+    assert "alphadot_hat" in model.weak_measurements(record).signals
+    with pytest.raises(InputError, match="accelerometers at the centre of gravity"):
+        moved.weak_measurements(record)
 
 
 @pytest.mark.parametrize(

@@ -94,21 +94,43 @@ def profiled(name: str, distance: float):
         error = float(fit.standard_errors[0, fit.names.index(name)])
         bound = DERIVATIVES[name] - distance * error
         model, chosen = started(bounds={name: (bound, None)})
-        fits, likelihood = estimates(flights, OutputError(), model, chosen), OutputError()
-        ends = [
-            profile_likelihood(fit, record, likelihood, name).ends
-            for fit, record in _each(fits, flights)
-        ]
-        keep = [fits.names.index(name)]
-        return Answer(
-            (name,),
-            np.asarray(fits.values)[:, keep],
-            np.asarray(fits.standard_errors)[:, keep],
-            np.array(ends)[:, None],
-            np.asarray(fits.successful),
-        )
+        fits = estimates(flights, OutputError(), model, chosen)
+        return _profiles(fits, flights, OutputError(), name)
 
     return answer
+
+
+def profile_of(name: str, likelihood: Callable[[], AbstractLikelihood]):
+    """Return a function that gives the intervals of one parameter by its profile likelihood.
+
+    Args:
+        name: the parameter.
+        likelihood: makes the likelihood.
+    """
+
+    def answer(flights: Flights) -> Answer:
+        fits = estimates(flights, likelihood(), *started(airplane=flights.airplane))
+        return _profiles(fits, flights, likelihood(), name)
+
+    return answer
+
+
+def _profiles(
+    fits: Estimate, flights: Flights, likelihood: AbstractLikelihood, name: str
+) -> Answer:
+    """Return the profile intervals of one parameter of all flights."""
+    ends = [
+        profile_likelihood(fit, record, likelihood, name).ends
+        for fit, record in _each(fits, flights)
+    ]
+    keep = [fits.names.index(name)]
+    return Answer(
+        (name,),
+        np.asarray(fits.values)[:, keep],
+        np.asarray(fits.standard_errors)[:, keep],
+        np.array(ends)[:, None],
+        np.asarray(fits.successful),
+    )
 
 
 def estimates(

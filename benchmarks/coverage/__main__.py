@@ -42,6 +42,7 @@ def measure(name: str, draws: int, seed: int = 1974) -> dict:
             "parameter": parameter,
             "truth": float(truth[:, at].mean()),
             "coverage": float(inside[:, at].mean()),
+            "on_bound": float(np.isnan(answer.ends[:, at]).any(axis=-1).mean()),
             "rms_error": float(np.sqrt(np.mean(mistakes[:, at] ** 2))),
             "bias_in_scatter": float(mistakes[:, at].mean() / mistakes[:, at].std()),
             "efficiency": float(mistakes[:, at].var() / variance[at]),

@@ -7,8 +7,20 @@ from typing import NamedTuple
 
 from scipy.stats import norm
 
-from benchmarks.coverage.flights import DERIVATIVES, GUST, GUST_TIME, NOISE, Flights, fly
-from benchmarks.coverage.intervals import Answer, asymptotic, considered, profiled
+from benchmarks.coverage.dryden import second_order, second_order_truth
+from benchmarks.coverage.flights import (
+    DERIVATIVES,
+    F16,
+    GUST,
+    GUST_TIME,
+    NOISE,
+    SMALL,
+    Airplane,
+    Flights,
+    fly,
+)
+from benchmarks.coverage.gusts import dryden
+from benchmarks.coverage.intervals import Answer, asymptotic, considered, profile_of, profiled
 from benchmarks.coverage.selection import after_selection, fly_missing
 from jaxid import FilterError, FirstOrder, FixedNoise, OutputError
 
@@ -63,6 +75,30 @@ def _known_noise():
     return OutputError(FixedNoise([size**2 for size in NOISE.values()]))
 
 
+def _in_dryden_gusts(title: str, airplane: Airplane, gust: float) -> dict[str, Case]:
+    """Return the cases of one aircraft in Dryden's gusts of one intensity, by name.
+
+    Filter error of first order has another spectrum than the gusts; its intensity and duration are
+    compared with theirs.
+
+    Args:
+        title: name of the aircraft.
+        airplane: the aircraft.
+        gust: standard deviation of the gust [m/s].
+    """
+    flight = partial(fly, gust=gust, airplane=airplane, shape=dryden)
+    first = SENSORS | {"process.gust": gust, "correlation_time.gust": airplane.gust_time}
+    second = SENSORS | second_order_truth(airplane, gust)
+    cases = {
+        "output error": Case(2000, flight, asymptotic(OutputError), claimed=False),
+        "filter error of first order": Case(
+            2000, flight, asymptotic(_filter_error), first, claimed=False
+        ),
+        "filter error of second order": Case(2000, flight, second_order, second),
+    }
+    return {f"{name}, Dryden, {gust:g} m/s, {title}": case for name, case in cases.items()}
+
+
 SENSORS = {f"sensor.{name}": size for name, size in NOISE.items()}
 GUSTS = {"process.gust": GUST, "correlation_time.gust": GUST_TIME}
 CORRELATION = 0.8  # of a sensor's noise from one sample to the next, in the coloured cases
@@ -73,6 +109,7 @@ PRIOR = {"Mq": 0.15}
 BOUNDED, DISTANCES = "Mq", (0.0, 0.5, 1.0, 3.0)
 
 STRONG = (3.0, 6.0)  # m/s, intensities of further gusts
+AIRPLANES = {"small aircraft": SMALL, "F-16": F16}
 in_gusts = partial(fly, gust=GUST)
 coloured = partial(fly, colour=CORRELATION)
 corrected = asymptotic(OutputError, coloured=True)
@@ -127,10 +164,20 @@ CASES = {
         )
         for size in STRONG
     },
+    # the noise of the vane is small beside the gusts, and its estimate is often on the bound
+    f"filter error, gusts of {STRONG[-1]:g} m/s, noise of the vane, profile": Case(
+        2000, partial(fly, gust=STRONG[-1]), profile_of(_filter_error, "sensor.alpha"), SENSORS
+    ),
     **{
         f"output error, gusts of {size:g} m/s": Case(
             2000, partial(fly, gust=size), asymptotic(OutputError), claimed=False
         )
         for size in STRONG
+    },
+    **{
+        name: case
+        for title, airplane in AIRPLANES.items()
+        for size in (GUST, *STRONG)
+        for name, case in _in_dryden_gusts(title, airplane, size).items()
     },
 }

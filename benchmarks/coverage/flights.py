@@ -1,5 +1,8 @@
 """Simulated flights of a short period: many records of one manoeuvre, each with its own noise."""
 
+import dataclasses
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import equinox as eqx
@@ -7,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import expm
 
+from benchmarks.coverage.gusts import GustFilter, first_order, scaled
 from jaxid import AbstractModel, Augmented, simulate
 from jaxid._foundation.types import Array
 from jaxid.effects import Effect
@@ -19,9 +23,10 @@ INITIAL = np.array([0.5, 0.02])  # m/s, rad/s
 
 
 class ShortPeriod(AbstractModel):
-    """The short period of a small aircraft, in vertical gusts if they are among the inputs.
+    """The short period of an aircraft, in vertical gusts if they are among the inputs.
 
-    dw/dt = Zw (w - gust) + V q,    dq/dt = Mw (w - gust) + Mq q + Md elevator
+    dw/dt = Zw (w - gust) + (V + Zq) q + Zd elevator
+    dq/dt = Mw (w - gust) + Mq q + Md elevator
     alpha = (w - gust) / V
     """
 
@@ -29,6 +34,9 @@ class ShortPeriod(AbstractModel):
     Mw: Array
     Mq: Array
     Md: Array
+    Zq: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
+    Zd: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
+    speed: float = eqx.field(static=True, default=SPEED)
     gusts: tuple[str, ...] = eqx.field(static=True, default=())
     states, outputs = ("w", "q"), ("alpha", "q")
 
@@ -37,19 +45,57 @@ class ShortPeriod(AbstractModel):
         return ("elevator", *self.gusts)
 
     def rhs(self, t, x, u):
-        w = self._relative(x, u)
+        w, q = self._relative(x, u), x[1]
         return jnp.stack(
-            [self.Zw * w + SPEED * x[1], self.Mw * w + self.Mq * x[1] + self.Md * u[0]]
+            [
+                self.Zw * w + (self.speed + self.Zq) * q + self.Zd * u[0],
+                self.Mw * w + self.Mq * q + self.Md * u[0],
+            ]
         )
 
     def output(self, t, x, u):
-        return jnp.stack([self._relative(x, u) / SPEED, x[1]])
+        return jnp.stack([self._relative(x, u) / self.speed, x[1]])
 
     def with_disturbance_inputs(self):
-        return ShortPeriod(self.Zw, self.Mw, self.Mq, self.Md, gusts=("gust",))
+        return dataclasses.replace(self, gusts=("gust",))
 
     def _relative(self, x, u):
         return x[0] - u[1] if self.gusts else x[0]
+
+
+class Airplane(NamedTuple):
+    """An aircraft, its manoeuvre and the duration of the gusts that it meets.
+
+    Attributes:
+        derivatives: true values of the free derivatives, in the order of `DERIVATIVES`.
+        speed: V [m/s].
+        known: further derivatives, which are not estimated.
+        travel: elevator relative to the small aircraft's.
+        gust_time: length scale of the gusts over the speed [s].
+    """
+
+    derivatives: Mapping[str, float] = MappingProxyType(DERIVATIVES)
+    speed: float = SPEED
+    known: Mapping[str, float] = MappingProxyType({})
+    travel: float = 1.0
+    gust_time: float = GUST_TIME
+
+    def model(self, derivatives: Mapping[str, float]) -> ShortPeriod:
+        """Return the short period with values of the free derivatives."""
+        values = {name: jnp.asarray(v) for name, v in (derivatives | self.known).items()}
+        return ShortPeriod(**values, speed=self.speed)
+
+
+SMALL = Airplane()
+# `f16(xcg=0.30)` of `jaxid.aircraft` with its engine, linearised in level flight at 152.4 m/s and
+# 1000 ft, where the length scale of vertical gusts is the altitude (MIL-F-8785C, 3.7.3.2)
+F16 = Airplane(
+    MappingProxyType({"Zw": -0.9784, "Mw": -0.01642, "Mq": -1.3426, "Md": -10.622}),
+    speed=152.4,
+    known=MappingProxyType({"Zq": -14.33, "Zd": -20.065}),
+    travel=0.4,
+    gust_time=2.0,
+)
 
 
 class Flights(NamedTuple):
@@ -60,6 +106,7 @@ class Flights(NamedTuple):
         z: measurements, shape (draw, time, output).
         valid: true for a sample that is not missing.
         derivatives: true derivatives of each flight, in the order of `DERIVATIVES`.
+        airplane: the aircraft.
     """
 
     t: np.ndarray
@@ -67,6 +114,7 @@ class Flights(NamedTuple):
     z: np.ndarray
     valid: np.ndarray
     derivatives: np.ndarray
+    airplane: Airplane = SMALL
 
 
 def fly(
@@ -78,6 +126,8 @@ def fly(
     colour: float = 0.0,
     missing: float = 0.0,
     spread: dict[str, float] | None = None,
+    airplane: Airplane = SMALL,
+    shape: Callable[[float], GustFilter] = first_order,
 ) -> Flights:
     """Return records of the short period, exact for the elevator's straight lines.
 
@@ -89,24 +139,27 @@ def fly(
         colour: correlation of a sensor's noise from one sample to the next.
         missing: share of missing measurements.
         spread: standard deviations of true derivatives from flight to flight, by name.
+        airplane: the aircraft.
+        shape: from the duration of the gusts to their filter.
     """
-    rng, (t, u) = np.random.default_rng(seed), _manoeuvre(samples)
-    derivatives = _derivatives(draws, spread or {}, rng)
-    Phi, noise = _transition(derivatives if spread else derivatives[:1], gust)
-    values, vectors = np.linalg.eigh(noise)
-    factor = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
-    x = np.zeros((draws, 3))
-    x[:, :2], x[:, 2] = INITIAL, gust * rng.normal(size=draws)
+    rng, (t, u) = np.random.default_rng(seed), _manoeuvre(samples, airplane)
+    derivatives = _derivatives(draws, airplane, spread or {}, rng)
+    gusts = scaled(shape(airplane.gust_time), gust)
+    Phi, noise = _transition(derivatives if spread else derivatives[:1], airplane, gusts)
+    n = noise.shape[-1]
+    x, factor = np.zeros((draws, n)), _root(noise)
+    x[:, :2] = INITIAL
+    x[:, 2:] = _images(_root(gusts.P), rng.normal(size=(draws, n - 2)))
     z = np.zeros((draws, samples, 2))
     slopes = np.append(np.diff(u) / STEP, 0.0)
     for i in range(samples):
-        z[:, i] = np.stack([(x[:, 0] - x[:, 2]) / SPEED, x[:, 1]], axis=1)
-        driven = Phi[:, :3, 3] * u[i] + Phi[:, :3, 4] * slopes[i]
-        random = _images(factor, rng.normal(size=(draws, 3)))
-        x = _images(Phi[:, :3, :3], x) + driven + random
+        z[:, i] = np.stack([(x[:, 0] - x[:, 2:] @ gusts.C) / airplane.speed, x[:, 1]], axis=1)
+        driven = Phi[:, :n, n] * u[i] + Phi[:, :n, n + 1] * slopes[i]
+        random = _images(factor, rng.normal(size=(draws, n)))
+        x = _images(Phi[:, :n, :n], x) + driven + random
     z += _coloured(rng.normal(size=z.shape), colour) * np.array(list(NOISE.values()))
     valid = rng.uniform(size=z.shape) >= missing
-    return Flights(t, u[:, None], np.where(valid, z, 0.0), valid, derivatives)
+    return Flights(t, u[:, None], np.where(valid, z, 0.0), valid, derivatives, airplane)
 
 
 def fly_with(
@@ -119,43 +172,58 @@ def fly_with(
         draws, samples, seed: as for `fly`.
         declared: the short period with its true derivatives.
     """
-    rng, (t, u) = np.random.default_rng(seed), _manoeuvre(samples)
+    rng, (t, u) = np.random.default_rng(seed), _manoeuvre(samples, SMALL)
     y = np.asarray(simulate(Augmented(declared, (effect,)), t, u[:, None], INITIAL).y)
     z = y + rng.normal(size=(draws, samples, 2)) * np.array(list(NOISE.values()))
-    valid, derivatives = np.ones(z.shape, bool), _derivatives(draws, {}, rng)
+    valid, derivatives = np.ones(z.shape, bool), _derivatives(draws, SMALL, {}, rng)
     return Flights(t, u[:, None], z, valid, derivatives)
 
 
-def _manoeuvre(samples: int) -> tuple[np.ndarray, np.ndarray]:
+def _manoeuvre(samples: int, airplane: Airplane) -> tuple[np.ndarray, np.ndarray]:
     """Return times and elevator."""
     t = STEP * np.arange(samples)
-    return t, 0.05 * np.sign(np.sin(1.3 * t)) + 0.03 * np.sign(np.sin(3.1 * t + 1.0))
+    u = 0.05 * np.sign(np.sin(1.3 * t)) + 0.03 * np.sign(np.sin(3.1 * t + 1.0))
+    return t, airplane.travel * u
 
 
-def _derivatives(draws: int, spread: dict[str, float], rng) -> np.ndarray:
+def _derivatives(draws: int, airplane: Airplane, spread: dict[str, float], rng) -> np.ndarray:
     """Return the true derivatives of each flight."""
+    mean = np.array([airplane.derivatives[name] for name in DERIVATIVES])
     deviations = np.array([spread.get(name, 0.0) for name in DERIVATIVES])
-    return np.array(list(DERIVATIVES.values())) + deviations * rng.normal(size=(draws, 4))
+    return mean + deviations * rng.normal(size=(draws, 4))
 
 
-def _transition(derivatives: np.ndarray, gust: float) -> tuple[np.ndarray, np.ndarray]:
+def _transition(
+    derivatives: np.ndarray, airplane: Airplane, gusts: GustFilter
+) -> tuple[np.ndarray, np.ndarray]:
     """Return transition matrices over one sample, and the covariances of the random increments.
 
-    The states are w, q, gust, elevator and its slope (Van Loan, IEEE Transactions on Automatic
-    Control 23, 1978).
+    The states are w, q, the states of the gust, elevator and its slope (Van Loan, IEEE Transactions
+    on Automatic Control 23, 1978).
     """
-    Zw, Mw, Mq, Md = derivatives.T
-    A = np.zeros((len(derivatives), 5, 5))
-    A[:, 0, 0], A[:, 0, 1], A[:, 0, 2] = Zw, SPEED, -Zw
-    A[:, 1, 0], A[:, 1, 1], A[:, 1, 2], A[:, 1, 3] = Mw, Mq, -Mw, Md
-    A[:, 2, 2], A[:, 3, 4] = -1.0 / GUST_TIME, 1.0
+    (Zw, Mw, Mq, Md), known = derivatives.T, airplane.known
+    random = 2 + len(gusts.C)
+    size = random + 2
+    A = np.zeros((len(derivatives), size, size))
+    A[:, 0, 0], A[:, 0, 1] = Zw, airplane.speed + known.get("Zq", 0.0)
+    A[:, 1, 0], A[:, 1, 1] = Mw, Mq
+    A[:, 0, random], A[:, 1, random] = known.get("Zd", 0.0), Md
+    A[:, :2, 2:random] = -A[:, :2, :1] * gusts.C
+    A[:, 2:random, 2:random], A[:, random, random + 1] = gusts.A, 1.0
     power = np.zeros_like(A)
-    power[:, 2, 2] = 2.0 / GUST_TIME * gust**2
-    block = np.zeros((len(A), 10, 10))
-    block[:, :5, :5], block[:, :5, 5:], block[:, 5:, 5:] = -A, power, np.swapaxes(A, 1, 2)
+    power[:, 2:random, 2:random] = np.outer(gusts.B, gusts.B)
+    block = np.zeros((len(A), 2 * size, 2 * size))
+    block[:, :size, :size], block[:, :size, size:] = -A, power
+    block[:, size:, size:] = np.swapaxes(A, 1, 2)
     exponential = expm(block * STEP)
-    Phi = np.swapaxes(exponential[:, 5:, 5:], 1, 2)
-    return Phi, (Phi @ exponential[:, :5, 5:])[:, :3, :3]
+    Phi = np.swapaxes(exponential[:, size:, size:], 1, 2)
+    return Phi, (Phi @ exponential[:, :size, size:])[:, :random, :random]
+
+
+def _root(covariances: np.ndarray) -> np.ndarray:
+    """Return matrices whose products with their transposes are the covariances."""
+    values, vectors = np.linalg.eigh(covariances)
+    return vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
 
 
 def _images(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.coverage.flights import DERIVATIVES, Flights, ShortPeriod
-from jaxid import GaussNewton, OutputError, Record, free
+from benchmarks.coverage.flights import DERIVATIVES, SMALL, Airplane, Flights, ShortPeriod
+from jaxid import AbstractModel, GaussNewton, OutputError, Record, free
 from jaxid.estimation.estimate import estimate
 from jaxid.estimation.likelihoods import AbstractLikelihood
 from jaxid.estimation.result import Estimate
@@ -47,10 +47,10 @@ def asymptotic(likelihood: Callable[[], AbstractLikelihood], *, coloured: bool =
     """
 
     def answer(flights: Flights) -> Answer:
-        fits = estimates(flights, likelihood(), *started(**options))
+        fits = estimates(flights, likelihood(), *started(airplane=flights.airplane, **options))
         ends = fits.interval(coloured=coloured)
         errors = fits.corrected_errors if coloured else fits.standard_errors
-        return _answer(fits, errors, ends)
+        return answer_of(fits, errors, ends)
 
     return answer
 
@@ -74,7 +74,7 @@ def considered(likelihood: Callable[[], AbstractLikelihood], deviations: dict[st
         )
         ratio = np.asarray(errors / fits.standard_errors)[..., None]
         values = np.asarray(fits.values)[..., None]
-        return _answer(fits, errors, values + (np.asarray(fits.interval()) - values) * ratio)
+        return answer_of(fits, errors, values + (np.asarray(fits.interval()) - values) * ratio)
 
     return answer
 
@@ -94,25 +94,47 @@ def profiled(name: str, distance: float):
         error = float(fit.standard_errors[0, fit.names.index(name)])
         bound = DERIVATIVES[name] - distance * error
         model, chosen = started(bounds={name: (bound, None)})
-        fits, likelihood = estimates(flights, OutputError(), model, chosen), OutputError()
-        ends = [
-            profile_likelihood(fit, record, likelihood, name).ends
-            for fit, record in _each(fits, flights)
-        ]
-        keep = [fits.names.index(name)]
-        return Answer(
-            (name,),
-            np.asarray(fits.values)[:, keep],
-            np.asarray(fits.standard_errors)[:, keep],
-            np.array(ends)[:, None],
-            np.asarray(fits.successful),
-        )
+        fits = estimates(flights, OutputError(), model, chosen)
+        return _profiles(fits, flights, OutputError(), name)
 
     return answer
 
 
+def profile_of(name: str, likelihood: Callable[[], AbstractLikelihood]):
+    """Return a function that gives the intervals of one parameter by its profile likelihood.
+
+    Args:
+        name: the parameter.
+        likelihood: makes the likelihood.
+    """
+
+    def answer(flights: Flights) -> Answer:
+        fits = estimates(flights, likelihood(), *started(airplane=flights.airplane))
+        return _profiles(fits, flights, likelihood(), name)
+
+    return answer
+
+
+def _profiles(
+    fits: Estimate, flights: Flights, likelihood: AbstractLikelihood, name: str
+) -> Answer:
+    """Return the profile intervals of one parameter of all flights."""
+    ends = [
+        profile_likelihood(fit, record, likelihood, name).ends
+        for fit, record in _each(fits, flights)
+    ]
+    keep = [fits.names.index(name)]
+    return Answer(
+        (name,),
+        np.asarray(fits.values)[:, keep],
+        np.asarray(fits.standard_errors)[:, keep],
+        np.array(ends)[:, None],
+        np.asarray(fits.successful),
+    )
+
+
 def estimates(
-    flights: Flights, likelihood: AbstractLikelihood, model: ShortPeriod, chosen: Free
+    flights: Flights, likelihood: AbstractLikelihood, model: AbstractModel, chosen: Free
 ) -> Estimate:
     """Return the estimates of all flights from one program.
 
@@ -128,15 +150,18 @@ def estimates(
     return eqx.filter_jit(lambda measured: jax.lax.map(one, measured))(measured)
 
 
-def started(held: tuple[str, ...] = (), **options) -> tuple[ShortPeriod, Free]:
+def started(
+    held: tuple[str, ...] = (), airplane: Airplane = SMALL, **options
+) -> tuple[ShortPeriod, Free]:
     """Return the model at its start, and its free parameters.
 
     Args:
         held: derivatives that keep their true mean value.
+        airplane: the aircraft.
         options: of `jaxid.free`.
     """
-    values = {name: v if name in held else START * v for name, v in DERIVATIVES.items()}
-    model = ShortPeriod(*map(jnp.asarray, values.values()))
+    true = airplane.derivatives
+    model = airplane.model({n: true[n] if n in held else START * true[n] for n in DERIVATIVES})
     names = tuple(name for name in DERIVATIVES if name not in held)
     return model, free(model, *names, per_record=("initial_state",), **options)
 
@@ -159,6 +184,13 @@ def _of_draw(fits: Estimate, draw: int) -> Estimate:
     return jax.tree.map(lambda leaf: leaf[draw], fits)
 
 
-def _answer(fits: Estimate, errors, ends) -> Answer:
+def answer_of(fits: Estimate, errors, ends) -> Answer:
+    """Return the intervals of estimates.
+
+    Args:
+        fits: estimates of all flights.
+        errors: standard errors, shape (draw, parameter).
+        ends: ends of the intervals, shape (draw, parameter, 2).
+    """
     arrays = map(np.asarray, (fits.values, errors, ends, fits.successful))
     return Answer(fits.names, *arrays)

@@ -26,6 +26,7 @@ class Share(NamedTuple):
         coefficient: name of the coefficient.
         inside: share of samples with the true value inside two deviations, by band.
         error, parameters, misfit, instruments: root mean squares of the error and the deviations.
+        bias: mean of the error.
     """
 
     coefficient: str
@@ -34,6 +35,7 @@ class Share(NamedTuple):
     parameters: float
     misfit: float
     instruments: float
+    bias: float
 
 
 def deviations(identified: Identification, level: NoiseLevel | None) -> dict[str, float]:
@@ -80,5 +82,6 @@ def shares(result: CaseResult) -> list[Share]:
             float(np.sqrt(np.mean(each**2))) for each in (value - true, parameters, instruments)
         )
         shown = dict(zip(BANDS, inside, strict=True))
-        rows.append(Share(name, shown, error, of_parameters, misfit, of_instruments))
+        bias = float(np.mean(value - true))
+        rows.append(Share(name, shown, error, of_parameters, misfit, of_instruments, bias))
     return rows

@@ -11,6 +11,7 @@ from .._foundation.checks import InputError, require
 from .._foundation.notebook import Table
 from .._foundation.types import Float
 from ..data.record import Record
+from ..estimation.argument_checks import require_no_shooting
 from ..estimation.estimate import estimate
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
@@ -100,8 +101,10 @@ def multi_start(
         solver: options of the iteration.
 
     Raises:
-        InputError: when no start reaches a minimum, or the inputs do not suit `estimate`.
+        InputError: when no start reaches a minimum, the likelihood has `shooting`, or the inputs do
+            not suit `estimate`.
     """
+    require_no_shooting(likelihood, "multi_start")
     model = canonical(model)
     if isinstance(starts, int):
         require(starts >= 1, f"`starts` is {starts}; give at least 1.")

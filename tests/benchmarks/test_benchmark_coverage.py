@@ -4,9 +4,15 @@ import importlib
 from pathlib import Path
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
+from jaxid import FilterError, Fixed, free, record, stack
+from jaxid.aircraft import Aircraft, f16, f16_engine, level, linearise_euler
+from jaxid.aircraft.physics.imperial import FOOT
+from jaxid.aircraft.vehicle.controls import MeasuredSurfaces
 
 ROOT = Path(__file__).resolve().parents[2]
 WHITE = "output error, white noise"
@@ -38,6 +44,71 @@ def test_simulated_gust_has_its_variance_and_memory():
     first = (gusty - calm)[:, 0, 0] * benchmark.SPEED
     # 400 draws: 3.3 sigma of a variance are 23 %; the noise of both is 2 (0.2 m/s)^2
     np.testing.assert_allclose(np.var(first), 1.0 + 0.08, rtol=0.24)
+
+
+@pytest.mark.parametrize("time", [0.6, 2.0])
+def test_gusts_are_stationary_and_have_their_spectra(time):
+    gusts = load("benchmarks.coverage.gusts")
+    omega = np.geomspace(0.01, 100.0, 30)
+    square = (omega * time) ** 2
+    # two-sided, of unit variance: integral over omega / (2 pi)
+    spectra = {
+        "first_order": 2.0 * time / (1.0 + square),
+        "dryden": time * (1.0 + 3.0 * square) / (1.0 + square) ** 2,
+    }
+    for name, spectrum in spectra.items():
+        A, B, C, P = getattr(gusts, name)(time)
+        np.testing.assert_allclose(A @ P + P @ A.T + np.outer(B, B), 0.0, atol=1e-14)
+        np.testing.assert_allclose(C @ P @ C, 1.0, rtol=1e-14)
+        response = [C @ np.linalg.solve(1j * w * np.eye(len(C)) - A, B) for w in omega]
+        np.testing.assert_allclose(np.abs(response) ** 2, spectrum, rtol=1e-12)
+
+
+def test_innovations_in_dryden_gusts_are_white():
+    """Flights of the F-16 under the model with the states of the gust, all parameters true."""
+    flights, dryden = (load(f"benchmarks.coverage.{name}") for name in ("flights", "dryden"))
+    gusts, airplane, size, draws = dryden.dryden, flights.F16, 3.0, 40
+    data = flights.fly(draws, 300, 1, gust=size, airplane=airplane, shape=gusts)
+    aircraft = airplane.model(airplane.derivatives).with_disturbance_inputs()
+    model = dryden.InDrydenGusts(aircraft, jnp.asarray(airplane.gust_time))
+    lead = dryden.second_order_truth(airplane, size)["process.lead"]
+    spread = size * np.sqrt(np.diag(gusts(airplane.gust_time).P))
+    likelihood = FilterError(
+        process={"lead": Fixed(lead)},
+        noise={name: Fixed(deviation) for name, deviation in flights.NOISE.items()},
+        initial={"lead": Fixed(spread[0]), "lag": Fixed(spread[1])},
+    )
+    channels = {"inputs": ("elevator",), "outputs": ("alpha", "q")}
+    records = stack([record(data.t, data.u, z, **channels) for z in data.z])
+    stochastic, _ = likelihood.prepared(model, free(model, "Zw"), records)
+    begin = jnp.array([*flights.INITIAL, 0.0, 0.0])
+
+    @jax.jit
+    @jax.vmap
+    def innovations(z):
+        one = eqx.tree_at(lambda r: (r.t, r.u, r.z, r.mask), records, (data.t, data.u, z, z == z))
+        filtered = likelihood.filter(stochastic, one, begin)
+        return jnp.linalg.solve(jnp.linalg.cholesky(filtered.B), filtered.v[..., None])[..., 0]
+
+    w = np.asarray(innovations(jnp.asarray(data.z)))[:, 20:]
+    # 40 x 280 pairs: 3.3 sigma of a variance are 0.044, of a correlation 0.031
+    np.testing.assert_allclose(np.mean(w**2, axis=(0, 1)), 1.0, atol=0.044)
+    for lag in (1, 2, 5):
+        np.testing.assert_allclose(np.mean(w[:, lag:] * w[:, :-lag], axis=(0, 1)), 0.0, atol=0.032)
+
+
+def test_derivatives_of_the_f16_are_those_of_its_linearisation():
+    airplane = load("benchmarks.coverage.flights").F16
+    aircraft = Aircraft(f16(xcg=0.30), engines=(f16_engine(),), controls=MeasuredSurfaces())
+    trimmed = level(aircraft, airplane.speed, 1000.0 * FOOT)
+    still = jnp.zeros(len(aircraft.inputs))
+    linear = eqx.filter_jit(linearise_euler)(trimmed.aircraft, 0.0, trimmed.state, still)
+    part = linear.reduced(states=("w", "q"), inputs=("stabilator",))
+    true = dict(airplane.derivatives | airplane.known)
+    A = [[true["Zw"], airplane.speed + true["Zq"]], [true["Mw"], true["Mq"]]]
+    np.testing.assert_allclose(part.A, A, rtol=1e-3)
+    np.testing.assert_allclose(part.B[:, 0], [true["Zd"], true["Md"]], rtol=1e-3)
+    np.testing.assert_allclose(airplane.gust_time, 1000.0 * FOOT / airplane.speed)
 
 
 def test_simulated_noise_has_its_colour_and_gaps():

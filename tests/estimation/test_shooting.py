@@ -116,6 +116,8 @@ def test_wrong_pieces_and_other_functions_are_refused():
         jaxid.estimate(start, shared, records, OutputError(shooting=4))
     with pytest.raises(InputError, match="`estimate_many` simulates each record as a whole"):
         jaxid.estimate_many(start, chosen, [records], OutputError(shooting=4))
+    with pytest.raises(InputError, match="`multi_start` simulates each record as a whole"):
+        jaxid.multi_start(start, chosen, records, OutputError(shooting=4))
     with pytest.raises(InputError, match="`close_loop` simulates each record as a whole"):
         jaxid.close_loop(
             start,

@@ -2,7 +2,7 @@
 
 import math
 import operator
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, SupportsIndex
 
 import equinox as eqx
@@ -15,6 +15,8 @@ from .._foundation.grid import holes
 from .._foundation.host import on_host
 from .._foundation.notebook import Table, preformatted
 from .._foundation.types import Array, Bool, Float, Int
+
+INITIAL_STATE = "initial_state"
 
 
 class Record(eqx.Module):
@@ -32,8 +34,9 @@ class Record(eqx.Module):
         z: measured outputs, shape (*case, time, output) [`output_units`]; 0 where the mask is
             False, never NaN.
         mask: True where `z` is a valid sample, shape (*case, time, output).
-        constants: known quantities that are constant over the record, such as its mass; each of
-            shape (*case,) [SI].
+        constants: known quantities that are constant over the record, such as its mass, and known
+            values of states at its first sample, `initial_state.<state>`; each of shape (*case,)
+            [SI].
         inputs: names of the inputs.
         outputs: names of the outputs.
         input_units: SI units of the inputs, "" where unknown or without dimension.
@@ -117,6 +120,8 @@ class Record(eqx.Module):
 
     def window(self, start: int, stop: int | None = None) -> "Record":
         """Rows `start` to `stop - 1` of a single record, with their times unchanged.
+
+        A part that starts later than the record has no constants `initial_state.<state>`.
 
         Args:
             start: first row, counted from 0.
@@ -202,9 +207,20 @@ def _replace(record: Record, **changes: object) -> Record:
 def _rows(record: Record, start: int, stop: int) -> Record:
     """Rows of a single record."""
     keys = ("t", "u", "z", "mask")
-    return _replace(
-        record, **{key: _slice(getattr(record, key), start=start, stop=stop) for key in keys}
-    )
+    rows = {key: _slice(getattr(record, key), start=start, stop=stop) for key in keys}
+    constants = record.constants if start == 0 else without_initial_state(record.constants)
+    return _replace(record, **rows, constants=constants)
+
+
+def without_initial_state(constants: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the constants of a record that hold at every sample of it.
+
+    Args:
+        constants: constants by name.
+    """
+    return {
+        name: value for name, value in constants.items() if not name.startswith(f"{INITIAL_STATE}.")
+    }
 
 
 @on_host

@@ -12,7 +12,7 @@ import numpy as np
 
 from .._foundation.checks import require, require_known
 from .._foundation.host import on_host
-from .record import Record
+from .record import Record, without_initial_state
 
 
 class Split(NamedTuple):
@@ -164,10 +164,11 @@ def split_at(record: Record, where: float | int) -> tuple[Record, Record]:
 def segment(record: Record, seconds: float | int) -> tuple[Record, ...]:
     """Cut a single record into pieces of equal duration, at most `seconds` long.
 
-    Each piece is a record with its own initial state. If the motion is unstable, or stabilised by a
-    pilot or controller whose input contains the response to disturbances, errors accumulate along a
-    simulation, and after some seconds the output contains little information on the parameters.
-    Pieces as long as one manoeuvre preserve this information.
+    Each piece is a record with its own initial state; constants `initial_state.<state>` are left
+    out. If the motion is unstable, or stabilised by a pilot or controller whose input contains the
+    response to disturbances, errors accumulate along a simulation, and after some seconds the
+    output contains little information on the parameters. Pieces as long as one manoeuvre preserve
+    this information.
 
         n = ceil(duration / seconds)
         piece k: rows with duration k / n <= t - t_0 < duration (k + 1) / n
@@ -208,7 +209,11 @@ def segment(record: Record, seconds: float | int) -> tuple[Record, ...]:
     )
     pieces = (record.window(int(a), int(b)) for a, b in itertools.pairwise(edges))
     return tuple(
-        dataclasses.replace(piece, names=(f"{name} ({k} of {count})",))
+        dataclasses.replace(
+            piece,
+            names=(f"{name} ({k} of {count})",),
+            constants=without_initial_state(piece.constants),
+        )
         for k, piece in enumerate(pieces, 1)
     )
 

@@ -12,7 +12,7 @@ from .._foundation.types import Array, Float, Numbers
 from ..data.record import Record
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, as_float, canonical
-from ..models.free import Free
+from ..models.free import Free, first_state
 from ..models.names import flatten
 from .information import prior_rows
 from .objectives import Discrimination, Hypothesis, InformationObjective, MutualDiscrimination
@@ -64,7 +64,7 @@ def expected_chi_square(
     rival = as_explanation(wrong)
 
     def hypothesis(model: AbstractModel, free: Free) -> Hypothesis:
-        state = model.initial_state(record) if initial_state is None else initial_state
+        state = first_state(model, record) if initial_state is None else initial_state
         return hypothesis_of(canonical(model), free, start_of(model, state))
 
     first, second = hypothesis(*true), hypothesis(rival.model, rival.free)

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError, require
@@ -13,6 +12,7 @@ from .._foundation.notebook import Table
 from .._foundation.types import Complex, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
+from ..models.free import first_state
 from ..simulation.hold import AbstractHold
 from ..simulation.simulate import simulate
 from ..simulation.steppers import AbstractStepper
@@ -230,7 +230,7 @@ def _simulated(model: AbstractModel, record: Record, hold: Any, stepper: Any) ->
         f"Record {record.names[0]!r} has other channels than the model. Take "
         "`model.prepared(record)`.",
     )
-    state = jnp.asarray(model.initial_state(record), float)
+    state = first_state(model, record)
     y = np.asarray(simulate(model, record.t, record.u, state, hold=hold, stepper=stepper).y)
     if not np.isfinite(y).all():
         raise InputError(

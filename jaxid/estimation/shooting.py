@@ -19,7 +19,7 @@ import numpy as np
 from .._foundation.checks import require
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Float
-from ..data.record import Record
+from ..data.record import Record, without_initial_state
 from ..models.base import AbstractModel
 from ..models.free import INITIAL_STATE, Free, Parameters, initial_parameters
 from .likelihoods import OutputError
@@ -95,7 +95,10 @@ def cut(records: Record, length: int) -> Record:
         u=pieces(records.u),
         z=pieces(records.z),
         mask=pieces(records.mask) & jnp.tile(inside, (cases, 1))[..., None],
-        constants={name: jnp.repeat(c, count) for name, c in records.constants.items()},
+        constants={
+            name: jnp.repeat(c, count)
+            for name, c in without_initial_state(records.constants).items()
+        },
         names=("",) * (cases * count),
     )
 

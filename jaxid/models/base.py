@@ -69,6 +69,8 @@ class AbstractModel(eqx.Module):
     def initial_state(self, record: Record) -> Float[Array, " state"]:
         """The state at the first sample: the measured output for states that are outputs, else
         zero.
+
+        A record's constants `initial_state.<state>` take precedence (`first_state`).
         """
         first = dict(zip(self.outputs, jnp.where(record.mask[0], record.z[0], 0.0), strict=True))
         return jnp.array([first.get(name, 0.0) for name in self.states], float)

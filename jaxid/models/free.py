@@ -12,11 +12,10 @@ from .._foundation.checks import InputError, require, require_known, require_uni
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import on_host
 from .._foundation.types import Array, Float, Int, Numbers
-from ..data.record import Record
+from ..data.record import INITIAL_STATE, Record
 from .base import AbstractModel, as_float, canonical
 from .names import array_leaves, flatten, parameter_names, with_array_leaves
 
-INITIAL_STATE = "initial_state"
 Model = TypeVar("Model", bound=AbstractModel)
 
 
@@ -114,6 +113,9 @@ def free(
 ) -> Free:
     """Return the selection of the named parameters; all others keep the model's values.
 
+    An initial state that is not named is not estimated: it is the record's constant
+    `initial_state.<state>`, or without one `model.initial_state(record)`.
+
     Args:
         model: the model with these parameters.
         names: dotted names of shared parameters; the name of a group (`A`, `aero.Cm`) selects all
@@ -176,9 +178,21 @@ def _selected(xp, flat, shared, rows):
 def flat_vectors(model: AbstractModel, records: Record) -> Float[Array, "case flat"]:
     """Flat vector of the model's parameters and the initial state, for each record.
 
-    A constant of the record with the name of a parameter replaces its value. Other constants are
-    available to `model.initial_state`.
+    A constant of the record with the name of a parameter or of an initial state
+    (`initial_state.<state>`) replaces its value. Other constants are available to
+    `model.initial_state`.
+
+    Raises:
+        InputError: for the initial state of a state that the model does not have.
     """
+    prefix = f"{INITIAL_STATE}."
+    given = [name.removeprefix(prefix) for name in records.constants if name.startswith(prefix)]
+    # A state whose equation is left out is an input, and its history is measured.
+    require_known(
+        "state (of a record's constant `initial_state.<state>`)",
+        [name for name in given if name not in model.inputs],
+        model.states,
+    )
     return _flat_vectors(model, records.anonymous())
 
 
@@ -195,10 +209,26 @@ def _flat_vectors(model: AbstractModel, records: Record) -> Float[Array, "case f
     def flat_vector(record: Record):
         values = jnp.stack([record.constants[name] for name in known]) if known else jnp.zeros(0)
         parameters = vector.at[at].set(values)
-        initial_state = unflatten(parameters).initial_state(record)
-        return jnp.concatenate([parameters, jnp.asarray(initial_state, float)])
+        return jnp.concatenate([parameters, first_state(unflatten(parameters), record)])
 
     return jax.vmap(flat_vector)(records)
+
+
+def first_state(model: AbstractModel, record: Record) -> Float[Array, " state"]:
+    """State at the first sample: the record's constants `initial_state.<state>`, and for other
+    states `model.initial_state(record)`.
+
+    Args:
+        model: the model.
+        record: a single record.
+    """
+    state = jnp.asarray(model.initial_state(record), float)
+    names = [f"{INITIAL_STATE}.{name}" for name in model.states]
+    known = [k for k, name in enumerate(names) if name in record.constants]
+    if not known:
+        return state
+    values = jnp.stack([jnp.asarray(record.constants[names[k]], float) for k in known])
+    return state.at[np.array(known)].set(values)
 
 
 def leaves_at(model: AbstractModel, positions: Int[np.ndarray, " p"]) -> tuple[int, ...]:

@@ -7,9 +7,17 @@ import numpy as np
 import pytest
 
 from jaxid._foundation.checks import InputError
-from jaxid.data import record, stack
+from jaxid.data import record, segment, stack
+from jaxid.estimation import OutputError, estimate
+from jaxid.estimation.shooting import cut
 from jaxid.models import AbstractModel, LinearModel, Polynomial, free, with_values
-from jaxid.models.free import Positions, flat_vectors, initial_parameters, leaves_at
+from jaxid.models.free import (
+    Positions,
+    first_state,
+    flat_vectors,
+    initial_parameters,
+    leaves_at,
+)
 from jaxid.models.free_model import insert
 from jaxid.models.names import flatten
 
@@ -230,3 +238,50 @@ def test_matrices_inconsistent_with_names_are_refused():
         LinearModel(
             [[1.0]], [[1.0, 2.0]], [[1.0]], [[0.0]], states=("x",), inputs=("u",), outputs=("x",)
         )
+
+
+# Known initial states -----------------------------------------------------------------------------
+
+
+def fall(**constants):
+    """Record of `q' = 1` from q = -0.1, measured with an error that grows from 0.05."""
+    t = 0.1 * np.arange(30)
+    z = (-0.05 + t + 0.02 * t**2)[:, None]
+    return record(t, np.ones((30, 1)), z, inputs=("elevator",), outputs=("q",), constants=constants)
+
+
+def test_constants_of_a_record_are_its_known_initial_states():
+    model = with_values(plane(), (), jnp.zeros(0))
+    given = stack([fall(**{"initial_state.q": q}) for q in (-0.1, 0.7)])
+    starts = flat_vectors(model, given)[:, 7:]
+    # alpha stays the model's, a tenth of the mass; q is not the first measurement, -0.05
+    np.testing.assert_array_equal(starts, [[0.2, -0.1], [0.2, 0.7]])
+    both = fall(**{"initial_state.alpha": 0.3, "initial_state.q": -0.1})
+    np.testing.assert_array_equal(first_state(model, both), [0.3, -0.1])
+
+
+def test_known_initial_state_is_not_estimated_and_starts_the_simulation():
+    """`q = q(0) + gain t`: the line through the known q(0), and the free line."""
+    zero, one = np.zeros((1, 1)), np.ones((1, 1))
+    channels = {"states": ("q",), "inputs": ("elevator",), "outputs": ("q",)}
+    model = LinearModel(zero, one, one, zero, **channels)
+    given = fall(**{"initial_state.q": -0.1})
+    fit = estimate(model, free(model, "B[0,0]"), given, OutputError())
+    t, z = np.asarray(given.t), np.asarray(given.z)[:, 0]
+    np.testing.assert_allclose(fit.values, [t @ (z + 0.1) / (t @ t)], rtol=1e-8)
+    both = free(model, "B[0,0]", per_record=("initial_state",))
+    fit = estimate(model, both, given, OutputError())
+    np.testing.assert_allclose([*fit.values, *fit.own[0]], np.polyfit(t, z, 1), rtol=1e-6)
+
+
+def test_initial_state_of_an_unknown_state_is_refused():
+    with pytest.raises(InputError, match=r"no state .of a record's constant.*'beta'.*alpha, q"):
+        flat_vectors(plane(), stack([fall(**{"initial_state.beta": 0.1})]))
+
+
+def test_parts_of_a_record_that_start_later_have_no_known_initial_state():
+    given = fall(**{"initial_state.q": -0.1, "mass": 3.0})
+    assert set(given.window(0, 9).constants) == {"initial_state.q", "mass"}
+    assert set(given.window(9).constants) == {"mass"}
+    assert all(set(piece.constants) == {"mass"} for piece in segment(given, 1.0))
+    assert set(cut(stack([given]), 10).constants) == {"mass"}

@@ -10,6 +10,7 @@ from ..._foundation.types import Array, Float
 from ...effects.base import Effect, zero
 from ...effects.card import EffectCard
 from ...models.polynomial import factors, next_powers
+from ..vehicle.force_axes import with_axes
 
 SYMMETRIC_PRODUCTS = (
     *(
@@ -58,7 +59,7 @@ class CoefficientTerm(Effect):
     force equation, a row of `qbar S I^-1 diag(b, cbar, b)` in a moment equation.
 
     Args:
-        coefficient: "CX" to "Cn", or "CD", "CC", "CL" of a model with these forces.
+        coefficient: "CX" to "Cn" in body axes; "CD", "CC", "CL" in a model with these forces.
         product: a product of powers of the model's signals, such as `"alpha^2 qhat"`.
         affected_states: the states whose rates the coefficient changes.
         gain: the coefficient of the term [per radian, for each angle or reduced rate in it].
@@ -74,7 +75,7 @@ class CoefficientTerm(Effect):
         term = "a constant" if self.product == "1" else self.product
         return EffectCard(
             name=f"{self.product} in {self.coefficient}",
-            description=f"{term} in the aerodynamic coefficient {self.coefficient}",
+            description=f"{term} in the aerodynamic coefficient {with_axes(self.coefficient)}",
             location=Location(LocationKind.COEFFICIENT, self.coefficient),
             signals=tuple(sorted({signal for signal, _ in factors(self.product)})),
             complexity=max(1, sum(power for _, power in factors(self.product))),

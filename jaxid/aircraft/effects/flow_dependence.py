@@ -11,6 +11,7 @@ from ...effects.base import zero
 from ...effects.card import EffectCard
 from ...effects.placement import AS_CUBIC, Placement, ScalarEffect
 from ...models.polynomial import factors, monomials
+from ..vehicle.force_axes import with_axes
 
 
 def in_coefficient(coefficient: str, affected: Sequence[str]) -> Placement:
@@ -54,8 +55,8 @@ class CoefficientGradient(ScalarEffect):
         term = "the constant" if self.product == "1" else f"the term {self.product}"
         return EffectCard(
             name=f"{self.product} varying with {self.signal} in {self.placement.name}",
-            description=f"{term} in the aerodynamic coefficient {self.placement.name} varies with "
-            f"{self.signal}",
+            description=f"{term} in the aerodynamic coefficient {with_axes(self.placement.name)} "
+            f"varies with {self.signal}",
             location=self.placement.location,
             signals=(self.signal,),
             complexity=1 + sum(power for _, power in factors(self.product)),
@@ -97,7 +98,7 @@ class GroundEffect(ScalarEffect):
         return EffectCard(
             name=f"ground effect in {self.placement.name}",
             description="the nearness of the ground changes the aerodynamic coefficient "
-            f"{self.placement.name}",
+            f"{with_axes(self.placement.name)}",
             location=self.placement.location,
             signals=(self.signal,),
             complexity=AS_CUBIC,

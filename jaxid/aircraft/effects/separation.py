@@ -47,6 +47,8 @@ class SeparatedFlow(Effect):
         dCZ = gain alpha (((1 + sqrt x)/2)^2 - 1)
         CZ += dCZ,    CX += forward dCZ,    Cm += pitching dCZ
 
+    The forces are in body axes, in a model with lift and drag as well.
+
     Attributes:
         placements: in the coefficients CX, CZ and Cm, those of them that there are.
         fraction: where alpha_star starts, as a fraction of the range of alpha on the training
@@ -112,7 +114,8 @@ class StaticSeparation(SeparatedFlow):
         family = "static separation"
         return EffectCard(
             name=f"{family} (from {self.fraction:.0%})",
-            description="the flow separates at high angle of attack, and lift is lost",
+            description="the flow separates at high angle of attack, and lift is lost: "
+            "CZ (body axes)",
             location=Location(LocationKind.COEFFICIENT, "CZ"),
             family=family,
             unit="1/rad",
@@ -157,7 +160,7 @@ class Separation(SeparatedFlow):
         return EffectCard(
             name=f"{family} (from {self.fraction:.0%})",
             description="the flow separates at high angle of attack late and attaches again late: "
-            "a hysteresis of lift",
+            "a hysteresis of lift (CZ, body axes)",
             location=Location(LocationKind.COEFFICIENT, "CZ"),
             family=family,
             unit="1/rad",

@@ -17,6 +17,7 @@ STATE_GROUPS = {
     "longitudinal": ("u", "w", "q", "pitch"),
     "lateral": ("v", "p", "r", "phi", "psi"),
 }
+LATERAL_STATES = ("v", "p", "r", "beta")  # in either frame
 AIR_PATH_STATES = {"u": "V", "v": "beta", "w": "alpha"}
 # signals other than states and surfaces that can be measured or held
 OTHER_SIGNALS = ("thrust", "altitude", "density", "sound_speed", *ANGULAR)

@@ -47,10 +47,10 @@ def pseudo_measurements(
         InputError: if a channel is missing.
     """
     measured, known = histories(readings, record)
-    _require_needed((*_needed(motion), *ANGULAR), record, (*measured, *known, *motion.held))
+    _require_needed(motion, (*_needed(motion), *ANGULAR), record, (*measured, *known))
     coefficients, tables, signals = _coefficients(motion, readings, measured, known)
     responses = {name: coefficients[name] for name in motion.channels.responses}
-    signals = _factors(record, _rates(motion, candidates), signals)
+    signals = _factors(motion, record, _rates(motion, candidates), signals)
     valid = _finite(responses, signals)
     return PseudoMeasurements(
         t=record.t,
@@ -83,11 +83,11 @@ def weak_measurements(
         InputError: if a channel is missing.
     """
     measured, known = map(_without_angular, histories(readings, record))
-    _require_needed(_needed(motion), record, (*measured, *known, *motion.held))
+    _require_needed(motion, _needed(motion), record, (*measured, *known))
     rates = _rates(motion, candidates)
     _require_at_cg(motion, readings, rates)
     *equations, signals = _weak_parts(motion, readings, measured, known)
-    signals = _factors(record, rates, signals)
+    signals = _factors(motion, record, rates, signals)
     responses = motion.channels.responses
     multipliers, *parts = ({name: each[name] for name in responses} for each in equations)
     valid = _finite(signals, multipliers, *parts)
@@ -108,11 +108,13 @@ def _rates(motion: RigidMotion, candidates: Mapping[str, tuple[str, ...]]) -> tu
     return needed_rates(own, motion.channels)
 
 
-def _factors(record: Record, rates: tuple[str, ...], signals: Histories) -> Histories:
+def _factors(
+    motion: RigidMotion, record: Record, rates: tuple[str, ...], signals: Histories
+) -> Histories:
     """Return the factors of terms, with the rates of the air angles."""
     for name in ("phi", "pitch") if rates else ():
         if name not in signals:
-            raise missing(record, name, "for the rates of the air angles")
+            raise missing(record, motion.channels, (name,), "for the rates of the air angles")
     return {name: signals[name] for name in (*REGRESSION_SIGNALS, *rates)}
 
 
@@ -144,14 +146,15 @@ def _finite(*histories: Histories) -> Bool[Array, " time"]:
     return jnp.all(jnp.isfinite(jnp.stack(values)), axis=0)
 
 
-def _require_needed(needed: tuple[str, ...], record: Record, available: tuple[str, ...]) -> None:
+def _require_needed(
+    motion: RigidMotion, needed: tuple[str, ...], record: Record, measured: tuple[str, ...]
+) -> None:
     """Refuse a record without a channel that the coefficients need."""
-    for name in needed:
-        if name not in available:
-            raise missing(record, name, "for the coefficients")
-    for name in ("u", "v", "w"):
-        if name not in available and AIR_DATA[name] not in available:
-            raise missing(record, name, "for the coefficients")
+    has = {*measured, *motion.held}
+    lacking = tuple(name for name in needed if name not in has)
+    lacking += tuple(name for name in ("u", "v", "w") if not {name, AIR_DATA[name]} & has)
+    if lacking:
+        raise missing(record, motion.channels, lacking, "for the coefficients")
 
 
 def _needed(motion: RigidMotion) -> tuple[str, ...]:

@@ -26,8 +26,9 @@ def effects_of(
 ) -> tuple[Effect, ...]:
     """Return candidate terms of the propagated coefficients, and an aircraft's default effects.
 
-    Terms of signals that are held constant, and effects on parameters that no output depends on,
-    are left out.
+    The terms are in the axes of the model, the default effects of forces in body axes. Terms of
+    signals that are held constant, and effects on parameters that no output depends on, are left
+    out.
 
     Args:
         model: model whose parameters and signals the effects act on.

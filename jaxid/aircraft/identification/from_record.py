@@ -17,13 +17,12 @@ from ..records.plausibility import require_plausible
 from ..vehicle.aerodynamics_lift_drag import without_terms
 from ..vehicle.airframe import Airframe
 from ..vehicle.controls import SURFACES
-from .channels import group_states, owners
+from .channels import LATERAL_STATES, group_states, owners
 from .model import IdentificationModel
 
 REQUIRED_CONSTANTS = ("mass", "Ix", "Iy", "Iz", "S", "b", "cbar")
 CONSTANT_UNITS = {"mass": "kg", "S": "m^2", "b": "m", "cbar": "m"}  # kg m^2 for the others
-# states of longitudinal and of lateral motion
-LONGITUDINAL_STATES, LATERAL_STATES = ("u", "w", "q", "V", "alpha"), ("v", "p", "r", "beta")
+LONGITUDINAL_STATES = ("u", "w", "q", "V", "alpha")
 AFFECTED_BY_SURFACE = {
     "stabilator": LONGITUDINAL_STATES,
     "aileron": LATERAL_STATES,

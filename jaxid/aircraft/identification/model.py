@@ -70,7 +70,9 @@ class IdentificationModel(AbstractModel):
             [N], altitude [m], density [kg/m^3], sound_speed [m/s], pdot, qdot, rdot of rates that
             are not propagated [rad/s^2], and `gust_u` to `gust_w`, the velocity of the air [m/s].
         held: constants that replace states or inputs, by name [SI]. The altitude must be here if it
-            is neither a state nor measured: it determines density and speed of sound.
+            is neither a state nor measured: it determines density and speed of sound. This class
+            knows no record, so a longitudinal model takes the lateral variables and surfaces as
+            measured inputs; `model_of` holds at zero what its record lacks in symmetric flight.
         engines: engines without states, unless the thrust is measured or held; the engines then
             share it equally. Their positions, directions and momenta are used in either case. None
             by default.
@@ -217,7 +219,8 @@ class IdentificationModel(AbstractModel):
         The readings are moved to the centre of gravity with the known errors of the instruments. A
         quantity that is neither an output nor an input of the record is taken from its constant of
         the same name; without one it is zero, and the speed is the one at which a force coefficient
-        of one carries the weight.
+        of one carries the weight. A state that is known exactly is the constant
+        `initial_state.<state>`.
 
         Args:
             record: record with this model's outputs and inputs.

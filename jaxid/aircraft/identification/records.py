@@ -16,6 +16,7 @@ from ...models.free import with_values
 from ...models.names import parameter_names
 from ..instruments.channels import ANGULAR, CHANNEL_TABLE
 from ..records.air_data import density_of, has_pressure
+from .channels import LATERAL_STATES, Channels
 from .readings import AIR_DATA, Readings
 from .units import SIGNALS
 
@@ -23,6 +24,7 @@ Histories = dict[str, Float[Array, " time"]]
 Model = TypeVar("Model", bound=AbstractModel)
 
 SOURCES = "is computed from V, alpha and beta unless the record has it"
+LATERAL = (*LATERAL_STATES, "phi", "aileron", "rudder")  # zero in symmetric flight
 REMEDIES = {
     **{
         name: f"Derive it from the rate: `differentiate(record, {{'{name[0]}': '{name}'}}, "
@@ -72,9 +74,10 @@ def prepared(readings: Readings, record: Record) -> Record:
     known = readings.channels.outputs
     require_known("channel (needed as output)", known, record.outputs, OTHER_NAMES)
     motions = _motions(readings, *histories(readings, record))
+    lacking = tuple(name for name in inputs if name not in motions)
+    if lacking:
+        raise missing(record, readings.channels, lacking, "as an input")
     for name in inputs:
-        if name not in motions:
-            raise missing(record, name, "as an input")
         gaps = int(jnp.sum(~jnp.isfinite(motions[name])))
         require(
             gaps == 0,
@@ -126,20 +129,36 @@ def histories(readings: Readings, record: Record) -> tuple[Histories, Histories]
     return measured, known
 
 
-def missing(record: Record, name: str, purpose: str) -> InputError:
-    """Return the error for a record that lacks a channel.
+def missing(
+    record: Record, channels: Channels, lacking: tuple[str, ...], purpose: str
+) -> InputError:
+    """Return the error for a record that lacks channels: the first of them that is not zero in
+    symmetric flight, or the first.
 
     Args:
         record: the record.
-        name: name of the channel.
-        purpose: purpose of the channel in the model, for the message.
+        channels: channels of the model.
+        lacking: names of the channels.
+        purpose: purpose of the channels in the model, for the message.
     """
+    has = (*record.inputs, *record.outputs)
+    symmetric = not {*LATERAL_STATES} & {*channels.states}
+    name = next((name for name in lacking if name not in LATERAL), lacking[0])
     source = f", which {SOURCES}" if name in AIR_DATA else ""
     remedy = REMEDIES.get(name, "Measure it, hold it at a constant (`held`), or propagate it")
-    has = ", ".join((*record.inputs, *record.outputs))
+    if symmetric and name in LATERAL:
+        zero = ", ".join(
+            f"{each!r}: 0.0"
+            for each in LATERAL
+            if each in channels.inputs and not {each, AIR_DATA.get(each, each)} & {*has}
+        )
+        remedy += (
+            f". In symmetric flight hold `held={{{zero}}}`; "
+            "`model_of(record, states='longitudinal')` does so by itself"
+        )
     return InputError(
         f"Record {record.names[0]!r}: the model needs {name!r} {purpose}{source}, and the record "
-        f"has {has}. {remedy}."
+        f"has {', '.join(has)}. {remedy}."
     )
 
 

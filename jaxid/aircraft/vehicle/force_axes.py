@@ -66,6 +66,17 @@ FORCE_AXES = {
 - "wind": drag CD is opposite to the airspeed, the crosswind force CC normal to it and to the lift,
   to the right.
 """
+
+
+def with_axes(coefficient: str) -> str:
+    """Return a coefficient in words, with the axes of CX, CY, CZ: `CZ (body axes)`, `CL`, `Cm`.
+
+    Args:
+        coefficient: name of the coefficient.
+    """
+    return f"{coefficient} (body axes)" if coefficient in FORCES else coefficient
+
+
 ALL_COEFFICIENTS = tuple(
     dict.fromkeys(name for axes in FORCE_AXES.values() for name in axes.coefficients)
 )

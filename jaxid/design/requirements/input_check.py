@@ -18,7 +18,7 @@ from ...estimation.estimate import as_stack, check_channels
 from ...estimation.likelihoods import AbstractLikelihood
 from ...estimation.spectrum_policy import SPREAD
 from ...models.base import AbstractModel, as_float, canonical
-from ...models.free import Free
+from ...models.free import Free, first_state
 from ...sensitivity.spectrum import spectrum
 from ...simulation.simulate import explain_divergence
 from ..explanations import start_of
@@ -105,7 +105,7 @@ def check_input(
     model = canonical(model)
     check_channels(model, as_stack(record))
     require_known_noise(likelihood)
-    given = model.initial_state(record) if initial_state is None else initial_state
+    given = first_state(model, record) if initial_state is None else initial_state
     state = start_of(model, given)
     trim = jnp.zeros(len(model.inputs)) if trim_input is None else as_float(trim_input)
     _require_names(requirements, model, free)

@@ -8,6 +8,7 @@ import numpy as np
 from ...data.record import Record
 from ...estimation.likelihoods import OutputError
 from ...models.base import AbstractModel
+from ...models.free import first_state
 from ...simulation.hold import ZeroOrder
 from ...simulation.linearise import linearise
 from ...simulation.simulate import simulate
@@ -66,7 +67,7 @@ def response(
         likelihood: its hold and stepper simulate.
     """
     hold, stepper = likelihood.hold, likelihood.stepper
-    state = jnp.asarray(model.initial_state(record), float)
+    state = first_state(model, record)
     at = linearise(model, measured.t[0], state, measured.u.mean(axis=0))
     solution = simulate(model, measured.t, measured.u, state, hold=hold, stepper=stepper)
     y = np.asarray(solution.y)

@@ -1,5 +1,7 @@
 """Records of an identification model: coefficients, histories, first state, constants."""
 
+import ast
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -284,6 +286,34 @@ def test_longitudinal_records_need_no_lateral_channels(flight, record):
         from_aircraft(flight.aircraft, states="longitudinal", held=held).pseudo_measurements(
             channels(record, longitudinal)
         )
+
+
+def test_held_names_of_symmetric_flight_are_in_the_error(flight, record):
+    """With these names the model accepts the record, as `model_of` builds it."""
+    part = channels(record, ("alpha", "V", "q", "pitch", "ax", "az", "qdot", "altitude"))
+    model = from_aircraft(flight.aircraft, states="longitudinal")
+    model = eqx.tree_at(lambda m: m.airframe.reference, model, jnp.zeros(3))
+    values = {name: part.channel(name) for name in (*part.inputs[:1], *part.outputs)}
+    symmetric = make_record(
+        part.t,
+        values.pop("stabilator")[:, None],
+        jnp.stack([*values.values()], axis=-1),
+        inputs=("stabilator",),
+        outputs=tuple(values),
+    )
+    for use in (model.prepared, model.pseudo_measurements):
+        with pytest.raises(InputError, match="In symmetric flight hold") as caught:
+            use(symmetric)
+        assert "`model_of(record, states='longitudinal')` does so" in str(caught.value)
+        held = ast.literal_eval(str(caught.value).partition("held=")[2].partition("`")[0])
+        assert held == dict.fromkeys(("v", "p", "r", "phi", "aileron", "rudder"), 0.0)
+    options = {"states": "longitudinal", "held": held, "outputs": ("alpha", "q", "az")}
+    accepted = from_aircraft(flight.aircraft, **options).prepared(symmetric)
+    assert accepted.inputs == ("stabilator", "altitude")
+    lateral = from_aircraft(flight.aircraft, states="lateral")
+    with pytest.raises(InputError, match="needs 'p' for the coefficients") as caught:
+        lateral.pseudo_measurements(channels(record, without(("p",))))
+    assert "symmetric" not in str(caught.value)
 
 
 # Flights ------------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """Lift, drag and side force: directions from vectors, names, pseudo-measurements."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,7 +13,10 @@ from jaxid.aircraft import (
     flight_record,
     from_aircraft,
 )
+from jaxid.aircraft.effects.coefficient_term import CoefficientTerm
 from jaxid.aircraft.physics.frames import velocity
+from jaxid.aircraft.vehicle.force_axes import FORCES
+from jaxid.effects import Augmented
 from jaxid.models import parameter_names
 
 AXES = {"stability": ("CD", "CY", "CL"), "wind": ("CD", "CC", "CL")}
@@ -92,3 +96,41 @@ def test_candidates_of_body_forces_serve_the_forces_in_their_place(flight):
     assert chosen == {"CD": ("alpha",), "CL": ("alpha^2",)}
     with pytest.raises(InputError, match="candidates of CX and of CD"):
         in_axes(flight, "wind", candidates={"CX": ("alpha",), "CD": ("alpha",)})
+
+
+# Effects ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_effects_name_the_axes_of_their_force(flight, axes):
+    """Absent terms are in the axes of the model, all other forces in body axes by their words."""
+    effects = in_axes(flight, axes).effects()
+    forces = [each for each in effects if each.card.location.name in FORCES]
+    assert {"1 varying with mach in CX", "alphadot_hat in CZ"} <= {each.name for each in forces}
+    assert all("(body axes)" in each.card.description for each in forces)
+    terms = {each.coefficient for each in effects if isinstance(each, CoefficientTerm)}
+    assert {*AXES[axes]} <= terms
+    others = [each for each in effects if each.card.location.name not in FORCES]
+    assert not any("body axes" in each.card.description for each in others)
+
+
+def test_effects_act_in_the_axes_that_they_name(flight):
+    """A change of CX accelerates along x alone, one of CL across the velocity in the x-z plane."""
+    model = in_axes(flight, "stability")
+    values = {name: flight.truth.channel(name)[30] for name in ("u", "v", "w")}
+    x = jnp.stack([jnp.asarray(values.get(name, 0.1)) for name in model.states])
+    u = jnp.full(len(model.inputs), 0.01).at[model.inputs.index("altitude")].set(3000.0)
+    candidates = {effect.name: effect for effect in model.effects()}
+    at = np.array([model.states.index(name) for name in ("u", "w")])
+
+    def added(name):
+        effect = eqx.tree_at(lambda one: one.gain, candidates[name], jnp.array(1.0))
+        larger = Augmented(model, (effect,))
+        return np.asarray(larger.rhs(jnp.zeros(()), x, u) - model.rhs(jnp.zeros(()), x, u))[at]
+
+    forward, lift = added("1 varying with mach in CX"), added("alpha^2 in CL")
+    assert forward[0] > 1.0
+    assert abs(forward[1]) < 1e-9
+    across = np.array([x[at[1]], -x[at[0]]])
+    np.testing.assert_allclose(lift @ across, np.linalg.norm(lift) * np.linalg.norm(across))
+    assert np.min(np.abs(lift)) > 0.01

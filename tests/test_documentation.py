@@ -61,9 +61,12 @@ RUN_HERE = (*PAGES, *map(page_of, MODULES))
 
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory, reader_environment):
-    """Output of each page, from one interpreter."""
-    pages = {page: blocks(text_of(page), "python") for page in RUN_HERE}
-    return run_pages(pages, tmp_path_factory.mktemp("pages"), reader_environment)
+    """Output of each page; one interpreter for the guides, one for the API reference."""
+    printed = {}
+    for pages in (PAGES, (START, *map(page_of, MODULES))):
+        code = {page: blocks(text_of(page), "python") for page in pages}
+        printed |= run_pages(code, tmp_path_factory.mktemp("pages"), reader_environment)
+    return printed
 
 
 @pytest.fixture(scope="module")
@@ -365,7 +368,7 @@ WITHOUT_EXAMPLE = {
         *("Discrimination", "InformationObjective", "MutualDiscrimination", "RobustObjective"),
     },
     # the processes of `close_loop_many` need a script with a main guard
-    "jaxid.study": {"Studies", "StudyResult", "close_loop_many", "separating_input"},
+    "jaxid.study": {"Studies", "StudyResult", "close_loop_many", "next_record", "separating_input"},
 }
 
 

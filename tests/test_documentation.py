@@ -386,6 +386,14 @@ def examples():
     return shown_definitions("\n".join(blocks(text_of(START), "python")), code)
 
 
+def test_code_shows_names_results_and_abstract_bases_but_no_imports():
+    page = "from jaxid import Adaptive, hold\njaxid.estimate\nhold.Cubic()"
+    paths = shown_definitions("import jaxid", [page])
+    names = {path.rpartition(".")[2] for path in paths}
+    assert {"estimate", "Estimate", "Cubic", "AbstractHold"} <= names
+    assert not names & {"Adaptive", "ZeroOrder", "predict"}
+
+
 @pytest.mark.parametrize("module", MODULES)
 def test_every_public_name_has_an_example_that_runs(module, examples):
     without = {name for name in public_names(module) if definition(module, name) not in examples}

@@ -37,7 +37,7 @@ MODULES = (  # with a page in docs/api
     *(f"jaxid.{name}" for name in ("data", "models", "effects", "hold", "spectrum", "smoothing")),
     *(
         f"jaxid.{name}"
-        for name in ("uncertainty", "batches", "structure", "diagnosis", "design", "study")
+        for name in ("uncertainty", "batches", "structure", "diagnosis", "design", "loop", "study")
     ),
     "jaxid.report",
     "jaxid.aircraft",

@@ -16,6 +16,7 @@ import nbformat
 import pytest
 from printed_code import blocks, run_pages
 from public_names import definition, module_of, public_names
+from shown_names import shown_definitions
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -25,7 +26,7 @@ PAGES = (
     START,
     *("choose.md", "recipes.md", "from_scipy.md", "from_matlab.md", "from_sidpac.md"),
     *("from_pysindy.md", "method.md", "uncertainty.md", "input_design.md", "many_cases.md"),
-    *("advice.md", "files.md", "flights.md"),
+    *("advice.md", "files.md", "flights.md", "effects.md"),
 )
 RUN_ELSEWHERE = {  # page: test of its blocks
     "real_records.md": "study/test_identify_layouts.py",
@@ -36,7 +37,7 @@ MODULES = (  # with a page in docs/api
     *(f"jaxid.{name}" for name in ("data", "models", "effects", "hold", "spectrum", "smoothing")),
     *(
         f"jaxid.{name}"
-        for name in ("uncertainty", "batches", "structure", "diagnosis", "design", "study")
+        for name in ("uncertainty", "batches", "structure", "diagnosis", "design", "loop", "study")
     ),
     "jaxid.report",
     "jaxid.aircraft",
@@ -48,14 +49,24 @@ def text_of(page: str) -> str:
     return (DOCS / page).read_text(encoding="utf-8")
 
 
+def page_of(module: str) -> str:
+    return "api/index.md" if module == "jaxid" else f"api/{module.rpartition('.')[2]}.md"
+
+
+RUN_HERE = (*PAGES, *map(page_of, MODULES))
+
+
 # The code. ----------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory, reader_environment):
-    """Output of each page, from one interpreter."""
-    pages = {page: blocks(text_of(page), "python") for page in PAGES}
-    return run_pages(pages, tmp_path_factory.mktemp("pages"), reader_environment)
+    """Output of each page; one interpreter for the guides, one for the API reference."""
+    printed = {}
+    for pages in (PAGES, (START, *map(page_of, MODULES))):
+        code = {page: blocks(text_of(page), "python") for page in pages}
+        printed |= run_pages(code, tmp_path_factory.mktemp("pages"), reader_environment)
+    return printed
 
 
 @pytest.fixture(scope="module")
@@ -76,11 +87,12 @@ def numbers(line: str) -> list[float]:
 
 
 def test_every_page_with_code_is_run():
-    with_code = {file.name for file in DOCS.glob("*.md") if blocks(text_of(file.name), "python")}
-    assert with_code == {*PAGES, *RUN_ELSEWHERE}
+    pages = {file.relative_to(DOCS).as_posix() for file in DOCS.rglob("*.md")}
+    with_code = {page for page in pages if blocks(text_of(page), "python")}
+    assert with_code | set(map(page_of, MODULES)) == {*RUN_HERE, *RUN_ELSEWHERE}
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", RUN_HERE)
 def test_the_code_of_the_page_runs(page, printed):
     assert not printed[page].error, printed[page].error
 
@@ -258,7 +270,7 @@ def test_noises_steppers_and_files_agree(output, printed):
 # The text. ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", RUN_HERE)
 def test_the_page_is_in_plain_english(page):
     prose = architecture_words.prose_of_markdown(text_of(page))
     reported = list(architecture_words.banned_prose(prose))
@@ -305,10 +317,6 @@ def test_the_gallery_lists_every_notebook():
 # The API reference. -------------------------------------------------------------------------------
 
 
-def page_of(module: str) -> str:
-    return "api/index.md" if module == "jaxid" else f"api/{module.rpartition('.')[2]}.md"
-
-
 def entry(module: str, name: str) -> str:
     """Return the text that documents a public name on the page of its module."""
     public, path = f"{module}.{name}", definition(module, name)
@@ -348,6 +356,48 @@ def test_every_public_module_of_the_package_has_a_page():
         if isinstance(getattr(package, name), types.ModuleType)
     }
     assert modules <= set(MODULES)
+
+
+# The examples. ------------------------------------------------------------------------------------
+
+# Names without an example; a name leaves the list with its first one. The list must not grow.
+WITHOUT_EXAMPLE = {
+    "jaxid.models": {"Parameters"},
+    # costs inside `design_input` and `expected_chi_square`
+    "jaxid.design": {
+        *("Discrimination", "InformationObjective", "MutualDiscrimination", "RobustObjective"),
+    },
+    # the processes of `close_loop_many` need a script with a main guard
+    "jaxid.study": {"Studies", "StudyResult", "close_loop_many", "next_record", "separating_input"},
+}
+
+
+@pytest.fixture(scope="module")
+def examples():
+    """Paths of the definitions that the code run by the tests shows (`shown_names`)."""
+    texts = [text_of(page) for page in (*RUN_HERE[1:], *RUN_ELSEWHERE)]
+    texts.append((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))  # test_contributing.py
+    code = ["\n".join(blocks(text, "python")) for text in texts]
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    code.append(blocks(readme, "python")[0])  # test_readme.py
+    for name in NOTEBOOKS:  # test_notebooks.py
+        notebook = nbformat.read(ROOT / "notebooks" / f"{name}.ipynb", as_version=4)
+        code.append("\n".join(one.source for one in notebook.cells if one.cell_type == "code"))
+    return shown_definitions("\n".join(blocks(text_of(START), "python")), code)
+
+
+def test_code_shows_names_results_and_abstract_bases_but_no_imports():
+    page = "from jaxid import Adaptive, hold\njaxid.estimate\nhold.Cubic()"
+    paths = shown_definitions("import jaxid", [page])
+    names = {path.rpartition(".")[2] for path in paths}
+    assert {"estimate", "Estimate", "Cubic", "AbstractHold"} <= names
+    assert not names & {"Adaptive", "ZeroOrder", "predict"}
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_public_name_has_an_example_that_runs(module, examples):
+    without = {name for name in public_names(module) if definition(module, name) not in examples}
+    assert without == WITHOUT_EXAMPLE.get(module, set())
 
 
 # Pages from files outside of the folder. ----------------------------------------------------------

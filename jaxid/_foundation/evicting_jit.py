@@ -15,8 +15,8 @@ from .progress import report_part
 from .stored_programs import joined_leaves, split_leaves, stored_program, types_of
 
 # Chosen: programs of one function that are kept. Each takes some 300 of the 65,530 memory maps that
-# Linux grants a process (`vm.max_map_count`), and some 50 MB for a fit on long records. A round of a
-# search has up to 25, after which the program of all candidates is needed again.
+# Linux grants a process (`vm.max_map_count`), and some 50 MB for a fit on long records. A round of
+# a search has up to 25, after which the program of all candidates is needed again.
 MOST_PROGRAMS = 32
 
 

@@ -77,14 +77,7 @@ def prepared(readings: Readings, record: Record) -> Record:
     lacking = tuple(name for name in inputs if name not in motions)
     if lacking:
         raise missing(record, readings.channels, lacking, "as an input")
-    for name in inputs:
-        gaps = int(jnp.sum(~jnp.isfinite(motions[name])))
-        require(
-            gaps == 0,
-            f"Record {record.names[0]!r}: the model takes {name!r} as an input, and {gaps} of its "
-            f"samples are missing{f' ({SOURCES})' if name in AIR_DATA else ''}. Fill the gaps "
-            "first, or propagate it.",
-        )
+    _require_complete(inputs, motions, record)
     columns = [k for k, name in enumerate(record.outputs) if name not in inputs]
     return Record(
         t=record.t,
@@ -98,6 +91,18 @@ def prepared(readings: Readings, record: Record) -> Record:
         output_units=tuple(record.output_units[k] for k in columns),
         names=record.names,
     )
+
+
+def _require_complete(inputs: tuple[str, ...], motions: Histories, record: Record) -> None:
+    """Refuse an input with missing samples."""
+    for name in inputs:
+        gaps = int(jnp.sum(~jnp.isfinite(motions[name])))
+        require(
+            gaps == 0,
+            f"Record {record.names[0]!r}: the model takes {name!r} as an input, and {gaps} of its "
+            f"samples are missing{f' ({SOURCES})' if name in AIR_DATA else ''}. Fill the gaps "
+            "first, or propagate it.",
+        )
 
 
 def histories(readings: Readings, record: Record) -> tuple[Histories, Histories]:

@@ -82,11 +82,12 @@ def test_innovations_in_dryden_gusts_are_white():
     records = stack([record(data.t, data.u, z, **channels) for z in data.z])
     stochastic, _ = likelihood.prepared(model, free(model, "Zw"), records)
     begin = jnp.array([*flights.INITIAL, 0.0, 0.0])
+    t, u = jnp.asarray(data.t), jnp.asarray(data.u)
 
     @jax.jit
     @jax.vmap
     def innovations(z):
-        one = eqx.tree_at(lambda r: (r.t, r.u, r.z, r.mask), records, (data.t, data.u, z, z == z))
+        one = eqx.tree_at(lambda r: (r.t, r.u, r.z, r.mask), records, (t, u, z, z == z))
         filtered = likelihood.filter(stochastic, one, begin)
         return jnp.linalg.solve(jnp.linalg.cholesky(filtered.B), filtered.v[..., None])[..., 0]
 

@@ -160,7 +160,7 @@ class Separation(SeparatedFlow):
         return EffectCard(
             name=f"{family} (from {self.fraction:.0%})",
             description="the flow separates at high angle of attack late and attaches again late: "
-            "a hysteresis of lift (CZ, body axes)",
+            "a hysteresis of lift: CZ (body axes)",
             location=Location(LocationKind.COEFFICIENT, "CZ"),
             family=family,
             unit="1/rad",

@@ -164,7 +164,7 @@ CASES = {
         )
         for size in STRONG
     },
-    # the noise of the vane is small beside the gusts, and its estimate is often on the bound
+    # small against the gusts: its asymptotic interval covers too little
     f"filter error, gusts of {STRONG[-1]:g} m/s, noise of the vane, profile": Case(
         2000, partial(fly, gust=STRONG[-1]), profile_of(_filter_error, "sensor.alpha"), SENSORS
     ),

@@ -47,7 +47,7 @@ class System(NamedTuple):
 
     Attributes:
         name: the name.
-        truth: what the declared model lacks, in words.
+        truth: the effect that the declared model lacks, in words.
         model: the declared model.
         free: free parameters.
         measure: function from the number of a record to the record.

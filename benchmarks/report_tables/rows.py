@@ -159,7 +159,7 @@ def error_free_F(flight: Flight, selection: Selection | None, terms: int) -> flo
     """Return the largest overall F of a regression of a true coefficient with some number of terms.
 
     Args:
-        flight: its true motion is that of the regressors, about their means.
+        flight: its true motion, about the means, gives the regressors.
         selection: path of the regression of the measured coefficient, for its candidates; NaN is
             returned without one, or if no regression on the new path has this number of terms.
         terms: number of terms.

@@ -23,6 +23,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.compiler import fast_compile_jit
@@ -330,8 +331,6 @@ def _improved(
     search: HistorySearch, start: np.ndarray, compatibility: Sequence[float]
 ) -> np.ndarray:
     """Return the coefficients of the history that minimises the cost for each weight in turn."""
-    from scipy.optimize import minimize  # slow to import
-
     low, high = (np.broadcast_to(side, search.shape).ravel() for side in search.bounds)
     p, bounds = start.ravel(), np.stack([low, high], axis=1)
     for weight in compatibility:
@@ -343,7 +342,9 @@ def _improved(
             return float(value), np.asarray(slope).ravel()
 
         options: dict[str, Any] = {"maxfun": EVALUATIONS}
-        result = minimize(cost, p, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        result = scipy.optimize.minimize(
+            cost, p, jac=True, method="L-BFGS-B", bounds=bounds, options=options
+        )
         p = result.x
     return p.reshape(search.shape)
 

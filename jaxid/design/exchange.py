@@ -17,6 +17,7 @@ C. L. Atwood, Sequences converging to D-optimal designs of experiments, Annals o
 
 import equinox as eqx
 import numpy as np
+import scipy
 
 from .._foundation.checks import require
 from .._foundation.types import Float, Numbers
@@ -88,13 +89,11 @@ class Experiments(eqx.Module):
             index: the points.
             start: weights to begin with; equal ones by default.
         """
-        from scipy.optimize import minimize  # slow to import
-
         equal = np.full(index.size, 1.0 / index.size)
         start = equal if start is None else start
         phi = self.gains(index, start, index)
         scale = np.sum(start * phi)
-        result = minimize(
+        result = scipy.optimize.minimize(
             lambda weight: self.cost(index, np.maximum(weight, 0.0)) / scale,
             start,
             jac=lambda weight: -self.gains(index, np.maximum(weight, 0.0), index) / scale,

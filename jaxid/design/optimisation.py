@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from .._foundation.checks import InputError
 from .._foundation.compiler import fast_compile_jit
@@ -197,8 +198,6 @@ def optimise(task: Task, start: np.ndarray) -> tuple[np.ndarray, float]:
     start. It often ends a little outside its limits. The best of its points inside counts, and its
     end scaled to the limits; scaling alone fails where the motion is unstable.
     """
-    from scipy.optimize import minimize  # slow to import
-
     shape, size = start.shape, float(np.max(np.abs(start))) or 1.0
     memory: dict[bytes, tuple[np.ndarray, ...]] = {}
     inside: list[tuple[np.ndarray, float]] = []
@@ -218,7 +217,7 @@ def optimise(task: Task, start: np.ndarray) -> tuple[np.ndarray, float]:
         value = float(evaluate(p)[0])
         return value if np.isfinite(value) else 1e6
 
-    result = minimize(
+    result = scipy.optimize.minimize(
         cost,
         start.ravel() / size,
         jac=lambda p: np.nan_to_num(size * evaluate(p)[1].ravel()),

@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from .._foundation.checks import require
 from .._foundation.types import Array, Float
@@ -172,15 +173,13 @@ def b_splines(
     Raises:
         InputError: for fewer than two knots, or as many as samples.
     """
-    from scipy.interpolate import BSpline  # slow to import
-
     require(
         2 <= knots < times.size,
         f"{knots} knots for {times.size} samples: give at least 2, and fewer than samples.",
     )
     inner = np.linspace(times[0], times[-1], knots)
     full = np.concatenate([[times[0]] * 3, inner, [times[-1]] * 3])
-    return BSpline.design_matrix(times, full, 3).toarray()
+    return scipy.interpolate.BSpline.design_matrix(times, full, 3).toarray()
 
 
 def default_shape(t: Float[Array, " time"]) -> Spline:

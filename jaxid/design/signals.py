@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from .._foundation.checks import require, require_float64, require_known
 from .._foundation.types import Array, Float, Int, Numbers
@@ -219,8 +220,6 @@ def _schroeder(share: np.ndarray) -> np.ndarray:
 
 def _low_peak(harmonics, amplitude, phases):
     """Return phases of a small peak, by quasi-Newton steps on norms of growing exponent."""
-    from scipy.optimize import minimize  # slow to import
-
     count = OVERSAMPLING * int(harmonics[-1]) + 1
     angle = 2.0 * np.pi * harmonics[None] * np.linspace(0.0, 1.0, count, endpoint=False)[:, None]
 
@@ -239,7 +238,7 @@ def _low_peak(harmonics, amplitude, phases):
 
     best = phases
     for exponent in NORMS:
-        phases = minimize(norm, phases, (exponent,), "L-BFGS-B", jac=True).x
+        phases = scipy.optimize.minimize(norm, phases, (exponent,), "L-BFGS-B", jac=True).x
         best = min((best, phases), key=peak)
     return best
 

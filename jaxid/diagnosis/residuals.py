@@ -221,7 +221,7 @@ def residual_tests(
         The tests with their results; works under `jit` and `vmap`.
 
     Raises:
-        InputError: if the number of names differs from that of the channels, the signals have
+        InputError: if there are more or fewer names than channels, the signals have
             another number of records or samples, an estimate has several cases, or level or lags
             are out of range.
     """

@@ -120,7 +120,7 @@ class Case(NamedTuple):
 
     def start(self, solver: GaussNewton) -> Parameters:
         """Return the parameters from which an iteration starts: the initial ones, or with
-        `OutputError(shooting=...)` those of the pieces of the records.
+        `OutputError(shooting=...)` joined from pieces of the records.
         """
         likelihood = self.problem.likelihood
         if isinstance(likelihood, OutputError) and likelihood.shooting is not None:

@@ -1,6 +1,7 @@
 """Ends of confidence intervals from estimates and their standard errors."""
 
 import numpy as np
+import scipy
 
 from .._foundation.checks import require
 from .._foundation.host import on_host
@@ -31,11 +32,9 @@ def student_factor(upper: float, samples, dof) -> Float[np.ndarray, "*batch"]:
         samples: number N of measurements.
         dof: degrees of freedom nu.
     """
-    from scipy.special import stdtrit  # slow to import, and only intervals need it
-
     enough = dof > 0
     safe = np.where(enough, dof, 1.0)
-    return np.where(enough, stdtrit(safe, upper) * np.sqrt(samples / safe), np.nan)
+    return np.where(enough, scipy.special.stdtrit(safe, upper) * np.sqrt(samples / safe), np.nan)
 
 
 @on_host

@@ -203,7 +203,7 @@ class OutputError(AbstractLikelihood):
         stepper: the integration of the state from sample to sample.
         shooting: number of pieces of each record from which `estimate` starts (multiple shooting),
             for long or unstable records; None for one simulation of each record from the start. The
-            estimate and its errors are those of the whole records.
+            estimate and its errors belong to the whole records.
     """
 
     noise: AbstractNoise = eqx.field(default_factory=DiagonalNoise)

@@ -180,6 +180,14 @@ def _bounds(estimate: Any) -> list[str]:
     return lines
 
 
+def _require_single(estimate: Any, what: str, otherwise: str = "") -> None:
+    """Refuse a batch of estimates."""
+    require(
+        np.ndim(estimate.values) == 1,
+        f"{what} of one estimate, and this is a batch of them. Select one of them{otherwise}.",
+    )
+
+
 def estimate_errors(estimate: Any) -> EstimateErrors:
     """Return values and errors of an estimate of one case as plain numbers.
 
@@ -189,10 +197,7 @@ def estimate_errors(estimate: Any) -> EstimateErrors:
     Raises:
         InputError: for a batch of cases.
     """
-    require(
-        np.ndim(estimate.values) == 1,
-        "Errors are of one estimate, and this is a batch of them. Select one of them.",
-    )
+    _require_single(estimate, "Errors are")
     arrays = {name: np.asarray(getattr(estimate, name)) for name in EstimateErrors.arrays()}
     return EstimateErrors(
         **arrays,
@@ -214,11 +219,7 @@ def estimate_to_dict(estimate: Any) -> dict[str, Any]:
     Raises:
         InputError: for a batch of cases.
     """
-    require(
-        np.ndim(estimate.values) == 1,
-        "A dictionary is of one estimate, and this is a batch of them. Select one of them, or take "
-        "`to_xarray`.",
-    )
+    _require_single(estimate, "A dictionary is", ", or take `to_xarray`")
     columns = {name: np.asarray(getattr(estimate, name)).tolist() for name in PARAMETER_COLUMNS}
     rows = zip(*columns.values(), strict=True)
     keys = ("start", "value", "standard_error", "corrected_error", "F", "on_bound", "near_bound")

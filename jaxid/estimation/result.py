@@ -4,6 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+import scipy
 
 from .._foundation.checks import require_known
 from .._foundation.host import on_host
@@ -224,14 +225,12 @@ class Estimate(eqx.Module):
         Raises:
             InputError: when the level is not between 0 and 1.
         """
-        from scipy.special import ndtri, stdtrit  # slow to import, and only intervals need it
-
         upper = upper_probability(level)
         errors = self.corrected_errors if coloured else self.standard_errors
         if coloured:
-            factor = stdtrit(np.asarray(self.corrected_dof), upper)
+            factor = scipy.special.stdtrit(np.asarray(self.corrected_dof), upper)
         elif self.noise_known:
-            factor = ndtri(upper)
+            factor = scipy.special.ndtri(upper)
         else:
             nu = np.asarray(self.degrees_of_freedom)[..., None]
             samples = np.sum(np.asarray(self.mask), axis=(-3, -2, -1))[..., None]

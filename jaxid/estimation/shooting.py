@@ -110,7 +110,7 @@ def _starts(rows: Float[Array, "piece own"], cases: int) -> Float[Array, "joined
 
 
 def _free_of_piece(model: AbstractModel, free: Free) -> Free:
-    """Return the free parameters with all initial states among those of each record."""
+    """Return the free parameters with all initial states among the parameters of each record."""
     states = tuple(f"{INITIAL_STATE}.{name}" for name in model.states)
     others = tuple(name for name in free.per_record if name not in states)
     return dataclasses.replace(free, per_record=(*states, *others))

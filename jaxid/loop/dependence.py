@@ -18,6 +18,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
@@ -107,15 +108,13 @@ def _followed(fitted: LoopFit, whitened: Whitened, level: float) -> tuple[str, .
     """Return the candidates and signals with a significant fall of chi-square, the most
     significant first.
     """
-    from scipy.stats import chi2  # slow to import
-
     tests = [*_candidate_tests(fitted, whitened), *_signal_tests(fitted, whitened)]
     chances: dict[str, float] = {}
     for name, (fall, dof) in tests:
         # A small fall is none, as the linear model is an approximation; time is known exactly.
         least = 0.0 if name == "t" else SETTLED
-        if dof and fall > max(float(chi2.isf(level / len(tests), dof)), least):
-            chances[name] = min(chances.get(name, 0.0), float(chi2.logsf(fall, dof)))
+        if dof and fall > max(float(scipy.stats.chi2.isf(level / len(tests), dof)), least):
+            chances[name] = min(chances.get(name, 0.0), float(scipy.stats.chi2.logsf(fall, dof)))
     return tuple(sorted(chances, key=lambda name: chances[name]))
 
 

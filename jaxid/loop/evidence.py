@@ -5,6 +5,7 @@ import enum
 
 import equinox as eqx
 import numpy as np
+import scipy
 
 from .._foundation.grid import typical_step
 from .._foundation.types import Array, Float
@@ -139,16 +140,14 @@ def improvement_chance(old: LoopFit, new: LoopFit, fall: float, check_fall: floa
     check records' error, divided by its standard error, are independent. Their probabilities are
     combined by Fisher's method (Statistical Methods for Research Workers, 1932, section 21.1).
     """
-    from scipy.stats import chi2, norm  # slow to import
-
     added = set(new.effects) - set(old.effects)
-    of_train = chi2.logsf(max(fall, 0.0) / inflation(new, added), new.count - old.count)
+    of_train = scipy.stats.chi2.logsf(max(fall, 0.0) / inflation(new, added), new.count - old.count)
     scatter = difference_error(old.check_prediction, new.check_prediction)
     if scatter > 0:
-        of_check = norm.logsf(check_fall / scatter)
+        of_check = scipy.stats.norm.logsf(check_fall / scatter)
     else:  # no difference, or one of the simulations fails
         of_check = -np.inf if check_fall > 0 else 0.0
-    return float(chi2.sf(-2.0 * (of_train + of_check), 4))
+    return float(scipy.stats.chi2.sf(-2.0 * (of_train + of_check), 4))
 
 
 def _tolerated_loss(old: LoopFit, new: LoopFit, options: LoopOptions) -> float:
@@ -171,14 +170,12 @@ def _is_swap(old: LoopFit, new: LoopFit) -> bool:
 
 def _required(old: LoopFit, new: LoopFit, level: float) -> float:
     """Return the least fall of chi-square by which the new hypothesis is better."""
-    from scipy.stats import chi2  # slow to import
-
     more, before, after = new.count - old.count, set(old.effects), set(new.effects)
     if after < before:
-        return -float(chi2.isf(level, -more))
+        return -float(scipy.stats.chi2.isf(level, -more))
     colour, price = inflation(new, after - before), new.problem.price
     if more > 0 and before <= after:
-        return float(chi2.isf(level, more)) * colour
+        return float(scipy.stats.chi2.isf(level, more)) * colour
     return price * more if more < 0 else colour * (price * more or INSEPARABLE)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
+import scipy
 
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
@@ -58,12 +59,10 @@ class Proposals:
     """The moves from one fit."""
 
     def __init__(self, fit: LoopFit, options: LoopOptions):
-        from scipy.stats import chi2  # slow to import
-
         self.fit, self.options, self.problem = fit, options, fit.problem
         self.candidates = self.problem.absent(fit.effects)
         self.level = options.level / max(len(self.candidates), 1)
-        self.threshold = float(chi2.isf(self.level, 1))
+        self.threshold = float(scipy.stats.chi2.isf(self.level, 1))
 
     @cached_property
     def reduced(self) -> Reduced:
@@ -127,8 +126,6 @@ class Proposals:
 
     def groups(self) -> list[Move]:
         """Return sets of terms of one signal in one place that are significant only together."""
-        from scipy.stats import chi2  # slow to import
-
         sets: dict[tuple, list[str]] = {}
         for name in self.candidates:
             card = self.problem.cards[name]
@@ -137,7 +134,8 @@ class Proposals:
         moves = []
         for names in (names for names in sets.values() if len(names) > 1):
             joint = float(self._falls(self.reduced, [names])[0])
-            if joint - max(map(self.score, names)) > chi2.isf(self.level, len(names) - 1):
+            least = scipy.stats.chi2.isf(self.level, len(names) - 1)
+            if joint - max(map(self.score, names)) > least:
                 moves.append(self._move(MoveKind.GROUP, tuple(names), (), joint, self.reduced))
         return moves
 
@@ -149,11 +147,9 @@ class Proposals:
 
     def pairs(self) -> list[Move]:
         """Return the best pairs of effects that hide each other: weak alone, strong together."""
-        from scipy.stats import chi2  # slow to import
-
         pairs = self.pair_sets()
         joint = self._falls(self.reduced, pairs)
-        threshold = chi2.isf(self.options.level / max(len(pairs), 1), 2)
+        threshold = scipy.stats.chi2.isf(self.options.level / max(len(pairs), 1), 2)
         best = [k for k in np.argsort(-joint)[: self.options.swap_limit] if joint[k] > threshold]
         return [
             self._move(MoveKind.PAIR, pairs[k], (), float(joint[k]), self.reduced) for k in best

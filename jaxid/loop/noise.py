@@ -7,6 +7,7 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
+import scipy
 
 from .._foundation.grid import typical_step
 from .._foundation.location import LocationKind
@@ -129,10 +130,8 @@ def stands_out(where: LocalisationResult, level: float) -> bool:
     """Return True if a free-form disturbance at a place explains more than chance would, with a
     probability of a false alarm of `level` over all places.
     """
-    from scipy.stats import chi2  # slow to import
-
     places = [place for place in where.places if place.dof]
-    chances = [float(chi2.sf(place.score, place.dof)) for place in places]
+    chances = [float(scipy.stats.chi2.sf(place.score, place.dof)) for place in places]
     return min(chances, default=1.0) < level / max(len(chances), 1)
 
 
@@ -140,12 +139,10 @@ def above_known_noise(fitted: LoopFit, level: float) -> bool:
     """Return True if the noise is given and the whitened sum of squares is larger than chi-square
     allows, with a probability of a false alarm of `level`.
     """
-    from scipy.stats import chi2  # slow to import
-
     noise = fitted.estimation.problem.likelihood.noise
     if not noise.is_known or not isinstance(fitted.hypothesis.noise, White):
         return False
     mask = np.asarray(fitted.problem.train.mask)
     squares = float(np.sum(np.where(mask, np.asarray(fitted.white_residuals), 0.0) ** 2))
     unknown = len(fitted.estimation.free.shared) + fitted.solution.parameters.rows.size
-    return bool(chi2.sf(squares, max(int(np.sum(mask)) - unknown, 1)) < level)
+    return bool(scipy.stats.chi2.sf(squares, max(int(np.sum(mask)) - unknown, 1)) < level)

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
@@ -98,8 +99,6 @@ def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceE
     """Return the most probable forces and sensor noise, by L-BFGS-B on logarithms, with the step of
     the free parameters; the first `own` columns are those of the per-record parameters.
     """
-    from scipy.optimize import minimize  # slow to import
-
     sizes = np.cumsum([part.size for part in start])[:-1]
     begin = np.log(np.concatenate([np.asarray(part) for part in start]))
 
@@ -113,7 +112,7 @@ def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceE
 
     widest = np.log(WIDEST_RANGE)
     bounds = [(value - widest, value + widest) for value in begin]
-    end = minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds)
+    end = scipy.optimize.minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds)
     (expected, rest), _ = _cost_and_slope(noise_at(end.x), motion, own)
     cost, own_step, shared = map(np.asarray, rest)
     return ForceEstimate(

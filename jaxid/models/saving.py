@@ -66,7 +66,7 @@ def save(path: str | Path, model: AbstractModel | Fitted, free: Free | None = No
 
     Raises:
         InputError: when the file exists, the folder does not, `model` is neither, the free
-            parameters are those of another model, or they are given for an estimate.
+            parameters belong to another model, or they are given for an estimate.
     """
     declared, free, errors = _parts(model, free)
     content = _content(canonical(declared), free)

@@ -6,6 +6,7 @@ the number of fitted values including the constant, and `dof = samples - fitted`
 """
 
 import numpy as np
+import scipy
 
 from .._foundation.checks import require
 
@@ -107,9 +108,7 @@ def critical_F(level: float, dof: int, terms: int = 1) -> float:
         0 < level < 1, f"The level is {level}; a probability lies between 0 and 1, such as 0.01."
     )
     # Imported here because the import adds a warning filter, and importing jaxid must not.
-    from scipy.special import betaincinv
-
-    z = float(betaincinv(dof / 2, terms / 2, level))
+    z = float(scipy.special.betaincinv(dof / 2, terms / 2, level))
     return dof * (1.0 / z - 1.0) / terms
 
 

@@ -55,7 +55,7 @@ class Case(NamedTuple):
 
     @property
     def library(self) -> tuple[Effect, ...]:
-        """The candidates, those of the default library if the file has no section [library]."""
+        """The candidates: the default library if the file has no section [library]."""
         if self.effects is not None:
             return self.effects
         parts = (self.train, self.check, *(self.test or {}).values())

@@ -16,7 +16,7 @@ def stack_of_estimate(
 
     Args:
         estimate: from `estimate`, of one case.
-        records, likelihood: those of the estimate.
+        records, likelihood: as in the estimate.
 
     Raises:
         InputError: for records with other channels than the model, and for a likelihood whose noise

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from .._foundation.checks import require
 from .._foundation.types import Array, Bool, Float
@@ -64,16 +65,15 @@ class Bootstrap(eqx.Module):
         Raises:
             InputError: when the level is not between 0 and 1.
         """
-        from scipy.special import ndtr, ndtri  # slow to import, and only intervals need it
-
         require(
             0 < level < 1,
             f"The level is {level}; a probability lies between 0 and 1, such as 0.95.",
         )
         used = self._used()
         below = np.mean(used < np.asarray(self.values)[None], axis=0)
-        z0 = ndtri(np.clip(below, 0.5 / len(used), 1 - 0.5 / len(used)))
-        shares = ndtr(2 * z0[:, None] + ndtri([0.5 * (1 - level), 0.5 * (1 + level)])[None])
+        z0 = scipy.special.ndtri(np.clip(below, 0.5 / len(used), 1 - 0.5 / len(used)))
+        tails = scipy.special.ndtri([0.5 * (1 - level), 0.5 * (1 + level)])
+        shares = scipy.special.ndtr(2 * z0[:, None] + tails[None])
         ends = [np.quantile(column, at) for column, at in zip(used.T, shares, strict=True)]
         return jnp.asarray(np.array(ends).reshape(-1, 2))
 

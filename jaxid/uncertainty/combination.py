@@ -10,6 +10,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from .._foundation.checks import require, require_known
 from .._foundation.notebook import Table
@@ -233,8 +234,6 @@ def solved(
         rank: number of directions that the estimates determine, each for itself.
         threshold: squares of singular values below this share of the largest are weak.
     """
-    from scipy.stats import chi2  # slow to import
-
     T, size = rows.T @ basis, _length(rows.T)
     length = _length(T)
     U, s, Vt = np.linalg.svd(T / length[None], full_matrices=False)
@@ -255,7 +254,7 @@ def solved(
         covariance=jnp.asarray(covariance + np.diag(np.where(undetermined, np.inf, 0.0))),
         misfit=jnp.asarray(misfit),
         degrees_of_freedom=dof,
-        p_value=jnp.asarray(chi2.sf(misfit, dof) if dof > 0 else 1.0),
+        p_value=jnp.asarray(scipy.stats.chi2.sf(misfit, dof) if dof > 0 else 1.0),
     )
 
 

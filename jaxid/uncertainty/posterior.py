@@ -44,7 +44,7 @@ class Posterior(eqx.Module):
     """Draws from the posterior.
 
     Attributes:
-        names, own_names: names of the shared parameters and of those of each record.
+        names, own_names: names of the shared parameters and of the parameters of each record.
         draws: of the shared parameters.
         own: of the parameters of each record.
         divergent: True where the simulated path left the posterior or its bounds.
@@ -148,12 +148,12 @@ def posterior(
     """Return draws from the posterior of all free parameters, by the no-U-turn sampler of blackjax
     (extra `posterior`).
 
-    Bounds cut the posterior; priors are those of `free(..., prior=...)`, and without one a
+    Bounds cut the posterior; priors are given by `free(..., prior=...)`, and without one a
     parameter has a flat prior.
 
     Args:
         estimate: from `estimate`, of one case; the chains start within its errors.
-        records, likelihood: those of the estimate.
+        records, likelihood: as in the estimate.
         key: random key.
         draws: number of draws of each chain.
         warmup: number of draws before, in which the step is adapted.

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from .._foundation.checks import require, require_known
 from .._foundation.notebook import preformatted
@@ -97,18 +98,16 @@ def profile_likelihood(
     Raises:
         InputError: for a name that is not free, or a level that is not between 0 and 1.
     """
-    from scipy.special import ndtri, stdtrit  # slow to import, and only intervals need it
-
     records = stack_of_estimate(estimate, records, likelihood)
     require_known("free parameter", [name], estimate.names)
     require(0 < level < 1, f"The level is {level}; a probability lies between 0 and 1.")
     problem = Problem.of(estimate.model, estimate.free, records, likelihood)
     index, upper = estimate.names.index(name), 0.5 * (1.0 + level)
     if estimate.noise_known:
-        threshold = 0.5 * float(ndtri(upper)) ** 2
+        threshold = 0.5 * float(scipy.special.ndtri(upper)) ** 2
     else:
         nu, count = float(estimate.degrees_of_freedom), float(np.sum(np.asarray(estimate.mask)))
-        threshold = 0.5 * count * float(np.log1p(stdtrit(nu, upper) ** 2 / nu))
+        threshold = 0.5 * count * float(np.log1p(scipy.special.stdtrit(nu, upper) ** 2 / nu))
     value, error = float(estimate.values[index]), float(estimate.standard_errors[index])
     if not np.isfinite(error):
         error = 1.0 / float(estimate.spectrum.scale[index])  # all others known

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax.flatten_util import ravel_pytree
 
 from .._foundation.checks import require
@@ -65,9 +66,7 @@ class Propagated(eqx.Module):
                 lambda leaf: jnp.moveaxis(jnp.quantile(leaf, jnp.asarray(ends), axis=0), 0, -1),
                 self.draws,
             )
-        from scipy.special import ndtri  # slow to import, and only intervals need it
-
-        q = jnp.asarray(ndtri(ends))
+        q = jnp.asarray(scipy.special.ndtri(ends))
         return jax.tree.map(
             lambda value, error: value[..., None] + jnp.multiply.outer(error, q),
             self.value,

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from .._foundation.checks import require
 from .._foundation.notebook import Table
@@ -57,10 +58,9 @@ class Sandwich(eqx.Module):
         Raises:
             InputError: when the level is not between 0 and 1.
         """
-        from scipy.special import stdtrit  # slow to import, and only intervals need it
-
         require(0 < level < 1, f"The level is {level}; a probability lies between 0 and 1.")
-        width = float(stdtrit(self.groups - 1.0, 0.5 * (1.0 + level))) * self.standard_errors
+        quantile = float(scipy.special.stdtrit(self.groups - 1.0, 0.5 * (1.0 + level)))
+        width = quantile * self.standard_errors
         return jnp.stack([self.values - width, self.values + width], axis=-1)
 
     def _repr_html_(self) -> str:
@@ -92,7 +92,7 @@ def sandwich(
 
     Args:
         estimate: from `estimate`, of one case.
-        records, likelihood: those of the estimate.
+        records, likelihood: as in the estimate.
         block: length of the blocks [samples], several correlation times of the residuals; zero for
             whole records.
 

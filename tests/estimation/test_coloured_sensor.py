@@ -5,6 +5,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oscillator import OSCILLATOR
 from scipy.signal import lfilter
 
 import jaxid
@@ -16,15 +17,6 @@ from jaxid.models import LinearModel, free
 from jaxid.models.base import canonical
 from jaxid.models.free import Parameters
 
-MODEL = LinearModel(
-    [[0.0, 1.0], [-2.0, -0.4]],
-    [[0.0], [1.0]],
-    [[1.0, 0.0], [0.3, 1.0]],
-    [[0.0], [0.0]],
-    states=("x", "v"),
-    inputs=("f",),
-    outputs=("a", "b"),
-)
 C = np.array([[1.0, 0.0, 0.0, 0.0], [0.3, 1.0, 1.0, 1.0]])  # with two parts of the noise of b
 NOISE = {"a": 0.05, "b": (0.08, FirstOrder(0.2, 0.8), FirstOrder(0.1, 2.0))}
 NAMES = (
@@ -47,7 +39,9 @@ def test_likelihood_gradient_and_information_equal_joint_gaussian():
     t, u, z = data()
     likelihood = FilterError({"v": 0.3}, NOISE)
     records = as_stack(record(t, u, z, inputs=("f",), outputs=("a", "b")))
-    model, chosen = likelihood.prepared(canonical(MODEL), canonical(free(MODEL, "A[1,0]")), records)
+    model, chosen = likelihood.prepared(
+        canonical(OSCILLATOR), canonical(free(OSCILLATOR, "A[1,0]")), records
+    )
     assert sorted(chosen.shared) == sorted(NAMES)
     at = [NAMES.index(name) for name in chosen.shared]
     problem = Problem.of(model, chosen, records, likelihood)
@@ -82,10 +76,10 @@ def test_without_process_noise_it_equals_output_error_with_autoregressive_noise(
     rng, h, a, count = np.random.default_rng(11), 0.05, 0.8, 600
     t = h * np.arange(count)
     u = np.sign(np.sin(1.3 * t))
-    clean = np.asarray(jaxid.simulate(MODEL, t, u[:, None], np.zeros(2)).y)[:, :1]
+    clean = np.asarray(jaxid.simulate(OSCILLATOR, t, u[:, None], np.zeros(2)).y)[:, :1]
     e = lfilter([np.sqrt(1 - a**2)], [1.0, -a], rng.normal(size=count + 200))[200:]
     single = LinearModel(
-        *(MODEL.A, MODEL.B, [[1.0, 0.0]], [[0.0]]),
+        *(OSCILLATOR.A, OSCILLATOR.B, [[1.0, 0.0]], [[0.0]]),
         states=("x", "v"),
         inputs=("f",),
         outputs=("a",),
@@ -129,5 +123,8 @@ def test_faulty_noises_are_refused():
     records = record(t, u, z, inputs=("f",), outputs=("a", "b"))
     with pytest.raises(InputError, match="output \\(in `noise`\\)"):
         jaxid.estimate(
-            MODEL, free(MODEL, "A[1,0]"), records, FilterError(noise={"c": FirstOrder(0.1, 1.0)})
+            OSCILLATOR,
+            free(OSCILLATOR, "A[1,0]"),
+            records,
+            FilterError(noise={"c": FirstOrder(0.1, 1.0)}),
         )

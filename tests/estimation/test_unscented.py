@@ -19,7 +19,7 @@ from jaxid.uncertainty.bootstrap import drawn_records
 
 
 class Squares(AbstractModel):
-    """A random walk, of which the square and the value are measured."""
+    """A random walk, whose square and value are measured."""
 
     gain: jax.Array
     states, inputs, outputs = ("x",), ("u",), ("square", "value")

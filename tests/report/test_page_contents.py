@@ -121,7 +121,7 @@ def test_candidates_that_replace_different_effects_have_different_rows(study):
 
 
 def test_final_table_starts_at_the_declared_values(study):
-    """The search refits from other values; the declared ones are those of `make_study`."""
+    """The search refits from other values; the declared ones stand in `make_study`."""
     starts = dict(zip(study.after.estimate.names, study.after.estimate.start, strict=True))
     assert {name: float(start) for name, start in starts.items()} == {
         "k": 1.0,

@@ -89,7 +89,7 @@ leave_out = ["bias of x"]
 
 
 @pytest.fixture
-def said(tmp_path, monkeypatch):
+def changed(tmp_path, monkeypatch):
     """A function that reads a study file with some of its text changed."""
     (tmp_path / "own_springs.py").write_text(MODULE, encoding="utf-8")
     monkeypatch.delitem(sys.modules, "own_springs", raising=False)
@@ -110,8 +110,8 @@ def said(tmp_path, monkeypatch):
     return made
 
 
-def test_class_in_folder_of_file_becomes_declared_model(said):
-    case = said()
+def test_class_in_folder_of_file_becomes_declared_model(changed):
+    case = changed()
     assert (float(case.model.k), float(case.model.c)) == (1.0, 2.0)
     assert (case.free.shared, case.free.per_record) == (
         ("k",),
@@ -125,9 +125,9 @@ def test_class_in_folder_of_file_becomes_declared_model(said):
     assert (case.check, case.test) == (None, None)
 
 
-def test_unknown_candidate_of_many_gets_the_nearest_names_and_the_list(said):
+def test_unknown_candidate_of_many_gets_the_nearest_names_and_the_list(changed):
     with pytest.raises(InputError) as refused:
-        said(("general = false", "general = true"), ("bias of x", "x^33 in v"))
+        changed(("general = false", "general = true"), ("bias of x", "x^33 in v"))
     message = str(refused.value)
     assert "Did you mean 'x^3 in v' or " in message
     assert message.endswith(
@@ -136,8 +136,8 @@ def test_unknown_candidate_of_many_gets_the_nearest_names_and_the_list(said):
     assert len(message) < 400
 
 
-def test_command_lists_the_candidates(said, tmp_path, monkeypatch, capsys):
-    case = said(("general = false", "general = true"))
+def test_command_lists_the_candidates(changed, tmp_path, monkeypatch, capsys):
+    case = changed(("general = false", "general = true"))
     monkeypatch.chdir(tmp_path)
     command.study_file(tmp_path / "study.toml", list_candidates=True)
     head, *lines = capsys.readouterr().out.splitlines()
@@ -147,21 +147,21 @@ def test_command_lists_the_candidates(said, tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "jaxid-study").exists()
 
 
-def test_command_lists_the_default_candidates(said, tmp_path, monkeypatch, capsys):
+def test_command_lists_the_default_candidates(changed, tmp_path, monkeypatch, capsys):
     """A file without a section [library] has the same ones as `general = true`."""
     library = GOOD[GOOD.index("[library]") :]
-    default = said((library, ""))
+    default = changed((library, ""))
     monkeypatch.chdir(tmp_path)
     command.study_file(tmp_path / "study.toml", list_candidates=True)
-    names = [effect.name for effect in said((library, "[library]\ngeneral = true")).effects]
+    names = [effect.name for effect in changed((library, "[library]\ngeneral = true")).effects]
     assert [effect.name for effect in default.library] == names
     lines = capsys.readouterr().out.splitlines()[1:]
     assert all(line.startswith(name) for line, name in zip(lines, names, strict=True))
 
 
 @pytest.mark.parametrize("option", ["json", "out"])
-def test_list_of_candidates_writes_no_file(said, tmp_path, option):
-    said()
+def test_list_of_candidates_writes_no_file(changed, tmp_path, option):
+    changed()
     with pytest.raises(InputError, match="Leave --json and --out out"):
         command.study_file(
             tmp_path / "study.toml", list_candidates=True, **{option: tmp_path / "other"}
@@ -177,26 +177,26 @@ def test_list_of_candidates_writes_no_file(said, tmp_path, option):
         ("band_limited", BandLimited),
     ],
 )
-def test_hold_of_file_is_that_of_likelihood_with_and_without_noise(name, kind, said):
+def test_hold_of_file_is_that_of_likelihood_with_and_without_noise(name, kind, changed):
     hold = ("[free]", f'hold = "{name}"\n[free]')
-    assert isinstance(said(hold).likelihood.hold, kind)
-    assert isinstance(said(hold, ('[noise]\nx = "5 mm"', "")).likelihood.hold, kind)
+    assert isinstance(changed(hold).likelihood.hold, kind)
+    assert isinstance(changed(hold, ('[noise]\nx = "5 mm"', "")).likelihood.hold, kind)
 
 
-def test_file_accepts_every_option_of_loop(said):
+def test_file_accepts_every_option_of_loop(changed):
     """But noise hypotheses, which are classes."""
     defaults = {field.name: field.default for field in dataclasses.fields(LoopOptions)}
     defaults.pop("noises")
     with pytest.raises(InputError, match="noises"):
-        said(("level = 0.05", "noises = 1"))
+        changed(("level = 0.05", "noises = 1"))
     text = "\n".join(f"{name} = {value}" for name, value in defaults.items())
-    assert said(("level = 0.05", text)).options == LoopOptions()
-    assert said(("level = 0.05", "beam_width = 1")).options.beam_width == 1
+    assert changed(("level = 0.05", text)).options == LoopOptions()
+    assert changed(("level = 0.05", "beam_width = 1")).options.beam_width == 1
 
 
-def test_defaults_of_file_equal_defaults_of_loop(said):
+def test_defaults_of_file_equal_defaults_of_loop(changed):
     loop, library = "[loop]\nwindow = 3\nlevel = 0.05", GOOD[GOOD.index("[library]") :]
-    case = said(
+    case = changed(
         ("Spring", "stiff"),
         ("c = 2", "c = 1"),
         ('[noise]\nx = "5 mm"', ""),
@@ -206,7 +206,7 @@ def test_defaults_of_file_equal_defaults_of_loop(said):
     assert float(case.model.k) == 100.0  # of the function
     assert isinstance(case.likelihood.noise, DiagonalNoise)
     assert (case.window, case.effects) == (None, None)
-    assert said(("general = false", "")).effects != said().effects
+    assert changed(("general = false", "")).effects != changed().effects
 
 
 @pytest.mark.parametrize(
@@ -290,17 +290,17 @@ def test_defaults_of_file_equal_defaults_of_loop(said):
         ('["bias of x"]', '["bias of x", "x^5 in v"]', r"\[library\]: no candidate is left"),
     ],
 )
-def test_unknown_name_raises_error_with_section_and_key(old, new, words, said):
+def test_unknown_name_raises_error_with_section_and_key(old, new, words, changed):
     with pytest.raises(InputError, match=words):
-        said((old, new))
+        changed((old, new))
 
 
-def test_folder_of_file_is_not_on_path_and_replaces_no_installed_package(said, tmp_path):
+def test_folder_of_file_is_not_on_path_and_replaces_no_installed_package(changed, tmp_path):
     (tmp_path / "own_neighbour.py").write_text("K = 1.0\n")
     (tmp_path / "pint.py").write_text("raise SystemExit('a neighbour was run')\n")
     (tmp_path / "own_springs.py").write_text("import own_neighbour, pint\n" + MODULE)
     before = list(sys.path)
-    said()
+    changed()
     assert sys.path == before
     assert Path(sys.modules["pint"].__file__).parent != tmp_path
 
@@ -324,7 +324,7 @@ def test_folder_of_file_is_not_on_path_and_replaces_no_installed_package(said, t
         ("numpy:Spring", "'numpy' is in the file's folder, and another module 'numpy' is inst"),
     ],
 )
-def test_object_that_makes_no_model_raises_error_before_it_is_called(use, words, said, tmp_path):
+def test_object_that_makes_no_model_raises_error_before_it_is_called(use, words, changed, tmp_path):
     (tmp_path / "own_borrowed.py").write_text("from subprocess import getoutput\n")
     (tmp_path / "own_raises.py").write_text("x = 0\n1 / x\n")
     (tmp_path / "own_leaves.py").write_text("raise SystemExit(3)\n")
@@ -339,30 +339,30 @@ def test_object_that_makes_no_model_raises_error_before_it_is_called(use, words,
     if "getoutput" in use:
         changes.append(("parameters = { k = 1.0, c = 2 }", command))
     with pytest.raises(InputError, match=words):
-        said(*changes)
+        changed(*changes)
     assert not marker.exists()
 
 
-def test_function_of_installed_package_is_not_called_for_effects(said):
+def test_function_of_installed_package_is_not_called_for_effects(changed):
     with pytest.raises(InputError, match="does not declare that it returns effects"):
-        said(("own_springs:own", "scipy.io:whosmat"))
+        changed(("own_springs:own", "scipy.io:whosmat"))
     with pytest.raises(InputError, match="is a class, and a function is wanted"):
-        said(("own_springs:own", "own_springs:Spring"))
+        changed(("own_springs:own", "own_springs:Spring"))
 
 
-def test_function_of_installed_package_that_declares_effects_is_called(said):
-    case = said(("own_springs:own", "jaxid.effects:general_effects"), ("bias of x", "x^2 in v"))
+def test_function_of_installed_package_that_declares_effects_is_called(changed):
+    case = changed(("own_springs:own", "jaxid.effects:general_effects"), ("bias of x", "x^2 in v"))
     assert "x^3 in v" in [effect.name for effect in case.effects]
 
 
-def test_missing_import_of_module_raises_error_with_its_name(said, tmp_path):
+def test_missing_import_of_module_raises_error_with_its_name(changed, tmp_path):
     (tmp_path / "own_needs.py").write_text("import a_package_that_is_nowhere\n")
     with pytest.raises(
         InputError,
         match=r"own_needs.py imports 'a_package_that_is_nowhere', which "
         r"is not installed",
     ):
-        said(("own_springs:Spring", "own_needs:Spring"))
+        changed(("own_springs:Spring", "own_needs:Spring"))
 
 
 # The guide's aircraft -----------------------------------------------------------------------------
@@ -377,8 +377,8 @@ def aircraft_file(tmp_path_factory):
     (text,) = re.findall(
         r'^```toml\n(\[model\]\nuse = "aircraft".*?)^```', GUIDE.read_text("utf-8"), re.M | re.S
     )
-    said = tomllib.loads(text)
-    settings, records = said["model"]["aircraft"], said["records"]
+    changed = tomllib.loads(text)
+    settings, records = changed["model"]["aircraft"], changed["records"]
     assert {name: settings[name] for name in ("mass", "Iy", *SIZE)} == {
         "mass": MASS["mass"],
         "Iy": MASS["Iy"],

@@ -66,7 +66,7 @@ def test_terms_are_selected_without_angular_accelerations(tmp_path):
 
 
 def test_prior_of_the_file_is_that_of_the_estimate(tmp_path):
-    """A narrow a-priori value decides; the deviation is that of the file."""
+    """A narrow a-priori value decides; the deviation stands in the file."""
     text = STUDY.replace(
         "[identify.candidates]", 'prior = { "Cm.qhat" = [-20.0, 1e-3] }\n[identify.candidates]'
     )

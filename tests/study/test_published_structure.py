@@ -14,16 +14,27 @@ import json
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from lift_drag_flight import (
+    CBAR,
+    DENSITY,
+    G0,
+    IY,
+    MASS,
+    THRUST,
+    B,
+    S,
+    accelerations,
+    declared,
+    flown,
+)
 
 import jaxid
-from jaxid.aircraft import LiftDragAerodynamics, model_of
+from jaxid.aircraft import LiftDragAerodynamics
 from jaxid.models import Polynomial, with_polynomials
 
 COMMAND = importlib.import_module("jaxid.__main__").identify_file
 
-G0, DENSITY, V0, THRUST = 9.80665, 0.8, 100.0, 9000.0
-MASS, IY, S, B, CBAR = 7500.0, 91000.0, 30.0, 14.5, 2.4
+V0 = 100.0
 # V is in V/V0 and q in q cbar/2V0 in the publications: parameters of V and q are divided by these
 TRUE = {
     "CD": {"1": 0.06, "V": 0.02 / V0, "alpha": 0.35},
@@ -41,7 +52,7 @@ NOISE = {
     **{"V": 0.1, "alpha": 0.001, "pitch": 0.0005, "q": 0.0005},
     **{"ax": 0.02, "az": 0.05, "qdot": 0.005},
 }
-STEP, SAMPLES = 0.04, 1000
+SAMPLES = 1000
 STUDY = f"""
 [model]
 use = "aircraft"
@@ -94,49 +105,16 @@ def rates(state, stabilator):
 
 @pytest.fixture(scope="module")
 def flight():
-    """True histories by channel: an elevator in steps, of which the speed and the angle follow."""
-    t = STEP * np.arange(SAMPLES)
-    rng = np.random.default_rng(5)
-    knots = np.concatenate([[0.0], 0.02 * rng.choice([-1.0, 1.0], size=20)])
-    stabilator = np.interp(t, np.linspace(0.0, t[-1], 21), knots)
-    found = solve_ivp(
-        lambda now, x: rates(x, np.interp(now, t, stabilator)),
-        (0.0, t[-1]),
-        [105.0, 0.105, 0.10, 0.0],
-        t_eval=t,
-        max_step=STEP,
-        rtol=1e-10,
-        atol=1e-12,
-    )
-    V, alpha, pitch, q = found.y
-    slopes = np.array([rates(x, s) for x, s in zip(found.y.T, stabilator, strict=True)])
+    """True histories by channel: an elevator in steps, and the motion that follows."""
+    t, stabilator, states = flown(rates, SAMPLES, 20)
+    V, alpha, pitch, q = states
+    slopes = np.array([rates(x, s) for x, s in zip(states.T, stabilator, strict=True)])
     CD, CL, _ = np.array([coefficients(*x) for x in zip(V, alpha, q, stabilator, strict=True)]).T
-    force = 0.5 * DENSITY * V**2 * S / MASS
-    ax = force * (CL * np.sin(alpha) - CD * np.cos(alpha)) + THRUST / MASS
-    az = -force * (CL * np.cos(alpha) + CD * np.sin(alpha))
+    ax, az = accelerations(V, alpha, CD, CL)
     return {
         **{"t": t, "stabilator": stabilator, "V": V, "alpha": alpha, "pitch": pitch, "q": q},
         **{"ax": ax, "az": az, "qdot": slopes[:, 3]},
     }
-
-
-def model(record):
-    return model_of(
-        record,
-        mass=MASS,
-        Iy=IY,
-        S=S,
-        b=B,
-        cbar=CBAR,
-        states="longitudinal",
-        frame="air path",
-        force_axes="stability",
-        held={
-            **{"aileron": 0.0, "rudder": 0.0, "thrust": THRUST},
-            **{"density": DENSITY, "altitude": 4000.0},
-        },
-        candidates={name: tuple(terms)[1:] for name, terms in TRUE.items()},
-    )
 
 
 def record_of(flight):
@@ -152,7 +130,7 @@ def record_of(flight):
 
 def test_pseudo_measurements_are_lift_and_drag(flight):
     record = record_of(flight)
-    measured = model(record).pseudo_measurements(record)
+    measured = declared(record, TRUE).pseudo_measurements(record)
     assert tuple(measured.responses) == ("CD", "CL", "Cm")
     true = np.array(
         [
@@ -166,7 +144,7 @@ def test_pseudo_measurements_are_lift_and_drag(flight):
 
 def test_model_reproduces_the_motion(flight):
     record = record_of(flight)
-    blank = model(record)
+    blank = declared(record, TRUE)
     assert isinstance(blank.airframe.aerodynamics, LiftDragAerodynamics)
     true = with_polynomials(blank, {name: Polynomial(terms) for name, terms in TRUE.items()})
     prepared = true.prepared(record)
@@ -182,7 +160,7 @@ def test_candidate_effect_in_lift_equals_a_term(flight):
     """A term added to CL as an effect changes the rates as one more term of the polynomial does."""
     record = record_of(flight)
     true = with_polynomials(
-        model(record), {name: Polynomial(terms) for name, terms in TRUE.items()}
+        declared(record, TRUE), {name: Polynomial(terms) for name, terms in TRUE.items()}
     )
     effect = next(one for one in true.effects() if one.card.name == "alpha^3 in CL")
     with_effect = jaxid.Augmented(true, (dataclasses.replace(effect, gain=jnp.array(20.0)),))

@@ -5,24 +5,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oscillator import OSCILLATOR
 from scipy.signal import lfilter
 
 import jaxid
 from jaxid import FilterError, FirstOrder, InnovationForm, InputError, OutputError
 from jaxid.estimation.estimate import checked_case
-from jaxid.models import LinearModel, free
+from jaxid.models import free
 from jaxid.uncertainty import bootstrap
 from jaxid.uncertainty.bootstrap import drawn_records
 
-MODEL = LinearModel(
-    [[0.0, 1.0], [-2.0, -0.4]],
-    [[0.0], [1.0]],
-    [[1.0, 0.0], [0.3, 1.0]],
-    [[0.0], [0.0]],
-    states=("x", "v"),
-    inputs=("f",),
-    outputs=("a", "b"),
-)
 NOISE = FilterError({"v": FirstOrder(0.5, 0.4), "x": 0.1}, {"a": 0.05, "b": 0.08}, {"x": 0.2})
 
 
@@ -36,7 +28,7 @@ def test_innovations_of_drawn_records_are_white_with_unit_variance():
     """2,000 records of 40 samples: every mean, variance and correlation within 4.9 standard errors,
     which all of 3,321 meet with a probability above 0.995.
     """
-    case = checked_case(MODEL, free(MODEL, "A[1,0]"), empty(40), NOISE)
+    case = checked_case(OSCILLATOR, free(OSCILLATOR, "A[1,0]"), empty(40), NOISE)
     problem, parameters = case.problem, case.begin
     draws = 2000
 
@@ -61,12 +53,12 @@ def test_bootstrap_with_process_noise_equals_cramer_rao(likelihood):
     to hold within 10 %.
     """
     truth = FilterError({"v": 0.3}, {"a": 0.05, "b": 0.08})
-    case = checked_case(MODEL, free(MODEL, "A[1,0]"), empty(600), truth)
+    case = checked_case(OSCILLATOR, free(OSCILLATOR, "A[1,0]"), empty(600), truth)
     z = drawn_records(case.problem, case.begin, jnp.eye(2), jax.random.key(2))[0]
     blank = empty(600)
     data = jaxid.record(blank.t, blank.u, z, inputs=("f",), outputs=("a", "b"))
-    chosen = free(MODEL, "A[1,0]", "A[1,1]", "B[1,0]")
-    fit = jaxid.estimate(MODEL, chosen, data, likelihood)
+    chosen = free(OSCILLATOR, "A[1,0]", "A[1,1]", "B[1,0]")
+    fit = jaxid.estimate(OSCILLATOR, chosen, data, likelihood)
     assert bool(fit.successful)
     result = bootstrap(fit, data, likelihood, key=jax.random.key(1), draws=100)
     assert float(result.successful.mean()) > 0.97
@@ -79,11 +71,11 @@ def test_bootstrap_with_process_noise_equals_cramer_rao(likelihood):
 
 def test_parametric_bootstrap_of_noise_with_memory_is_refused():
     rng, blank = np.random.default_rng(0), empty(200)
-    clean = np.asarray(jaxid.simulate(MODEL, blank.t, blank.u, np.zeros(2)).y)
+    clean = np.asarray(jaxid.simulate(OSCILLATOR, blank.t, blank.u, np.zeros(2)).y)
     z = clean + 0.05 * lfilter([0.6], [1.0, -0.8], rng.normal(size=(200, 2)), axis=0)
     data = jaxid.record(blank.t, blank.u, z, inputs=("f",), outputs=("a", "b"))
     likelihood = OutputError(jaxid.AutoregressiveNoise(1))
-    fit = jaxid.estimate(MODEL, free(MODEL, "A[1,0]"), data, likelihood)
+    fit = jaxid.estimate(OSCILLATOR, free(OSCILLATOR, "A[1,0]"), data, likelihood)
     with pytest.raises(InputError, match="the noise is AutoregressiveNoise"):
         bootstrap(fit, data, likelihood, key=jax.random.key(0))
     result = bootstrap(fit, data, likelihood, key=jax.random.key(0), draws=40, block=40)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.stats import truncnorm
+from static_line import Line
 
 import jaxid
 from jaxid import InputError
@@ -16,20 +17,6 @@ from jaxid.uncertainty import posterior
 pytest.importorskip("blackjax")
 
 SIGMA, ROWS = 0.5, 30
-
-
-class Line(AbstractModel):
-    """A static model: `y = slope u + level`."""
-
-    slope: jax.Array
-    level: jax.Array
-    states, inputs, outputs = (), ("u",), ("y",)
-
-    def rhs(self, t, x, u):
-        return x
-
-    def output(self, t, x, u):
-        return self.slope * u + self.level
 
 
 class Place(AbstractModel):

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 import statsmodels.api as sm
 from scipy.stats import t as t_distribution
+from static_line import Line
 
 import jaxid
 from jaxid import InputError
-from jaxid.models import AbstractModel, LinearModel
+from jaxid.models import LinearModel
 from jaxid.uncertainty import (
     ErrorKind,
     bootstrap,
@@ -22,20 +23,6 @@ from jaxid.uncertainty import (
 )
 
 ROWS, CASES = 12, 20
-
-
-class Line(AbstractModel):
-    """A static model: `y = slope u + level`."""
-
-    slope: jax.Array
-    level: jax.Array
-    states, inputs, outputs = (), ("u",), ("y",)
-
-    def rhs(self, t, x, u):
-        return x
-
-    def output(self, t, x, u):
-        return self.slope * u + self.level
 
 
 def data(seed, cases=CASES):

@@ -185,7 +185,7 @@ class IdentificationModel(AbstractModel):
         Returns:
             Inputs, states and held constants, `u v w`, the signals of `air_relative.flow` (`alpha`,
             `beta`, `V`, `mach`, `qbar`, `phat`, `qhat`, `rhat` and others), `thrust`, the
-            coefficients in body axes and in those of the model, and the derivatives of the state
+            coefficients in body axes and in the axes of the model, and the derivatives of the state
             rates by the coefficients, `p_per_Cl` and so on; `alphadot_hat` and `betadot_hat` if a
             term depends on them.
         """

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
+import scipy
 
 from .method import (
     AbstractSmoother,
@@ -177,26 +178,20 @@ def _series(chosen: _Filter, z: np.ndarray) -> np.ndarray:
 
 def _rates(chosen: _Filter, z: np.ndarray) -> np.ndarray:
     """Derivative of the filtered sine series, per sample: a cosine series."""
-    from scipy.fft import dct
-
     amplitudes = (chosen.wave * chosen.share * _sines(z[1:-1]).T).T * np.sqrt(2.0 / (len(z) - 1))
     return np.asarray(
-        dct(np.pad(0.5 * amplitudes, [(1, 1)] + [(0, 0)] * (z.ndim - 1)), type=1, axis=0)
+        scipy.fft.dct(np.pad(0.5 * amplitudes, [(1, 1)] + [(0, 0)] * (z.ndim - 1)), type=1, axis=0)
     )
 
 
 def _sines(z: np.ndarray) -> np.ndarray:
     """Orthonormal sine transform of the columns of z; it is its own inverse."""
-    from scipy.fft import dst  # imported here because it is slow to import
-
-    return np.asarray(dst(z, type=1, axis=0, norm="ortho"))
+    return np.asarray(scipy.fft.dst(z, type=1, axis=0, norm="ortho"))
 
 
 def _doubled(weights: np.ndarray) -> np.ndarray:
     """`sum_k weights_k cos(2 pi k n / (time - 1))` at each sample n."""
-    from scipy.fft import dct
-
     # The cosine transform has the sums at n / 2; they are even in n about the last sample.
-    cosines = np.asarray(dct(np.pad(0.5 * weights, 1), type=1))
+    cosines = np.asarray(scipy.fft.dct(np.pad(0.5 * weights, 1), type=1))
     n = np.arange(len(cosines))
     return cosines[np.minimum(2 * n, 2 * (len(n) - 1 - n))]

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
+import scipy
 
 from ..._foundation.checks import InputError, require
 from ..._foundation.grid import is_uniform
@@ -162,12 +163,10 @@ def best_cutoff(score: Callable[[float], float], lowest: float, highest: float) 
 
     The best point of a grid of twelve per decade (chosen) is refined between its neighbours.
     """
-    from scipy.optimize import minimize_scalar  # imported here because it is slow to import
-
     grid = np.geomspace(lowest, highest, 2 + int(12 * np.log10(highest / lowest)))
     k = int(np.argmin([score(cutoff) for cutoff in grid]))
     ends = np.log(grid[[max(k - 1, 0), min(k + 1, len(grid) - 1)]])
-    minimum = minimize_scalar(
+    minimum = scipy.optimize.minimize_scalar(
         lambda log: score(np.exp(log)),
         bounds=tuple(ends),
         method="bounded",

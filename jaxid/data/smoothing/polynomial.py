@@ -1,10 +1,11 @@
 """Smoothing by a polynomial fitted to a window that slides along the record."""
 
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
+import scipy
 
 from ..._foundation.checks import require
 from .method import AbstractSmoother, LinearSmooth, cross_validation, even_step, require_cutoff
@@ -110,22 +111,19 @@ class LocalPolynomial(AbstractSmoother):
 
     def _score(self, z: np.ndarray, window: int) -> float:
         """Cross-validation of one window."""
-        from scipy.signal import savgol_filter  # imported here because it is slow to import
-
         trace = float(np.sum(_spread(_weights(window, self.order).leverage, len(z))))
-        squares = float(np.sum((z - savgol_filter(z, window, self.order)) ** 2))
+        squares = float(np.sum((z - scipy.signal.savgol_filter(z, window, self.order)) ** 2))
         return cross_validation(squares, len(z), trace)
 
     def _fit(self, z: np.ndarray, window: int, step: float) -> LinearSmooth:
         """Value, slope and weights for one window."""
-        from scipy.signal import savgol_filter
-
         weights = _weights(window, self.order)
         # The smoothing matrix is a projection: sums of squares of its rows are the leverage.
         leverage = _spread(weights.leverage, len(z))
+        smoothed = partial(scipy.signal.savgol_filter, z, window, self.order)
         return LinearSmooth(
-            value=np.asarray(savgol_filter(z, window, self.order)),
-            derivative=np.asarray(savgol_filter(z, window, self.order, deriv=1, delta=step)),
+            value=np.asarray(smoothed()),
+            derivative=np.asarray(smoothed(deriv=1, delta=step)),
             trace=float(np.sum(leverage)),
             value_gain=leverage,
             derivative_gain=_spread(weights.slope_gain, len(z)) / step**2,
@@ -175,19 +173,18 @@ def _spread(window_values: np.ndarray, samples: int) -> np.ndarray:
 
 def _passed(window: int, order: int, frequency: float) -> float:
     """Share of the amplitude that passes inside the record, at a frequency in cycles per sample."""
-    from scipy.signal import savgol_coeffs
-
     half = (window - 1) // 2
     return float(
-        savgol_coeffs(window, order) @ np.cos(2 * np.pi * frequency * np.arange(-half, half + 1))
+        scipy.signal.savgol_coeffs(window, order)
+        @ np.cos(2 * np.pi * frequency * np.arange(-half, half + 1))
     )
 
 
 @cache
 def _half(window: int, order: int) -> float:
     """The frequency [cycles/sample] at which half of the amplitude passes."""
-    from scipy.optimize import brentq
-
     return float(
-        np.asarray(brentq(lambda frequency: _passed(window, order, frequency) - 0.5, 0.0, 0.5))
+        np.asarray(
+            scipy.optimize.brentq(lambda frequency: _passed(window, order, frequency) - 0.5, 0, 0.5)
+        )
     )

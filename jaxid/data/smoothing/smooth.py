@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from ..._foundation.checks import InputError, require, require_known, require_unique
 from ..record import Record
@@ -159,9 +160,7 @@ def _bridged(t: np.ndarray, z: np.ndarray, longest_gap: float | int, where: str)
         f"`longest_gap` is {longest_gap}. Cut the record there, or increase `longest_gap` to have "
         "it filled.",
     )
-    from scipy.interpolate import PchipInterpolator  # imported here because it is slow to import
-
-    return np.where(np.isnan(z), PchipInterpolator(t[valid], z[valid])(t), z)
+    return np.where(np.isnan(z), scipy.interpolate.PchipInterpolator(t[valid], z[valid])(t), z)
 
 
 def _rate_of(unit: str) -> str:

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
+import scipy
 
 from .method import AbstractSmoother, LinearSmooth, best_cutoff, cross_validation, require_cutoff
 
@@ -98,10 +99,9 @@ def _fit(z: np.ndarray, penalty: float, bands: _Bands) -> tuple[np.ndarray, np.n
     """Value and slope at the samples of the splines through the columns of z, shape (time,
     column).
     """
-    from scipy.linalg import solveh_banded  # imported here because it is slow to import
-
     h = bands.steps[:, None]
-    bend = solveh_banded(bands.R + penalty * bands.QQ, np.diff(np.diff(z, axis=0) / h, axis=0))
+    curvature = np.diff(np.diff(z, axis=0) / h, axis=0)
+    bend = scipy.linalg.solveh_banded(bands.R + penalty * bands.QQ, curvature)
     bend = np.pad(bend, ((1, 1), (0, 0)))  # the second derivative, zero at the ends
     jump = np.diff(np.pad(np.diff(bend, axis=0) / h, ((1, 1), (0, 0))), axis=0)
     value = z - penalty * jump
@@ -116,10 +116,9 @@ def _trace(penalty: float, bands: _Bands) -> float:
     """Trace of H, `N - d log det(R + penalty Q'Q) / d log penalty`, by a central difference with an
     error of 1e-6.
     """
-    from scipy.linalg import cholesky_banded
 
     def log_det(weight):
-        return 2.0 * np.sum(np.log(cholesky_banded(bands.R + weight * bands.QQ)[2]))
+        return 2.0 * np.sum(np.log(scipy.linalg.cholesky_banded(bands.R + weight * bands.QQ)[2]))
 
     return float(
         len(bands.steps)

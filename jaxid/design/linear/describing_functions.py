@@ -20,6 +20,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from ..._foundation.checks import InputError, require, require_float64, require_known
 from ..._foundation.types import Array, Float, Numbers
@@ -192,10 +193,8 @@ def _covariance(A, B, column: int, spectrum: OptimalSpectrum, power: float) -> n
 
 def _normal_points(channels: int) -> Float[np.ndarray, "point channel"]:
     """Return quasi-random normal points with their mirror images, scaled to unit covariance."""
-    from scipy.stats import norm, qmc  # slow to import
-
-    uniform = qmc.Sobol(channels, scramble=True, rng=np.random.default_rng(0)).random(NORMAL_POINTS)
-    points = norm.ppf(uniform)
+    sequence = scipy.stats.qmc.Sobol(channels, scramble=True, rng=np.random.default_rng(0))
+    points = scipy.stats.norm.ppf(sequence.random(NORMAL_POINTS))
     points = np.concatenate([points, -points])
     factor = np.linalg.cholesky(points.T @ points / len(points))
     return np.linalg.solve(factor, points.T).T

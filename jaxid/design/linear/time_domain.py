@@ -17,6 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from ..._foundation.checks import require, require_float64, require_known
 from ..._foundation.types import Array, Float, Numbers
@@ -188,10 +189,10 @@ def _improved(sensitivities: _Sensitivities, u, norm: float, measure: AbstractMe
 
 def _best_angle(cost: Callable[[float], float]) -> tuple[float, float]:
     """Return the best angle of a mixture, to either side: an eigenvector has no sign."""
-    from scipy.optimize import minimize_scalar  # slow to import
-
     ends = [(0.0, 0.5 * np.pi), (-0.5 * np.pi, 0.0)]
-    results: list[Any] = [minimize_scalar(cost, bounds=end, method="bounded") for end in ends]
+    results: list[Any] = [
+        scipy.optimize.minimize_scalar(cost, bounds=end, method="bounded") for end in ends
+    ]
     best = min(results, key=lambda result: result.fun)
     return float(best.x), float(best.fun)
 

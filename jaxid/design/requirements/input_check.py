@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from ..._foundation.checks import require, require_float64, require_known
 from ..._foundation.compiler import fast_compile_jit
@@ -223,10 +224,8 @@ def _limits_used(plan: _Plan, limits: Ratios) -> Iterator[Criterion]:
 
 def _reversals(u: np.ndarray) -> int:
     """Return the number of turning points of an input."""
-    from scipy.signal import find_peaks  # slow to import
-
     least = REVERSAL * np.ptp(u)
-    return sum(len(find_peaks(values, prominence=least)[0]) for values in (u, -u))
+    return sum(len(scipy.signal.find_peaks(values, prominence=least)[0]) for values in (u, -u))
 
 
 def _instruments(plan: _Plan) -> Iterator[Criterion]:

@@ -31,7 +31,7 @@ class FilterRun(NamedTuple):
     """The filter of one record.
 
     Attributes:
-        model, initial_state: those of the filter.
+        model, initial_state: of the filter.
         filtered: its states and innovations.
         measured: the same at the samples, before and after the measurements.
         steps: steps from each sample to the next.

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+import scipy
 
 from ...data.excitation import INFLATION, variance_inflation
 from .channels import Measured
@@ -247,15 +248,13 @@ def _direct_response(model: Response, step: float, output: int, channel: int) ->
     """Return the response at a sample to an input that rises in a straight line from the sample
     before: D + C integral_0^h (1 - s/h) expm(A s) ds B, or D if the sample is held from then on.
     """
-    from scipy.linalg import expm  # slow to import
-
     if model.held or not model.A.size:
         return float(model.D[output, channel])
     n, m = model.B.shape
     block = np.zeros((n + 2 * m, n + 2 * m))
     block[:n, :n], block[:n, n : n + m] = model.A * step, model.B * step
     block[n : n + m, n + m :] = np.eye(m)
-    ramp = expm(block)[:n, n + m :]
+    ramp = scipy.linalg.expm(block)[:n, n + m :]
     return float(model.D[output, channel] + model.C[output] @ ramp[:, channel])
 
 

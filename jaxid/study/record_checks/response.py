@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from ...data.record import Record
 from ...estimation.likelihoods import OutputError
@@ -116,10 +117,8 @@ def sampled_response(
     Returns:
         Three responses and its first two integrals over time, shape (delay, sample, 3).
     """
-    from scipy.linalg import expm  # slow to import
-
     fine, size = step / FINE, count * FINE
-    shift = expm(of.A * fine)
+    shift = scipy.linalg.expm(of.A * fine)
     x, impulse = of.B[:, channel], np.empty(size)
     for k in range(size):
         impulse[k] = of.C[output] @ x

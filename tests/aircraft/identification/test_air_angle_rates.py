@@ -8,29 +8,34 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from lift_drag_flight import (
+    CBAR,
+    DENSITY,
+    G0,
+    IY,
+    MASS,
+    THRUST,
+    S,
+    accelerations,
+    declared,
+    flown,
+)
 from small_airframe import small_airframe
 
 import jaxid
 from jaxid import identify
 from jaxid._foundation.checks import InputError
-from jaxid.aircraft import IdentificationModel, Instruments, model_of
+from jaxid.aircraft import IdentificationModel, Instruments
 from jaxid.aircraft.physics.frames import air_angle_rates
 from jaxid.models import Polynomial, with_polynomials
 from jaxid.study import IdentifyOptions
 
-G0, DENSITY, THRUST = 9.80665, 0.8, 9000.0
-MASS, IY, S, B, CBAR = 7500.0, 91000.0, 30.0, 14.5, 2.4
 TRUE = {
     "CD": {"1": 0.08, "alpha": 0.35},
     "CL": {"1": 0.15, "alpha": 4.3, "alphadot_hat": 3.0},
     "Cm": {"1": 0.12, "alpha": -0.95, "qhat": -25.0, "alphadot_hat": -12.0, "stabilator": -1.5},
 }
-STEP, SAMPLES = 0.04, 750
-HELD = {
-    **{"aileron": 0.0, "rudder": 0.0, "thrust": THRUST},
-    **{"density": DENSITY, "altitude": 4000.0},
-}
+SAMPLES = 750
 
 
 def rates(state, stabilator):
@@ -50,48 +55,22 @@ def rates(state, stabilator):
         q,
         qbar * S * CBAR * Cm / IY,
     ]
-    ax = qbar * S / MASS * (CL * np.sin(alpha) - CD * np.cos(alpha)) + THRUST / MASS
-    az = -qbar * S / MASS * (CL * np.cos(alpha) + CD * np.sin(alpha))
-    return np.array(slopes), (ax, az)
+    return np.array(slopes), accelerations(V, alpha, CD, CL)
 
 
 @pytest.fixture(scope="module")
 def record():
-    t = STEP * np.arange(SAMPLES)
-    knots = np.concatenate([[0.0], 0.02 * np.random.default_rng(5).choice([-1.0, 1.0], size=25)])
-    stabilator = np.interp(t, np.linspace(0.0, t[-1], 26), knots)
-    solution = solve_ivp(
-        lambda now, x: rates(x, np.interp(now, t, stabilator))[0],
-        (0.0, t[-1]),
-        [105.0, 0.105, 0.10, 0.0],
-        t_eval=t,
-        max_step=STEP,
-        rtol=1e-10,
-        atol=1e-12,
-    )
-    rows = [rates(x, s) for x, s in zip(solution.y.T, stabilator, strict=True)]
+    t, stabilator, states = flown(lambda x, s: rates(x, s)[0], SAMPLES, 25)
+    rows = [rates(x, s) for x, s in zip(states.T, stabilator, strict=True)]
     qdot, (ax, az) = np.array([one[0][3] for one in rows]), np.array([one[1] for one in rows]).T
-    z = np.column_stack([*solution.y, ax, az, qdot])
+    z = np.column_stack([*states, ax, az, qdot])
     outputs = ("V", "alpha", "pitch", "q", "ax", "az", "qdot")
     return jaxid.record(t, stabilator[:, None], z, inputs=("stabilator",), outputs=outputs)
 
 
 @pytest.fixture(scope="module")
 def model(record):
-    return model_of(
-        record,
-        mass=MASS,
-        Iy=IY,
-        S=S,
-        b=B,
-        cbar=CBAR,
-        states="longitudinal",
-        frame="air path",
-        force_axes="stability",
-        held=HELD,
-        outputs=("V", "alpha", "pitch", "q", "ax", "az"),
-        candidates={name: tuple(terms)[1:] for name, terms in TRUE.items()},
-    )
+    return declared(record, TRUE, outputs=("V", "alpha", "pitch", "q", "ax", "az"))
 
 
 def test_rates_of_alpha_are_separated_from_pitch_damping(record, model):
@@ -113,7 +92,7 @@ def test_rates_of_alpha_are_separated_from_pitch_damping(record, model):
 
 
 def test_rates_solve_the_equations_of_motion():
-    """In six degrees of freedom the rates in the terms are those of the resulting motion."""
+    """In six degrees of freedom the rates in the terms equal the rates of the resulting motion."""
     terms = {
         "CZ": {"1": -0.4, "alpha": -4.0, "alphadot_hat": -5.0},
         "CX": {"1": -0.05, "alphadot_hat": 0.4},

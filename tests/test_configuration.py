@@ -52,6 +52,18 @@ def settings(code: str, environment: dict[str, str]) -> list:
     return json.loads(done.stdout)
 
 
+def test_objects_of_the_imports_are_exempt_from_garbage_collection_once(new_environment):
+    done = run(
+        "import gc\njaxid.configure(cache=False)\nfirst = gc.get_freeze_count()\n"
+        "kept = [[] for _ in range(1000)]\njaxid.configure(cache=False)\n"
+        "print(first, gc.get_freeze_count() - first)",
+        new_environment,
+    )
+    first, more = map(int, done.stdout.split())
+    assert first > 10_000
+    assert more < 1000
+
+
 def test_default_is_float64_and_the_user_cache(new_environment, tmp_path):
     folder = tmp_path / "user cache" / "jaxid"
     assert settings("jaxid.configure()\njaxid.configure()", new_environment) == [

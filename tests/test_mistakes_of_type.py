@@ -15,6 +15,8 @@ import json
 import jax.numpy as jnp
 import numpy as np
 import jaxid
+import jaxid.aircraft
+import jaxid.uncertainty
 
 jaxid.configure(cache=False)
 
@@ -44,6 +46,8 @@ MISTAKES = {
     "effect": lambda: jaxid.close_loop(spring, free, white, train=record, effects=("Friction",)),
     "save": lambda: jaxid.save("x.json", record),
     "load": lambda: jaxid.load("x.json", like=Spring),
+    "key": lambda: jaxid.uncertainty.posterior(None, record, white, key=0),
+    "coefficient": lambda: jaxid.aircraft.LiftDragAerodynamics({"CD": 0.03}),
 }
 messages = {}
 for name, mistake in MISTAKES.items():
@@ -54,6 +58,8 @@ for name, mistake in MISTAKES.items():
 print(json.dumps(messages))
 """
 WORDS = {
+    "key": ("key is 0", "jax.random.key(0)"),
+    "coefficient": ("CD is 0.03", "'1': 0.03"),
     "window": ("takes rows", "searchsorted"),
     "file": ("'run.csv'", "read_csv"),
     "files": ("'run.csv'", "read_csv"),

@@ -166,7 +166,7 @@ CASES = {
     },
     # small against the gusts: its asymptotic interval covers too little
     f"filter error, gusts of {STRONG[-1]:g} m/s, noise of the vane, profile": Case(
-        2000, partial(fly, gust=STRONG[-1]), profile_of(_filter_error, "sensor.alpha"), SENSORS
+        2000, partial(fly, gust=STRONG[-1]), profile_of("sensor.alpha", _filter_error), SENSORS
     ),
     **{
         f"output error, gusts of {size:g} m/s": Case(

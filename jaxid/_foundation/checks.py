@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from typing import TypeVar
 
 import jax
+import jax.numpy as jnp
 
 E = TypeVar("E", bound=enum.Enum)
 MOST_NAMES = 40  # that a message lists; chosen
@@ -36,6 +37,20 @@ def require_float64() -> None:
         "jaxid computes in float64, and JAX is set to float32. Call `jaxid.configure()` before the "
         "first array is made; to change only the precision, "
         '`jax.config.update("jax_enable_x64", True)` or the environment variable JAX_ENABLE_X64=1.',
+    )
+
+
+def require_key(key) -> None:
+    """Refuse anything but a random key.
+
+    Raises:
+        InputError: when it is no key of JAX, new or old.
+    """
+    dtype, shape = getattr(key, "dtype", None), getattr(key, "shape", None)
+    require(
+        dtype is not None
+        and (jnp.issubdtype(dtype, jax.dtypes.prng_key) or (dtype == jnp.uint32 and shape == (2,))),
+        f"The random key is {key!r}. Give one such as `key=jax.random.key(0)`.",
     )
 
 

@@ -24,7 +24,7 @@ from ..estimation.model_programs import PROGRAMS, FlatProblem
 from ..estimation.problem import Problem
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel, canonical
-from ..models.free import INITIAL_STATE, Free, Parameters, initial_parameters
+from ..models.free import INITIAL_STATE, Free, Parameters, Positions, initial_parameters
 from .statistics import FitStatistics, statistics
 
 
@@ -304,9 +304,10 @@ class Predictor(eqx.Module):
         pairs = () if self.prior is None else np.asarray(self.prior).T
         priors = [(to_device(mean), to_device(deviation)) for mean, deviation in pairs]
         chosen = Free(self._starts, prior=dict(zip(self._starts, priors, strict=False)))
+        at = problem.positions
         return dataclasses.replace(
             problem,
-            positions=chosen.positions(problem.model),
+            positions=Positions(at.rows, at.shared, at.leaves),
             records=records,
             limits=Limits.of(chosen, 1),
         )

@@ -219,7 +219,7 @@ class Hypothesis:
         return len(problem.columns.chosen(self.effects)) + own
 
     def __str__(self) -> str:
-        noise = () if isinstance(self.noise, White) else (type(self.noise).__name__,)
+        noise = () if isinstance(self.noise, White) else (self.noise.words,)
         return " + ".join((*self.effects, *noise)) or "no effect"
 
     @property

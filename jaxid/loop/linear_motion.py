@@ -40,7 +40,7 @@ class LinearMotion:
     values: Float[np.ndarray, " column"]
     rows: Float[Array, "case own"]
 
-    @property
+    @cached_property
     def fixed(self) -> Problem:
         """The problem at these values, with free per-record parameters."""
         problem = self.problem

@@ -37,6 +37,9 @@ from .linear_motion import LinearMotion
 WIDEST_RANGE = 1e4
 # Chosen: number of steps, smallest share of one, and fall of the cost below which none is made.
 MOST_FORCE_STEPS, SHORTEST_STEP, LEAST_FALL = 20, 0.01, 0.05
+# Chosen: fall of the cost, as a share of `LEAST_FALL`, at which L-BFGS-B ends. SciPy divides the
+# fall by the cost, which is of the order of the number of samples.
+FORCE_TOLERANCE = 0.1
 # Chosen: ratio of a refused step to the next one tried.
 SHORTER = 0.25
 
@@ -112,7 +115,10 @@ def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceE
 
     widest = np.log(WIDEST_RANGE)
     bounds = [(value - widest, value + widest) for value in begin]
-    end = scipy.optimize.minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds)
+    ends = {"ftol": FORCE_TOLERANCE * LEAST_FALL / max(int(np.sum(np.asarray(motion.mask))), 1)}
+    end = scipy.optimize.minimize(
+        objective, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=ends
+    )
     (expected, rest), _ = _cost_and_slope(noise_at(end.x), motion, own)
     cost, own_step, shared = map(np.asarray, rest)
     return ForceEstimate(

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from .._foundation.checks import require
+from .._foundation.checks import require, require_key
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..estimation.estimate import fit_problem
@@ -123,6 +123,7 @@ def bootstrap(
             records in which samples are missing, or of innovations; for a parametric bootstrap of
             noise with memory or outliers.
     """
+    require_key(key)
     records = stack_of_estimate(estimate, records, likelihood)
     require(draws >= FEWEST_DRAWS, f"{draws} draws give no standard error; take 200.")
     _check_noise(likelihood, block)

@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import InputError, require
+from .._foundation.checks import InputError, require, require_key
 from .._foundation.notebook import Table
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
@@ -167,6 +167,7 @@ def posterior(
     blackjax = _blackjax()
     require(chains >= 2, f"{chains} chain cannot be compared with another. Give at least 2.")
     require(min(draws, warmup) >= 100, "Give at least 100 draws, and 100 for `warmup`.")
+    require_key(key)
     records = stack_of_estimate(estimate, records, likelihood)
     problem = Problem.of(estimate.model, estimate.free, records, likelihood)
     centre = _coordinates(problem, estimate)

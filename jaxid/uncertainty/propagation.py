@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from jax.flatten_util import ravel_pytree
 
-from .._foundation.checks import require
+from .._foundation.checks import require, require_key
 from .._foundation.notebook import Table
 from .._foundation.traced_errors import plain_errors
 from .._foundation.types import Array, Float
@@ -130,10 +130,8 @@ def propagate(
     Raises:
         InputError: when draws have no key, or there is no record `case`.
     """
-    require(
-        draws == 0 or key is not None,
-        "Draws need a random key, such as `key=jax.random.key(0)`.",
-    )
+    if draws:
+        require_key(key)
     count = estimate.own.shape[-2]
     require(0 <= case < count, f"There is no record {case} among {count}: give 0 to {count - 1}.")
     value, errors, covariance, samples = _propagated(

@@ -10,7 +10,7 @@ from ..._foundation.checks import require, require_known
 from ..._foundation.types import Array, Float
 from ...models.polynomial import Polynomial
 from .aerodynamics import AbstractAerodynamics
-from .aerodynamics_polynomial import PolynomialAerodynamics
+from .aerodynamics_polynomial import PolynomialAerodynamics, coefficient_polynomial
 from .force_axes import FORCE_AXES
 
 
@@ -29,7 +29,8 @@ class LiftDragAerodynamics(AbstractAerodynamics):
         limits: range of each signal for which the polynomials are valid [SI]; empty if unknown.
 
     Raises:
-        InputError: for other axes, or a coefficient that they do not have.
+        InputError: for other axes, a coefficient that they do not have, or one without values by
+            term.
 
     Source: report section 2.3.2.2; V. Klein, E. A. Morelli, Aircraft System Identification, AIAA
     2006, chapter 3.
@@ -55,8 +56,7 @@ class LiftDragAerodynamics(AbstractAerodynamics):
         names = FORCE_AXES[axes].coefficients
         require_known(f"aerodynamic coefficient in {axes} axes", polynomials, names)
         self.polynomials = {
-            name: given if isinstance(given, Polynomial) else Polynomial(given)
-            for name, given in ((name, polynomials.get(name, {})) for name in names)
+            name: coefficient_polynomial(name, polynomials.get(name, {})) for name in names
         }
         self.axes, self.ranges = axes, tuple((limits or {}).items())
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..._foundation.checks import require_known
+from ..._foundation.checks import require, require_known
 from ..._foundation.types import Array, Float
 from ...models.polynomial import Polynomial
 from .aerodynamics import COEFFICIENTS, AbstractAerodynamics
@@ -22,7 +22,7 @@ class PolynomialAerodynamics(AbstractAerodynamics):
         limits: range of each signal for which the polynomials are valid [SI]; empty if unknown.
 
     Raises:
-        InputError: when a coefficient is not one of the six.
+        InputError: when a coefficient is not one of the six, or has no values by term.
     """
 
     CX: Polynomial
@@ -40,8 +40,7 @@ class PolynomialAerodynamics(AbstractAerodynamics):
     ):
         require_known("aerodynamic coefficient", polynomials, COEFFICIENTS)
         for name in COEFFICIENTS:
-            given = polynomials.get(name, {})
-            setattr(self, name, given if isinstance(given, Polynomial) else Polynomial(given))
+            setattr(self, name, coefficient_polynomial(name, polynomials.get(name, {})))
         self.ranges = tuple((limits or {}).items())
 
     def coefficients(self, signals: Mapping[str, Float[Array, ""]]) -> Float[Array, " coefficient"]:
@@ -54,3 +53,22 @@ class PolynomialAerodynamics(AbstractAerodynamics):
     @property
     def terms(self) -> dict[str, tuple[str, ...]]:
         return {name: getattr(self, name).terms for name in COEFFICIENTS}
+
+
+def coefficient_polynomial(name: str, given: Polynomial | Mapping[str, float]) -> Polynomial:
+    """Return a coefficient as a polynomial.
+
+    Args:
+        name: name of the coefficient.
+        given: the polynomial, or values by term.
+
+    Raises:
+        InputError: when it is neither.
+    """
+    if isinstance(given, Polynomial):
+        return given
+    require(
+        isinstance(given, Mapping),
+        f"The coefficient {name} is {given!r}; give values by term, such as {{'1': 0.03}}.",
+    )
+    return Polynomial(given)

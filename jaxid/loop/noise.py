@@ -83,17 +83,23 @@ def _worth(fit: LoopFit, move: Move) -> float:
 
 
 def _places_of_forces(fit: LoopFit, where: LocalisationResult | None) -> list[RandomForces]:
-    """Return random forces in the equations, and gusts, near the best place."""
+    """Return random forces in the equations near the best place, and gusts near it: alone, and with
+    all other components of the wind, as turbulence has them all.
+    """
     if where is None:
         return []
     time = FORCE_TIME * float(typical_step(fit.problem.train.t))
-    sizes: dict[LocationKind, dict[str, float]] = {LocationKind.EQUATION: {}, LocationKind.AIR: {}}
-    for place in where.near_best():
-        if place.location.kind in sizes:
-            sizes[place.location.kind][place.location.name] = max(place.size, 1e-9)
-    forces, gusts = sizes.values()
-    both = RandomForces(forces, {}, time), RandomForces({}, gusts, time)
-    return [noise for noise in both if noise.places]
+
+    def sizes(places, kind: LocationKind) -> dict[str, float]:
+        chosen = (place for place in places if place.location.kind is kind)
+        return {place.location.name: max(place.size, 1e-9) for place in chosen}
+
+    forces, gusts = (sizes(where.near_best(), k) for k in (LocationKind.EQUATION, LocationKind.AIR))
+    turbulence = sizes(where.places, LocationKind.AIR)
+    noises = [RandomForces(forces, {}, time), RandomForces({}, gusts, time)]
+    if gusts and turbulence.keys() != gusts.keys():
+        noises.append(RandomForces({}, turbulence, time))
+    return [noise for noise in noises if noise.places]
 
 
 def _most_probable(declared: LoopFit, noise: RandomForces) -> ForceFit:

@@ -6,6 +6,7 @@ of them.
 """
 # ruff: noqa: E402
 
+import ctypes
 import gc
 import os
 import subprocess
@@ -61,6 +62,8 @@ hypothesis.settings.register_profile("jaxid", deadline=None, derandomize=True, p
 hypothesis.settings.load_profile("jaxid")
 
 STATM = Path("/proc/self/statm")  # on Linux: pages of memory of this process
+# with the C library of GNU: returns free memory to the system
+TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
 LARGEST_WORKER = 1.5e9  # bytes beyond which compiled programs are released (chosen)
 CACHE_RACE = "ignore:Error (reading|writing) persistent compilation cache entry:UserWarning"
 
@@ -93,13 +96,14 @@ def release_compiled_programs():
     The allocator keeps the memory of released programs unless it is trimmed, and the next module
     would find the process as large as before and release its programs again.
     """
-    from jaxid._foundation.memory import release_compiled_programs_if_needed, return_free_memory
+    from jaxid._foundation.memory import release_compiled_programs_if_needed
 
     yield
     pages = int(STATM.read_text().split()[1]) if STATM.exists() else None
     if pages is None or pages * os.sysconf("SC_PAGE_SIZE") > LARGEST_WORKER:
         jax.clear_caches()
-        return_free_memory()
+        if TRIM is not None:
+            TRIM(0)
     release_compiled_programs_if_needed()
 
 

@@ -1,23 +1,9 @@
-"""Memory and memory maps used by compiled programs, and their release."""
+"""Memory maps used by compiled programs, and their release."""
 
-import ctypes
 import sys
 from pathlib import Path
 
 import jax
-
-# With the C library of GNU: returns free memory to the system.
-TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
-
-
-def return_free_memory() -> None:
-    """Return the memory that this process has freed to the system, where the allocator can.
-
-    Compilation frees most of its memory, and the allocator keeps the pieces: a third of the memory
-    of a study that has compiled fifty programs.
-    """
-    if TRIM is not None:
-        TRIM(0)
 
 
 def release_compiled_programs_if_needed() -> None:

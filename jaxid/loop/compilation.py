@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
 from .._foundation.evicting_jit import EvictingJit, compile_together
-from .._foundation.memory import return_free_memory
 from ..diagnosis.free_form import linear_models
 from ..estimation.likelihoods import OutputError
 from ..estimation.model_programs import PROGRAMS, FlatProblem
@@ -65,7 +64,6 @@ def compiled_ahead(
             compile_next()
             if hypothesis.key in ahead:
                 ahead.pop(hypothesis.key).result()
-                return_free_memory()
 
         for _ in range(AHEAD):
             compile_next()

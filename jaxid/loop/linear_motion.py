@@ -58,6 +58,14 @@ class LinearMotion:
         """
         return self._columns[:2]
 
+    @property
+    def white_cost(self) -> float:
+        """Negative log-likelihood of the training records along the motion, under the declared
+        noise.
+        """
+        v, mask = self.sensitivities[0], self.problem.train.mask
+        return float(self.problem.likelihood.noise.cost(v, mask))
+
     @cached_property
     def infinite_columns(self) -> tuple[str, ...]:
         """Names of the columns that are not finite."""

@@ -23,6 +23,8 @@ from .random_forces import ForceFit, fit_forces
 
 # Chosen: starting value of the correlation time of a random force [samples].
 FORCE_TIME = 5.0
+# Chosen: share of the largest standard deviation below which a component of the gusts is none.
+NEGLIGIBLE_GUST = 0.05
 
 
 def noise_moves(
@@ -50,7 +52,7 @@ def noise_moves(
     moves = [_move(Hypothesis(one, noise), fall) for noise, fall in noises for one in sets]
     followed: dict[str, None] = {}
     for noise in _places_of_forces(fit, where):
-        best = _most_probable(declared, noise)
+        noise, best = _without_negligible(declared, noise)
         move = _forces_alone(fit, noise, best)
         if _worth(fit, move) <= INSEPARABLE or _better_with_effects(fit, noise, move):
             continue
@@ -100,6 +102,19 @@ def _places_of_forces(fit: LoopFit, where: LocalisationResult | None) -> list[Ra
     if gusts and turbulence.keys() != gusts.keys():
         noises.append(RandomForces({}, turbulence, time))
     return [noise for noise in noises if noise.places]
+
+
+def _without_negligible(declared: LoopFit, noise: RandomForces) -> tuple[RandomForces, ForceFit]:
+    """Return random forces and their most probable values, negligible gusts left out: the
+    correlation time of a gust that is none is not determined.
+    """
+    best = _most_probable(declared, noise)
+    sizes = dict(zip(noise.sizes, np.asarray(best.noise.deviation).tolist(), strict=True))
+    gusts = {name: sizes[name] for name in noise.air}
+    kept = {n: s for n, s in gusts.items() if s > NEGLIGIBLE_GUST * max(gusts.values())}
+    if len(kept) == len(gusts):
+        return noise, best
+    return _without_negligible(declared, RandomForces(dict(noise.forces), kept, noise.time))
 
 
 def _most_probable(declared: LoopFit, noise: RandomForces) -> ForceFit:

@@ -139,6 +139,29 @@ def test_likelihood_equals_statsmodels(gaps):
 
 
 @pytest.mark.parametrize("gaps", [False, True])
+@pytest.mark.parametrize("case", CASES)
+def test_likelihood_equals_cuthbertlib(case, gaps):
+    """A second reference, itself in square-root form: `pip install cuthbertlib`."""
+    kalman = pytest.importorskip("cuthbertlib.kalman")
+    t, u, z = data(True, gaps)
+    problem, _ = problem_of(t, u, z, FilterError(**PARTS))
+    values = THETA | CASES[case]
+    cost, *_ = evaluated(problem, jnp.array([values[name] for name in NAMES]))
+    own, input_matrix, GG, P0, r = parts_of(values)
+    steps = dense.discrete(own, input_matrix, GG, t, u)
+    x, root, log_likelihood = np.zeros(2), np.sqrt(P0), 0.0
+    for i in range(SAMPLES):
+        (x, root), more = kalman.filter_update(x, root, C, np.zeros(2), np.diag(r), z[i])
+        log_likelihood += more
+        if i < SAMPLES - 1:
+            w, V = np.linalg.eigh(steps.Q[i])  # Q may be singular
+            Q_root = V * np.sqrt(np.maximum(w, 0.0))
+            x, root = kalman.predict(x, root, steps.Phi[i], steps.b[i], Q_root)
+    expected = -log_likelihood - 0.5 * np.log(2 * np.pi) * np.sum(~np.isnan(z))
+    np.testing.assert_allclose(cost, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("gaps", [False, True])
 @pytest.mark.parametrize("case", ["regular", "singular Q", "no P0"])
 def test_filter_and_smoother_equal_posterior(case, gaps):
     t, u, z = data(True, gaps)

@@ -45,8 +45,7 @@ Test = tuple[str, tuple[float, int]]
 ORDERS = (1, 2, 4, 8, 16)
 COSINES = ORDERS[-1]
 # Chosen: share of the fall of chi-square by random forces, up to which a dependence is the error of
-# the linear model along the motion without them. In gusts of 1 m/s, simulated, it is 0.5 % on an
-# F-4 whose 20 s of motion the gusts change.
+# the linear model along the motion without them: 0.5 % on a simulated F-4, 20 s in gusts of 1 m/s.
 APPROXIMATION_SHARE = 0.01
 
 

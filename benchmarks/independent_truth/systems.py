@@ -207,6 +207,37 @@ def spring_lag(number: int) -> Record:
     return recorded(SPRING, t, u, x + 0.002 * draw.normal(size=x.shape))
 
 
+def cut(number: int, size: float, rate, states: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times, inputs and states of the last 10 s of a run of 18 s under a multisine."""
+    draw, t = np.random.default_rng(2400 + number), 0.02 * np.arange(900)
+    frequencies, phases = np.array([0.2, 0.45, 0.7, 1.1, 1.6, 2.3]), draw.uniform(0, 2 * np.pi, 6)
+    u = size * np.sum(np.sin(2 * np.pi * frequencies * t[:, None] + phases), axis=1)
+    x = integrate(rate, np.zeros(states), t, u)
+    return t[:500], u[400:], x[400:]
+
+
+def spring_in_motion(number: int) -> Record:
+    """The same lag of the input, in records that begin in motion."""
+
+    def rate(_, x, force):
+        return np.array([x[1], x[2] - 20.0 * x[0] - 1.2 * x[1], (force - x[2]) / 0.25])
+
+    t, u, x = cut(number, 4.0, rate, 3)
+    noise = 0.004 * np.random.default_rng(2500 + number).normal(size=(t.size, 1))
+    return recorded(SPRING, t, u, x[:, :1] + noise)
+
+
+def rotor_in_motion(number: int) -> Record:
+    """Rotors that lag behind their command by 150 ms, in records that begin in motion."""
+
+    def rate(_, x, command):
+        return np.array([x[1], 12.0 * x[2] - 0.8 * x[1], (command - x[2]) / 0.15])
+
+    t, u, x = cut(number, 0.5, rate, 3)
+    noise = np.random.default_rng(2600 + number).normal(size=(t.size, 2)) * [0.003, 0.02]
+    return recorded(ROTOR, t, u, x[:, :2] + noise)
+
+
 def spring_fatigue(number: int) -> Record:
     """A stiffness that falls with the square of the position, with a memory of 4 s."""
     draw, t = np.random.default_rng(1500 + number), 0.05 * np.arange(600)
@@ -392,6 +423,14 @@ SYSTEMS = (
         held=False,
     ),
     System(
+        "spring, late, in motion",
+        "lag of the input, or of the sensor",
+        SPRING,
+        ("k", "c", "b"),
+        spring_in_motion,
+        Answer.PROXIES,
+    ),
+    System(
         "spring, fatigue",
         "stiffness with a memory",
         SOFT,
@@ -435,6 +474,15 @@ SYSTEMS = (
         ROTOR,
         ("b", "d"),
         rotor,
+        Answer.NAMED,
+        frozenset({"lag of input cmd"}),
+    ),
+    System(
+        "rotor, in motion",
+        "lag of the command",
+        ROTOR,
+        ("b", "d"),
+        rotor_in_motion,
         Answer.NAMED,
         frozenset({"lag of input cmd"}),
     ),

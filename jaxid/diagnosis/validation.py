@@ -15,6 +15,7 @@ from .._foundation.host import to_device
 from .._foundation.notebook import Table
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
+from ..effects.augmented import starts_of
 from ..estimation.argument_checks import check_arguments
 from ..estimation.estimate import as_stack, check_channels, check_sampling
 from ..estimation.host_iteration import minimise_by_steps
@@ -166,7 +167,8 @@ def predict(
         window: number of samples at the start of each record; None for none.
         states: states whose initial value is fitted in the window, all by default; the others start
             at `model.initial_state`, necessarily so if no instrument measures them (a position, a
-            heading).
+            heading). The memory of an effect at the first sample (`EffectCard.by_record`) is always
+            fitted.
 
     Returns:
         Predicted outputs and the scored samples.
@@ -184,7 +186,9 @@ def predict(
     require_known("state", states, model.states)
     if window is not None:
         check_window(model, records, window, len(states))
-    predictor = Predictor(canonical(likelihood), window, states, records.n_cases)
+    held = {f"{INITIAL_STATE}.{name}" for name in model.states if name not in states}
+    starts = tuple(name for name in starts_of(model) if name not in held)
+    predictor = Predictor(canonical(likelihood), window, starts, records.n_cases)
     prediction = predictor.predict(canonical(model), records.anonymous())
     return dataclasses.replace(prediction, names=records.names, simulated=likelihood.simulates)
 
@@ -225,7 +229,7 @@ class Predictor(eqx.Module):
     Attributes:
         likelihood: the likelihood, which simulates.
         window: samples at the start of a record in which its initial state is fitted, or None.
-        states: states whose initial value is fitted; the others start at `model.initial_state`.
+        starts: parameters that are fitted, such as initial states; the others keep their value.
         n_cases: number of records that are simulated at once, that of the training records of a
             study.
         prior: mean and standard deviation of a Gaussian prior on each fitted initial value. It
@@ -235,7 +239,7 @@ class Predictor(eqx.Module):
 
     likelihood: AbstractLikelihood
     window: int | None = eqx.field(static=True)
-    states: tuple[str, ...] = eqx.field(static=True)
+    starts: tuple[str, ...] = eqx.field(static=True)
     n_cases: int = eqx.field(static=True)
     prior: Float[Array, "2 start"] | None = None
 
@@ -255,7 +259,8 @@ class Predictor(eqx.Module):
         after_window = (np.arange(records.t.shape[1]) >= (self.window or 0))[None, :, None]
         scored = to_device(np.asarray(records.mask) & after_window)
         channels = records.outputs, records.output_units, records.names
-        return Prediction(records.t, records.z, y, scored, rows, *channels)
+        states = sum(name.startswith(f"{INITIAL_STATE}.") for name in self.starts)
+        return Prediction(records.t, records.z, y, scored, rows[:, :states], *channels)
 
     def programs(self, model: AbstractModel, records: Record) -> list[tuple[Any, tuple]]:
         """Return the programs of a prediction, each with its arguments, to compile them."""
@@ -283,13 +288,9 @@ class Predictor(eqx.Module):
 
     def _problem(self, model: AbstractModel, records: Record) -> Problem:
         """Return the problem of fitting the initial states of records."""
-        chosen = Free((), self._starts)
+        chosen = Free((), self.starts)
         limits = Limits.of(chosen, records.n_cases)
         return Problem(model, chosen.positions(model), records, self.likelihood, limits)
-
-    @property
-    def _starts(self) -> tuple[str, ...]:
-        return tuple(f"{INITIAL_STATE}.{state}" for state in self.states)
 
     def _head(self, problem: Problem, case: int) -> Problem:
         """Return the problem of the window of one record, whose initial values are shared
@@ -303,7 +304,7 @@ class Predictor(eqx.Module):
         records = _unnamed(jax.tree.map(cut, problem.records))
         pairs = () if self.prior is None else np.asarray(self.prior).T
         priors = [(to_device(mean), to_device(deviation)) for mean, deviation in pairs]
-        chosen = Free(self._starts, prior=dict(zip(self._starts, priors, strict=False)))
+        chosen = Free(self.starts, prior=dict(zip(self.starts, priors, strict=False)))
         at = problem.positions
         return dataclasses.replace(
             problem,

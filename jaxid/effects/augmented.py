@@ -11,7 +11,7 @@ import numpy as np
 from .._foundation.checks import require_known, require_unique
 from .._foundation.host import to_device
 from .._foundation.types import Array, Bool, Float
-from ..data.record import Record
+from ..data.record import INITIAL_STATE, Record
 from ..models.base import AbstractModel, equations_of
 from ..models.polynomial import sums_of_monomials
 from ..models.signal_dependence import with_differences
@@ -317,6 +317,15 @@ def split_effects(model: AbstractModel) -> tuple[AbstractModel, tuple[Effect, ..
     while isinstance(model, Augmented):
         model, effects = model.model, (*effects, *model.effects_in)
     return model, effects
+
+
+def starts_of(model: AbstractModel) -> tuple[str, ...]:
+    """Return the names of the parameters that state how a record begins: the initial state, and
+    the memory of the effects of the model (`EffectCard.by_record`).
+    """
+    states = tuple(f"{INITIAL_STATE}.{state}" for state in model.states)
+    remembered = (name for effect in split_effects(model)[1] for name in effect.starts)
+    return tuple(dict.fromkeys((*states, *remembered)))
 
 
 def absent_effects(model: AbstractModel, effects: Iterable[Effect]) -> tuple[Effect, ...]:

@@ -14,7 +14,7 @@ from equinox import AbstractVar
 from jax.core import Tracer
 
 from .._foundation.types import Array, Float
-from ..data.record import Record
+from ..data.record import INITIAL_STATE, Record
 from .card import EffectCard
 
 Signals = dict[str, Float[Array, ""]]
@@ -51,6 +51,15 @@ class Effect(eqx.Module):
     def name(self) -> str:
         """Name of the effect, from its card."""
         return self.card.name
+
+    @property
+    @final
+    def starts(self) -> tuple[str, ...]:
+        """Dotted names of the parameters that state how a record begins: the initial values of the
+        added states, and `EffectCard.by_record`.
+        """
+        states = (f"{INITIAL_STATE}.{state}" for state in self.extra_states)
+        return (*states, *(f"{self.name}.{field}" for field in self.card.by_record))
 
     def neighbouring_shapes(self) -> tuple["Effect", ...]:
         """Return similar effects of another shape, such as the next higher power, which are sums of

@@ -48,6 +48,9 @@ class EffectCard:
             of a sensor after its scale.
         fixed: shape parameters that keep the value of `initialise_shape`; the others are estimated
             once the effect is in the model.
+        by_record: parameters with one value for each record: the memory of the effect at the first
+            sample. They are estimated, as the states that the effect adds, where the initial
+            states of the records are free; otherwise they keep their value.
         degenerate_at_bounds: parameters at whose bounds the effect is absent or equals another
             effect, e.g. the level of a hinge without samples beyond it.
         initial_gain: gain from which a refit starts; nonzero if a small gain has no influence on
@@ -67,6 +70,7 @@ class EffectCard:
     refines: str = ""
     stage: int = 0
     fixed: tuple[str, ...] = ()
+    by_record: tuple[str, ...] = ()
     degenerate_at_bounds: tuple[str, ...] = ()
     initial_gain: float = 0.0
 

@@ -188,10 +188,13 @@ class SensorLag(SensorEffect):
 
     Args:
         channel: name of the output.
+        start: `y - w` at the first sample [unit of the output]; zero in equilibrium. A record that
+            begins in motion has a value of its own.
     """
 
     channel: str = eqx.field(static=True)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    start: Float[Array, ""] = eqx.field(default_factory=zero)
 
     @property
     def card(self):
@@ -201,10 +204,11 @@ class SensorLag(SensorEffect):
             location=Location(LocationKind.SENSOR, self.channel),
             signals=(self.channel,),
             bounds=PRESENT,
+            by_record=("start",),
         )
 
     def reading(self, t, signal):
-        return lagged_signal(t, signal, self.gain)
+        return lagged_signal(t, signal, self.gain, self.start)
 
 
 class SensorSaturation(SensorEffect):
@@ -296,7 +300,7 @@ def delayed_signal(
 ) -> Float[Array, " time"]:
     """Return a delayed signal, `y(t - delay)`, by cubic interpolation of the samples.
 
-    Before its first sample the signal is constant.
+    Before its first sample and after its last one the signal is a straight line.
 
     Args:
         t: time [s]; constant in the padding, which does not change the result.
@@ -307,15 +311,20 @@ def delayed_signal(
     # The last real line continues through the padding, so that padding does not change the slopes.
     line = (jnp.diff(signal) / jnp.diff(knots))[jnp.minimum(jnp.arange(t.size - 1), last - 1)]
     slopes = 0.5 * (jnp.concatenate([line[:1], line]) + jnp.concatenate([line, line[-1:]]))
-    earlier = jnp.clip(knots - delay, knots[0], knots[last])
+    earlier = knots - delay
+    inside = jnp.clip(earlier, knots[0], knots[last])
+    outside = (earlier - inside) * jnp.where(earlier < knots[0], slopes[0], slopes[last])
     with jax.numpy_rank_promotion("allow"):  # interpax promotes ranks inside
-        return interpax.interp1d(earlier, knots, signal, method="cubic", fx=slopes)
+        return outside + interpax.interp1d(inside, knots, signal, method="cubic", fx=slopes)
 
 
 def lagged_signal(
-    t: Float[Array, " time"], signal: Float[Array, " time"], lag: Float[Array, ""]
+    t: Float[Array, " time"],
+    signal: Float[Array, " time"],
+    lag: Float[Array, ""],
+    start: Float[Array, ""] | float = 0.0,
 ) -> Float[Array, " time"]:
-    """Return a signal after a first-order lag, `lag dw/dt = y - w`, starting in equilibrium.
+    """Return a signal after a first-order lag, `lag dw/dt = y - w`.
 
     The result is exact for a signal that is linear between its samples.
 
@@ -323,6 +332,7 @@ def lagged_signal(
         t: time [s].
         signal: samples of y [any].
         lag: time constant [s]; for negative values the linearisation `y - lag dy/dt` is used.
+        start: `y - w` at the first sample [unit of y].
     """
 
     def follow(error, now):
@@ -334,5 +344,6 @@ def lagged_signal(
         error = error * keep + lag * rise / jnp.where(h > 0, h, 1.0) * (1.0 - keep)
         return error, error
 
-    _, error = jax.lax.scan(follow, jnp.zeros(()), (jnp.diff(signal), jnp.diff(t)))
-    return signal.at[1:].add(-error)
+    start = jnp.asarray(start, float)
+    _, error = jax.lax.scan(follow, start, (jnp.diff(signal), jnp.diff(t)))
+    return signal - jnp.concatenate([start[None], error])

@@ -43,7 +43,7 @@ def own_parameters(effect: Effect) -> tuple[str, ...]:
     """Return the dotted names of the parameters of an effect that are estimated when it is in the
     model, its gain first.
     """
-    known = {"gain", *effect.card.fixed}
+    known = {"gain", *effect.card.fixed, *effect.card.by_record}
     shape = [name for name in effect.__dataclass_fields__ if name not in known]
     shape = [name for name in shape if eqx.is_inexact_array(getattr(effect, name))]
     return tuple(f"{effect.name}.{field}" for field in ("gain", *shape))

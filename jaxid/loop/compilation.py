@@ -24,7 +24,7 @@ def compile_programs(problem: LoopProblem) -> None:
     """
     model = problem.model_at(problem.initial_values, ())
     start = _begin(problem, Hypothesis())
-    motion = LinearMotion(problem, (), problem.initial_values, start.parameters.rows)
+    motion = LinearMotion(problem, (), problem.initial_values, start.rows(start.parameters))
     columns = next(motion.column_arguments(problem.columns.names))
     compile_together(
         [
@@ -79,7 +79,7 @@ def _compile(problem: LoopProblem, hypothesis: Hypothesis) -> None:
 
 def _begin(problem: LoopProblem, hypothesis: Hypothesis) -> Estimation:
     """Return the estimation problem of a hypothesis at the declared values."""
-    return estimation_of(problem, hypothesis, problem.initial_values, {}, None)
+    return estimation_of(problem, hypothesis, problem.initial_values, {}, {})
 
 
 def _programs_of(start: Estimation) -> list[tuple[EvictingJit, tuple]]:

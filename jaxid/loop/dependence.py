@@ -153,7 +153,7 @@ def _signal_tests(fitted: LoopFit, whitened: Whitened) -> Iterator[Test]:
 
 def _triangle(fitted: LoopFit, whitened: Whitened, v, S, names: tuple[str, ...]) -> Triangle:
     """Return the triangular factor of whitened columns, the per-record ones eliminated."""
-    factor = triangular_factor(*whitened.white(v, S), len(fitted.problem.free.per_record))
+    factor = triangular_factor(*whitened.white(v, S), fitted.motion.own)
     return fitted.triangle_of(np.asarray(factor), names)
 
 

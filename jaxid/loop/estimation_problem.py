@@ -1,5 +1,6 @@
 """Estimation problems of hypotheses, on the model with all candidates or its own effects."""
 
+import dataclasses
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from .._foundation.types import Array, Float
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
 from ..estimation.limits import Limits
 from ..estimation.problem import Problem
-from ..models.base import AbstractModel, as_float, canonical
+from ..models.base import as_float, canonical
 from ..models.free import Free, Parameters, Positions, initial_parameters, with_values
 from .hypothesis import Hypothesis
 from .problem import LoopProblem
@@ -30,13 +31,17 @@ class Estimation(NamedTuple):
     parameters: Parameters
     free: Free
 
+    def rows(self, parameters: Parameters) -> Float[np.ndarray, "case own"]:
+        """Return the per-record parameters without the padding."""
+        return np.asarray(parameters.rows)[:, : len(self.free.per_record)]
+
 
 def estimation_of(
     problem: LoopProblem,
     hypothesis: Hypothesis,
     values: Float[np.ndarray, " column"],
     known: Mapping[str, float],
-    rows: Float[Array, "case own"] | None,
+    rows: Mapping[str, Float[np.ndarray, " case"]],
 ) -> Estimation:
     """Return the estimation problem of a hypothesis.
 
@@ -45,24 +50,25 @@ def estimation_of(
         hypothesis: effects and noise.
         values: starting values of all columns.
         known: starting values by name, also of parameters of the noise.
-        rows: starting values of the per-record parameters; by default those of the model.
+        rows: starting values of per-record parameters by name; of others those of the model.
     """
     effects = hypothesis.effects
     likelihood = canonical(hypothesis.noise.likelihood(problem.likelihood))
-    model, free = problem.model_at(values, effects), free_of(problem, effects)
+    free = free_of(problem, effects)
     if isinstance(likelihood, OutputError) and not problem.uses_reduced_model:
-        base, shared = padded_problem(problem, model, likelihood, effects, values)
+        base, shared = padded_problem(problem, likelihood, effects, values, effects)
     else:
-        own, model = free.shared, canonical(model.only(effects))
+        own, model = free.shared, canonical(problem.model_at(values, effects).only(effects))
         model, free = canonical(likelihood.prepared(model, free, problem.train))
         extra = tuple(name for name in free.shared if name in known and name not in own)
         if extra:
             model = with_values(model, extra, jnp.array([known[name] for name in extra]))
         base = Problem.of(model, free, problem.train, likelihood)
         shared = initial_parameters(model, base.positions, problem.train).shared
-    if rows is None:
-        rows = initial_parameters(base.model, base.positions, problem.train).rows
-    return Estimation(base, Parameters(shared, rows), free)
+    first = np.array(initial_parameters(base.model, base.positions, problem.train).rows)
+    for k, name in enumerate(free.per_record):
+        first[:, k] = rows.get(name, first[:, k])
+    return Estimation(base, Parameters(shared, to_device(first)), free)
 
 
 def free_of(problem: LoopProblem, effects: tuple[str, ...]) -> Free:
@@ -76,36 +82,48 @@ def free_of(problem: LoopProblem, effects: tuple[str, ...]) -> Free:
     lower, upper = ({n: as_float(pair[k]) for n, pair in bounds.items()} for k in (0, 1))
     names = tuple(columns.names[k] for k in columns.chosen(effects))
     lower, upper = {**free.lower, **lower}, {**free.upper, **upper}
-    return Free(names, free.per_record, lower, upper, free.scale, free.prior)
+    return Free(names, problem.per_record(effects), lower, upper, free.scale, free.prior)
 
 
 def padded_problem(
     problem: LoopProblem,
-    model: AbstractModel,
     likelihood: AbstractLikelihood,
     effects: tuple[str, ...],
     values: Float[np.ndarray, " column"],
+    free: tuple[str, ...] = (),
 ) -> tuple[Problem, Float[Array, " parameter"]]:
     """Return a problem of the model with all candidates, and the values of its shared parameters,
-    both padded to a width.
+    both padded to a width, as are the per-record parameters.
 
     All hypotheses of one width share their compiled programs.
+
+    Args:
+        problem: the problem of the search.
+        likelihood: the likelihood.
+        effects: names of the effects in the model.
+        values: values of all columns.
+        free: names of those effects whose parameters are free.
     """
-    chosen = problem.columns.chosen(effects)
+    chosen, row_positions = problem.columns.chosen(free), problem.row_positions(effects)
     padding = problem.width(len(chosen)) - len(chosen)
 
     def padded(vector, fill):
         return to_device(np.r_[np.asarray(vector), np.full(padding, fill)])
 
+    def padded_rows(rows, fill):
+        width = row_positions.size - rows.shape[1]
+        return to_device(np.pad(rows, ((0, 0), (0, width)), constant_values=fill))
+
     at = padded(problem.positions[chosen], len(problem.position))
-    positions = Positions(at, problem.row_positions, problem.leaves)
-    own = Limits.of(free_of(problem, effects), problem.train.n_cases)
+    positions = Positions(at, to_device(row_positions), problem.leaves)
+    selected = dataclasses.replace(free_of(problem, free), per_record=problem.per_record(effects))
+    own = Limits.of(selected, problem.train.n_cases)
     limits = Limits(
-        Parameters(padded(own.lower.shared, -np.inf), own.lower.rows),
-        Parameters(padded(own.upper.shared, np.inf), own.upper.rows),
+        Parameters(padded(own.lower.shared, -np.inf), padded_rows(own.lower.rows, -np.inf)),
+        Parameters(padded(own.upper.shared, np.inf), padded_rows(own.upper.rows, np.inf)),
         padded(own.scale, np.nan),
         padded(own.prior_mean, 0.0),
         padded(own.prior_deviation, np.inf),
     )
-    shared = padded(values[chosen], 0.0)
-    return Problem(model, positions, problem.train, likelihood, limits), shared
+    model = problem.model_at(values, effects)
+    return Problem(model, positions, problem.train, likelihood, limits), padded(values[chosen], 0.0)

@@ -129,8 +129,14 @@ class LoopFit:
     @cached_property
     def motion(self) -> LinearMotion:
         """Motion of the fit without its random forces, and its linear model."""
-        rows = self.solution.parameters.rows
+        rows = self.estimation.rows(self.solution.parameters)
         return LinearMotion(self.problem, self.effects, self.values, rows)
+
+    @property
+    def rows(self) -> dict[str, Float[np.ndarray, " case"]]:
+        """Values of the per-record parameters by name."""
+        rows = self.estimation.rows(self.solution.parameters)
+        return dict(zip(self.estimation.free.per_record, rows.T, strict=True))
 
     @cached_property
     def triangle(self) -> Triangle:
@@ -152,7 +158,7 @@ class LoopFit:
 
     def _triangle(self, S, names: tuple[str, ...]) -> Triangle:
         white = self.whitened(self.motion.sensitivities[0], S)
-        factor = triangular_factor(*white, len(self.problem.free.per_record))
+        factor = triangular_factor(*white, self.motion.own)
         return self.triangle_of(np.asarray(factor), names)
 
     def whitened(
@@ -214,7 +220,7 @@ class LoopFit:
         problem, known = self.problem, FixedNoise(regular(self.noise_covariance))
         predictor = eqx.tree_at(lambda node: node.likelihood.noise, problem.predictor, known)
         if problem.window is not None:
-            predictor = dataclasses.replace(predictor, prior=self.motion.usual(predictor.states))
+            predictor = dataclasses.replace(predictor, prior=self.motion.usual(predictor.starts))
         return predictor.predict(problem.model_at(self.values, self.effects), records)
 
 
@@ -238,7 +244,7 @@ def fit(
         target: cost from which on the fit is of interest.
     """
     values, known = _start(problem, hypothesis, parent, start or {})
-    rows = None if parent is None else parent.solution.parameters.rows
+    rows = {} if parent is None else parent.rows
     S, costs = None, []
     while True:
         estimation = estimation_of(problem, hypothesis, values, known, rows)
@@ -249,12 +255,14 @@ def fit(
             S = _known_sensitivities(parent, estimation, hypothesis, values)
         solution = fit_by_steps(estimation.problem, estimation.parameters, solver, S)
         costs, S = [*costs, float(solution.cost)], None
+        fitted = LoopFit(problem, hypothesis, estimation, solution)
         if solution.result != RESULTS.steps_exhausted or not worth_continuing(costs, target):
-            return LoopFit(problem, hypothesis, estimation, solution)
+            return fitted
+        rows = fitted.rows
         shared = np.asarray(solution.parameters.shared)
         known = {name: float(shared[k]) for k, name in enumerate(estimation.free.shared)}
         chosen = problem.columns.chosen(hypothesis.effects)
-        values[chosen], rows = shared[: len(chosen)], solution.parameters.rows
+        values[chosen] = shared[: len(chosen)]
 
 
 def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None, start):
@@ -277,12 +285,16 @@ def _known_sensitivities(
         return None
     problem, parameters = parent.problem, estimation.parameters
     same = problem.train is estimation.problem.records and np.array_equal(values, parent.values)
-    if not same or parameters.rows is not parent.solution.parameters.rows:
+    if not same:
         return None
-    chosen = problem.columns.chosen(hypothesis.effects)
+    chosen, known = problem.columns.chosen(hypothesis.effects), parent.estimation.free.per_record
     S = parent.motion.chosen(chosen)
-    padding = parameters.shared.size - len(chosen)
-    return to_device(np.pad(S, ((0, 0), (0, 0), (0, 0), (0, padding))))
+    rows = np.zeros((*S.shape[:-1], parameters.rows.shape[1]))  # an effect at zero gain has none
+    for k, name in enumerate(estimation.free.per_record):
+        if name in known:
+            rows[..., k] = S[..., known.index(name)]
+    padding = np.zeros((*S.shape[:-1], parameters.shared.size - len(chosen)))
+    return to_device(np.concatenate([rows, S[..., len(known) :], padding], axis=-1))
 
 
 def worth_continuing(costs: list[float], target: float = np.inf) -> bool:

@@ -214,9 +214,12 @@ class Hypothesis:
         return Hypothesis((*kept, *into), self.noise)
 
     def count(self, problem: LoopProblem) -> int:
-        """Return the number of shared parameters, those beyond white noise included."""
+        """Return the number of parameters that the hypothesis determines: the shared ones, those
+        beyond white noise, and the initial values of added states in each record.
+        """
         own = self.noise.count(len(problem.model.outputs))
-        return len(problem.columns.chosen(self.effects)) + own
+        starts = len(problem.per_record(self.effects)) - len(problem.free.per_record)
+        return len(problem.columns.chosen(self.effects)) + own + starts * problem.train.n_cases
 
     def __str__(self) -> str:
         noise = () if isinstance(self.noise, White) else (self.noise.words,)

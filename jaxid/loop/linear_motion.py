@@ -12,7 +12,7 @@ from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from .._foundation.types import Array, Float
-from ..data.record import Record
+from ..data.record import INITIAL_STATE, Record
 from ..diagnosis.free_form import Linear, Places, gusts_of, linear_models, responses
 from ..effects.shape_initialisation import RECORD
 from ..estimation.model_programs import PROGRAMS, FlatProblem
@@ -38,17 +38,31 @@ class LinearMotion:
     problem: LoopProblem
     effects: tuple[str, ...]
     values: Float[np.ndarray, " column"]
-    rows: Float[Array, "case own"]
+    rows: Float[np.ndarray, "case own"]
+
+    @property
+    def own(self) -> int:
+        """Number of per-record parameters."""
+        return self.rows.shape[1]
 
     @cached_property
-    def fixed(self) -> Problem:
-        """The problem at these values, with free per-record parameters."""
+    def fixed(self) -> tuple[Problem, Parameters]:
+        """The problem at these values, and its parameters."""
         problem = self.problem
-        model = problem.model_at(self.values, self.effects)
-        if problem.uses_reduced_model:
-            model = model.only(self.effects)
-        free = Free((), problem.free.per_record)
-        return Problem.of(model, free, problem.train, problem.likelihood)
+        if not problem.uses_reduced_model:
+            return self._padded
+        model = problem.model_at(self.values, self.effects).only(self.effects)
+        free = Free((), problem.per_record(self.effects))
+        base = Problem.of(model, free, problem.train, problem.likelihood)
+        return base, Parameters(to_device(np.zeros(0)), to_device(self.rows))
+
+    @cached_property
+    def _padded(self) -> tuple[Problem, Parameters]:
+        """The problem of the model with all candidates at these values, and its parameters."""
+        problem = self.problem
+        base, shared = padded_problem(problem, problem.likelihood, self.effects, self.values)
+        width = base.positions.rows.size - self.own
+        return base, Parameters(shared, to_device(np.pad(self.rows, ((0, 0), (0, width)))))
 
     @cached_property
     def sensitivities(self) -> tuple[Float[Array, "case time output"], Array]:
@@ -69,8 +83,7 @@ class LinearMotion:
     @cached_property
     def infinite_columns(self) -> tuple[str, ...]:
         """Names of the columns that are not finite."""
-        own = len(self.problem.free.per_record)
-        infinite = self._columns[2][own:]
+        infinite = self._columns[2][self.own :]
         return tuple(np.array(self.problem.columns.names)[infinite])
 
     @cached_property
@@ -88,8 +101,7 @@ class LinearMotion:
         """Return the sensitivities to the per-record parameters and some columns, of all that are
         known.
         """
-        own = len(self.problem.free.per_record)
-        at = np.r_[np.arange(own), own + np.array(columns, int)]
+        at = np.r_[np.arange(self.own), self.own + np.array(columns, int)]
         return np.asarray(self.sensitivities[1])[..., at]
 
     def columns_of(self, names: Sequence[str]) -> tuple[Float[Array, "case time output"], Array]:
@@ -97,9 +109,9 @@ class LinearMotion:
         columns.
         """
         blocks = [PROGRAMS.sensitivities(*arguments) for arguments in self.column_arguments(names)]
-        count = len(self.problem.free.per_record) + len(names)
-        S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., :count]
-        return blocks[0][0], to_device(S)
+        width = self._padded[0].positions.rows.size
+        S = np.concatenate([np.asarray(S) for _, S in blocks], axis=-1)[..., : width + len(names)]
+        return blocks[0][0], to_device(np.delete(S, np.s_[self.own : width], axis=-1))
 
     def column_arguments(self, names: Sequence[str]) -> Iterator[tuple]:
         """Yield the arguments of the program of the sensitivities for `columns_of`, in blocks as
@@ -107,14 +119,14 @@ class LinearMotion:
         costs the same for any number.
         """
         problem, columns = self.problem, self.problem.columns
-        model = problem.model_at(self.values, self.effects)
-        base, shared = padded_problem(problem, model, problem.likelihood, (), self.values)
+        base, parameters = self._padded
         case = FlatProblem.of(base)
-        _, *others = case.outputs_arguments(Parameters(shared, self.rows))
+        model, *others = case.outputs_arguments(parameters)
         chosen = problem.positions[[columns.index[name] for name in names]]
-        own = problem.row_positions.size
+        rows = np.asarray(base.positions.rows)
+        own = rows.size
         width = own + problem.positions.size if problem.is_long else case.at.size
-        at = np.r_[np.asarray(problem.row_positions), chosen]
+        at = np.r_[rows, chosen]
         padded = np.r_[at, np.full(-at.size % width, len(problem.position))]
         owners = [None] * own + [columns.owners.get(name) for name in names]
         for k in range(0, padded.size, width):
@@ -125,7 +137,7 @@ class LinearMotion:
     @cached_property
     def places(self) -> dict[LocationKind, tuple[str, ...]]:
         """Names of all places of a disturbance, by kind."""
-        model = self.fixed.model
+        model = self.fixed[0].model
         kinds = {
             LocationKind.EQUATION: model.states,
             LocationKind.INPUT: model.inputs,
@@ -137,9 +149,9 @@ class LinearMotion:
     @cached_property
     def x(self) -> Float[np.ndarray, "case time state"]:
         """States of all records, those of the effects included."""
-        case = FlatProblem.of(self.fixed)
-        parameters = Parameters(to_device(np.zeros(0)), self.rows)
-        return np.asarray(PROGRAMS.outputs(*case.outputs_arguments(parameters))[0])
+        problem, parameters = self.fixed
+        arguments = FlatProblem.of(problem).outputs_arguments(parameters)
+        return np.asarray(PROGRAMS.outputs(*arguments)[0])
 
     @cached_property
     def linear(self) -> Linear:
@@ -149,8 +161,7 @@ class LinearMotion:
     @property
     def linear_arguments(self) -> tuple[Problem, Parameters, Places]:
         """Arguments of `linear_models`."""
-        parameters = Parameters(to_device(np.zeros(0)), self.rows)
-        return self.fixed, parameters, tuple(self.places.items())
+        return *self.fixed, tuple(self.places.items())
 
     def linear_at(self, chosen: Mapping[LocationKind, tuple[str, ...]]) -> Linear:
         """Return the linear models with disturbances at some places."""
@@ -160,15 +171,15 @@ class LinearMotion:
     def without_absent_states(self, linear: Linear) -> Linear:
         """Return linear models without the states of absent effects, which act on nothing."""
         states = self.problem.augmented.only(self.effects).states
-        return linear.of_states([self.fixed.model.states.index(name) for name in states])
+        return linear.of_states([self.fixed[0].model.states.index(name) for name in states])
 
-    def usual(self, states: Sequence[str]) -> Float[Array, "2 start"]:
-        """Return mean and standard deviation of some states along the motion; the latter is
-        infinite for a state that rests.
+    def usual(self, starts: Sequence[str]) -> Float[Array, "2 start"]:
+        """Return mean and standard deviation of some initial states along the motion; the latter is
+        infinite for a state that rests, and for other parameters.
         """
-        known = self.fixed.model.states
+        known = [f"{INITIAL_STATE}.{name}" for name in self.fixed[0].model.states]
         along = [
-            self.x[..., known.index(name)] if name in known else np.zeros(1) for name in states
+            self.x[..., known.index(name)] if name in known else np.zeros(1) for name in starts
         ]
         deviation = np.array([np.std(values) for values in along])
         mean = np.array([np.mean(values) for values in along])

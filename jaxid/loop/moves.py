@@ -251,10 +251,10 @@ def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> Locali
     places = {kind: names for kind, names in places.items() if names}
     columns = problem.columns.chosen(fit.effects)
     padding = problem.width(len(columns)) - len(columns)
-    S = np.pad(motion.chosen(columns), ((0, 0), (0, 0), (0, 0), (0, padding)))
+    base, own = motion.fixed[0], motion.own
+    S = np.insert(motion.chosen(columns), [own] * (base.positions.rows.size - own), 0.0, axis=-1)
+    S = np.pad(S, ((0, 0), (0, 0), (0, 0), (0, padding)))
     splines = splines or resolution(problem.train, fit.solution.residuals)
     R = regular(fit.noise_covariance)
     linear = motion.linear_at(places)
-    return localise(
-        motion.fixed, linear, (motion.sensitivities[0], to_device(S)), R, splines, places
-    )
+    return localise(base, linear, (motion.sensitivities[0], to_device(S)), R, splines, places)

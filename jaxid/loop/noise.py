@@ -165,5 +165,5 @@ def above_known_noise(fitted: LoopFit, level: float) -> bool:
         return False
     mask = np.asarray(fitted.problem.train.mask)
     squares = float(np.sum(np.where(mask, np.asarray(fitted.white_residuals), 0.0) ** 2))
-    unknown = len(fitted.estimation.free.shared) + fitted.solution.parameters.rows.size
+    unknown = len(fitted.estimation.free.shared) + fitted.motion.rows.size
     return bool(scipy.stats.chi2.sf(squares, max(int(np.sum(mask)) - unknown, 1)) < level)

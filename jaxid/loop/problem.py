@@ -10,10 +10,10 @@ import numpy as np
 
 from .._foundation.checks import require, require_known
 from .._foundation.host import to_device
-from .._foundation.types import Array, Float
+from .._foundation.types import Array, Float, Int
 from ..data.record import Record
 from ..diagnosis.validation import Predictor, check_window
-from ..effects.augmented import Augmented
+from ..effects.augmented import Augmented, starts_of
 from ..effects.base import Effect
 from ..effects.card import EffectCard
 from ..effects.channel_checks import check_absent
@@ -34,6 +34,8 @@ SEARCH_SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chor
 # Chosen: parameters of effects are padded to multiples of this, so that few widths are compiled.
 # More padding costs arithmetic, less costs compilations.
 COLUMN_BLOCK = 8
+# The same for the initial values of states that effects add (chosen).
+ROW_BLOCK = 2
 # Measured: cost of compiling a fit, in operations that the 24 passes of a refit do per sample:
 # 3 s and 10 ms per operation of its model, at 0.3 us per operation and sample (0.15 to 0.6), on
 # two cores, for models of 6 to 1,435 operations.
@@ -164,15 +166,37 @@ class LoopProblem:
         """Positions of the columns in the flat vector of the augmented model."""
         return np.array([self.position[name] for name in self.columns.names], int)
 
-    @cached_property
-    def row_positions(self) -> Array:
-        """Positions of the per-record parameters in the flat vector of the augmented model."""
-        return to_device(np.array([self.position[name] for name in self.free.per_record], int))
+    def per_record(self, effects: Collection[str]) -> tuple[str, ...]:
+        """Return the names of the per-record parameters of a hypothesis.
+
+        Where a record's initial state is free, so is the memory of the effects at its first sample
+        (`Effect.starts`): a record that begins in motion does not show it.
+        """
+        declared = self.free.per_record
+        if not any(name.startswith(f"{INITIAL_STATE}.") for name in declared):
+            return declared
+        inside = (effect for effect in self.library if effect.name in effects)
+        return (*declared, *(name for effect in inside for name in effect.starts))
+
+    def row_positions(self, effects: Collection[str]) -> Int[np.ndarray, " row_parameter"]:
+        """Return the positions of the per-record parameters in the flat vector of the augmented
+        model, padded so that hypotheses with few added states share their programs.
+        """
+        at = [self.position[name] for name in self.per_record(effects)]
+        added = len(at) - len(self.free.per_record)
+        blocks = max(-(-added // ROW_BLOCK), int(len(self.per_record(self.names)) > len(at)))
+        return np.array(at + [len(self.position)] * (ROW_BLOCK * blocks - added), int)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all candidates."""
+        return tuple(effect.name for effect in self.library)
 
     @cached_property
     def leaves(self) -> tuple[int, ...]:
         """Leaves of the augmented model that hold the columns."""
-        return leaves_at(self.augmented, np.r_[self.positions, np.asarray(self.row_positions)])
+        rows = [self.position[name] for name in self.per_record(self.names)]
+        return leaves_at(self.augmented, np.r_[self.positions, np.array(rows, int)])
 
     @cached_property
     def position(self) -> dict[str, int]:
@@ -203,16 +227,16 @@ class LoopProblem:
 
     @property
     def declared_starts(self) -> tuple[str, ...]:
-        """States of the declared model whose initial value is fitted for a prediction: those whose
-        initial state is free, or all if none is.
+        """Initial states of the declared model that are fitted for a prediction: those that are
+        free, or all if none is.
         """
-        states, free = self.model.states, self.free.per_record
-        return tuple(name for name in states if f"{INITIAL_STATE}.{name}" in free) or states
+        names, free = starts_of(self.model), self.free.per_record
+        return tuple(name for name in names if name in free) or names
 
     @property
     def starts(self) -> tuple[str, ...]:
-        """States whose initial value is fitted for a prediction, those of effects included."""
-        return self.declared_starts + self.augmented.states[len(self.model.states) :]
+        """Parameters that are fitted for a prediction, those of effects included."""
+        return (*self.declared_starts, *(n for effect in self.library for n in effect.starts))
 
     @property
     def predictor(self) -> Predictor:

@@ -234,7 +234,7 @@ def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> F
     """Return the most probable random forces and parameters, from a motion and the parameters of
     forces and sensor noise; an infinite cost if the start diverges.
     """
-    columns, own = start.problem.columns, len(start.problem.free.per_record)
+    columns, own = start.problem.columns, start.own
     chosen = columns.chosen(start.effects)
     names = tuple(columns.names[k] for k in chosen)
     best, step = ForceFit(start, first, np.inf), None
@@ -263,6 +263,6 @@ def _moved(motion: LinearMotion, chosen, step: ForceEstimate, share: float) -> L
     values[chosen] = np.clip(
         shared, np.asarray(limits.lower.shared), np.asarray(limits.upper.shared)
     )
-    rows = np.asarray(motion.rows) + share * step.own
+    rows = motion.rows + share * np.asarray(step.own)
     rows = np.clip(rows, np.asarray(limits.lower.rows), np.asarray(limits.upper.rows))
-    return LinearMotion(problem, motion.effects, values, to_device(rows))
+    return LinearMotion(problem, motion.effects, values, rows)

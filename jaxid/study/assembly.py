@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Callable
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -27,6 +26,8 @@ from ..loop.problem import LoopProblem
 from ..loop.search import SearchTree
 from ..loop.search_effects import EffectSearch
 from ..loop.wording import next_best_words, verdict_words
+from ..models.free import Parameters
+from ..sensitivity.information import Information, OwnBlock, Profile
 from ..sensitivity.spectrum import spectrum
 from .caveats import caveats
 from .rounds import alternatives_of, rounds_of
@@ -167,7 +168,7 @@ def _side(predicting: LoopFit, fitted: LoopFit, records: StudyRecords) -> Side:
     }
     problem, (model, free) = fitted.problem, fitted.model_and_free
     noise, threshold = problem.likelihood.noise, problem.solver.policy.threshold
-    solution = _unpadded(fitted.solution, len(free.shared))
+    solution = _unpadded(fitted.solution, len(free.per_record), len(free.shared))
     estimated = fitted.estimation.problem
     stochastic = not isinstance(estimated.likelihood, OutputError)
     of = estimated.model if stochastic else model
@@ -198,35 +199,42 @@ def _noise(best: LoopFit, outcome: Outcome, used: Record) -> dict[str, float]:
 
 
 @fast_compile_jit
-def _unpadded(solution: Fit, count: int) -> Fit:
-    """Return a fit without its padding columns (jitted)."""
+def _unpadded(solution: Fit, own: int, count: int) -> Fit:
+    """Return a fit without its padding columns (jitted).
+
+    Args:
+        solution: the fit.
+        own: number of per-record parameters.
+        count: number of shared parameters.
+    """
+    padded = solution.parameters.rows.shape[1]
     keep = np.r_[np.arange(count), solution.parameters.shared.size]
-    information = eqx.tree_at(
-        lambda node: (node.factor, node.own.coupling),
-        solution.information,
-        (
-            triangle(solution.information.factor[:, keep]),
-            solution.information.own.coupling[..., :count],
-        ),
+    block = solution.information.own
+    # the rows of a padding column, which has no sensitivity, are zero and stand last
+    block = OwnBlock(
+        block.jacobian[..., :own, :own],
+        block.coupling[..., :own, :count],
+        block.rhs[..., :own],
+        block.inverse[..., :own, :own],
+        block.undetermined[..., :own],
     )
-    return eqx.tree_at(
-        lambda node: (
-            node.parameters.shared,
-            node.covariance,
-            node.robust_covariance,
-            node.robust_dof,
-            node.shared_on_bound,
-            node.information,
-            node.spectrum,
-        ),
+    factor = triangle(solution.information.factor[:, keep])
+    profile = solution.information.profile
+    profile = Profile(profile.shared[:, :count], profile.own[..., :own], profile.count)
+    information = Information(factor, block, profile)
+    unknown = np.r_[np.arange(own), padded + np.arange(count)]
+    return dataclasses.replace(
         solution,
-        (
-            solution.parameters.shared[:count],
-            solution.covariance[:count, :count],
-            solution.robust_covariance[:count, :count],
-            solution.robust_dof[:count],
-            solution.shared_on_bound[:count],
-            information,
-            spectrum(information.triangle, information.rhs),
+        parameters=Parameters(
+            solution.parameters.shared[:count], solution.parameters.rows[:, :own]
         ),
+        covariance=solution.covariance[:count, :count],
+        own_covariance=solution.own_covariance[:, :own, :own],
+        robust_covariance=solution.robust_covariance[:count, :count],
+        robust_dof=solution.robust_dof[:count],
+        robust_own=solution.robust_own[:, :own][..., unknown],
+        shared_on_bound=solution.shared_on_bound[:count],
+        own_on_bound=solution.own_on_bound[:, :own],
+        information=information,
+        spectrum=spectrum(information.triangle, information.rhs),
     )

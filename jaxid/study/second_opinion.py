@@ -160,7 +160,7 @@ def block_products(
         candidates: names of the candidates, whose columns are scaled to unit length.
     """
     problem = fit.problem
-    own, at = len(problem.free.per_record), fit.triangle.at([f"{n}.gain" for n in candidates])
+    own, at = fit.motion.own, fit.triangle.at([f"{n}.gain" for n in candidates])
     free = [own + k for k, is_free in enumerate(fit.triangle.free) if is_free]
     v, S = fit.motion.sensitivities
     chosen = np.asarray(S)[..., [*range(own), *free, *(own + k for k in at)]]
@@ -172,7 +172,7 @@ def block_products(
     length = np.linalg.norm(orthogonal, axis=0)
     unit = orthogonal / np.where(length > 0, length, 1.0)
 
-    estimated = len(result.estimation.free.shared) + result.solution.parameters.rows.size
+    estimated = len(result.estimation.free.shared) + result.motion.rows.size
     inflation = problem.samples / max(problem.samples - estimated, 1)
     mask = np.asarray(problem.train.mask)
     e = np.where(mask, np.asarray(result.white_residuals), 0.0) * np.sqrt(inflation)

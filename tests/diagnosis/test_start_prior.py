@@ -32,7 +32,8 @@ def predicted(prior):
     z = 2.0 + SIGMA * np.random.default_rng(3).normal(size=(20, 1))
     stack = as_stack(record(t, np.zeros((20, 0)), z, inputs=(), outputs=("z",))).anonymous()
     likelihood = canonical(OutputError(FixedNoise(jnp.array([[SIGMA**2]]))))
-    predictor = Predictor(likelihood, WINDOW, Levels.states, 1, prior)
+    starts = tuple(f"initial_state.{name}" for name in Levels.states)
+    predictor = Predictor(likelihood, WINDOW, starts, 1, prior)
     return predictor.predict(canonical(Levels(jnp.array(0.0))), stack), z
 
 

@@ -176,6 +176,16 @@ def test_sensor_lag_is_exact_for_ramp_on_uneven_samples(seed, lag):
     )
 
 
+def test_sensor_lag_begins_in_motion():
+    t, w, lag = np.linspace(0, 6, 601), 2.0, 0.4
+    # steady response to sin(w t): amplitude 1 / |1 + i w lag|, phase -atan(w lag)
+    steady = np.imag(np.exp(1j * w * t) / (1 + 1j * w * lag))
+    effect = SensorLag("y", jnp.array(lag), jnp.array(-steady[0]))
+    # A straight line between samples is off by at most (w h)^2/8.
+    atol = (w * t[1]) ** 2 / 8
+    np.testing.assert_allclose(observed(effect, t, np.sin(w * t)), steady, rtol=0, atol=atol)
+
+
 def test_sensor_delay_shifts_sine():
     t, w = 0.05 * np.arange(100), 2.0
     actual = observed(SensorDelay("y", jnp.array(0.033)), t, np.sin(w * t))
@@ -186,8 +196,9 @@ def test_sensor_delay_shifts_sine():
     )
     two_samples = observed(SensorDelay("y", jnp.array(0.1)), t, np.sin(w * t))
     np.testing.assert_allclose(two_samples[2:], np.sin(w * t[:-2]), rtol=0, atol=1e-13)
-    # the output is constant before the record
-    np.testing.assert_allclose(two_samples[:2], 0.0, atol=1e-15)
+    # before the record the output is a straight line
+    line = np.sin(w * 0.05) / 0.05 * (t[:2] - 0.1)
+    np.testing.assert_allclose(two_samples[:2], line, rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("gain", [0.05, -0.05])

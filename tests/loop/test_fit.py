@@ -63,8 +63,8 @@ def test_fit_in_reduced_model_equals_fit_in_complete_library(monkeypatch, named)
             # limit is in standard errors.
             assert abs(value - known[name][0]) < 1e-6 * known[name][1]
             np.testing.assert_allclose(error, known[name][1], rtol=1e-5)
-        rows = padded.solution.parameters.rows
-        np.testing.assert_allclose(fitted.solution.parameters.rows, rows, rtol=1e-6, atol=1e-9)
+        assert fitted.motion.own == 2 + ("lag of input force" in named)
+        np.testing.assert_allclose(fitted.motion.rows, padded.motion.rows, rtol=1e-6, atol=1e-9)
 
 
 def test_reduced_and_padded_fits_of_effect_with_corner_take_same_first_steps(monkeypatch):
@@ -129,7 +129,7 @@ def test_columns_with_linearised_steps_equal_those_of_forward_mode(monkeypatch, 
         monkeypatch.setattr(problem, "LINEARISED_FROM", least)
         given = _problem(monkeypatch, True)
         values = given.initial_values + 0.01
-        rows = fit(given, Hypothesis()).solution.parameters.rows
+        rows = fit(given, Hypothesis()).motion.rows
         found.append(LinearMotion(given, effects, values, rows).sensitivities)
         assert given.is_long is (least == 10)
     (v, S), (expected_v, expected) = found

@@ -78,7 +78,8 @@ def test_prediction_starts_at_estimate_of_window(records, window):
     model = Spring(jnp.array(1.4), jnp.array(0.25))
     likelihood = OutputError(FixedNoise(jnp.array([SIGMA**2])))
     stacked = stack(records[:3])
-    predictor = Predictor(likelihood, window, model.states, 2)
+    starts = tuple(f"initial_state.{name}" for name in model.states)
+    predictor = Predictor(likelihood, window, starts, 2)
     ours = predictor.predict(canonical(model), stacked.anonymous())
     together = predict(model, stacked, likelihood, window=window)
     for k, one in enumerate(records[:3]):

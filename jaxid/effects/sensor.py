@@ -332,7 +332,7 @@ def lagged_signal(
         t: time [s].
         signal: samples of y [any].
         lag: time constant [s]; for negative values the linearisation `y - lag dy/dt` is used.
-        start: `y - w` at the first sample [unit of y].
+        start: `y - w` at the first sample [unit of y]; without a lag it has no influence.
     """
 
     def follow(error, now):
@@ -344,6 +344,6 @@ def lagged_signal(
         error = error * keep + lag * rise / jnp.where(h > 0, h, 1.0) * (1.0 - keep)
         return error, error
 
-    start = jnp.asarray(start, float)
+    start = jnp.where(lag > 0, start, 0.0)
     _, error = jax.lax.scan(follow, start, (jnp.diff(signal), jnp.diff(t)))
     return signal - jnp.concatenate([start[None], error])

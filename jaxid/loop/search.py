@@ -35,9 +35,9 @@ from .problem import LoopProblem
 STALLED = 0.25
 # Chosen: share of the best fall; a candidate without a shape that scores less cannot compete.
 HOPELESS_SHARE = 0.05
-# Chosen: rise of the cost above its parent's beyond which a refit is not continued; no change of
-# hypothesis is made at such a rise.
-NEAR_PARENT = 25.0
+# Chosen: rise of the cost above its parent's, and above the lowest of the moves that compete with
+# it, beyond which a refit is not continued; no change of hypothesis is made at such a rise.
+NEAR_LOWEST = 25.0
 Progress = Callable[[str], None]
 
 
@@ -276,7 +276,7 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
 def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> list[Step]:
     """Return the refits of moves, without candidates that cannot compete with the best so far."""
     steps: list[Step] = []
-    best = 0.0
+    best, lowest = 0.0, parent.cost
     ordered = sorted(moves, key=lambda move: -move.expected)
     with compiled_ahead(tree.problem, [move.hypothesis for move in ordered]) as wait_for:
         for move in ordered:
@@ -285,17 +285,20 @@ def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> l
                 continue
             progress(f"refit with {move.hypothesis}")
             wait_for(move.hypothesis)
-            step = _step(tree, parent, move, count, options)
+            step = _step(tree, parent, move, count, options, lowest + NEAR_LOWEST)
             steps.append(step)
             tree.steps.append(step)
             if step.comparison.accepted:
                 best = max(best, step.comparison.fall)
+                lowest = min(lowest, step.fit.cost)
     return steps
 
 
-def _step(tree: SearchTree, parent: LoopFit, move: Move, count: int, options) -> Step:
+def _step(
+    tree: SearchTree, parent: LoopFit, move: Move, count: int, options, target: float
+) -> Step:
     """Return the step of a move, refused if its noise depends on a signal."""
-    new = refit(parent, move)
+    new = refit(parent, move, target)
     step = Step(parent, move, new, compare(parent, new, options, count))
     if move.kind is MoveKind.NOISE and step.comparison.accepted:
         return _without_dependence(tree, step, options)
@@ -312,13 +315,13 @@ def _without_dependence(tree: SearchTree, step: Step, options: LoopOptions) -> S
     return dataclasses.replace(step, comparison=refused)
 
 
-def refit(parent: LoopFit, move: Move) -> LoopFit:
+def refit(parent: LoopFit, move: Move, target: float = np.inf) -> LoopFit:
     """Return the fit of a move: from the parent's values, and if it stalls from others.
 
     A refit that brings much less than the linear model predicts, or does not converge, is repeated
-    from the gain that the linear model predicts, and from the declared values.
+    from the gain that the linear model predicts, and from the declared values. One that its target
+    is out of reach of is not continued.
     """
-    target = parent.cost + NEAR_PARENT
     first = fit(parent.problem, move.hypothesis, parent, move.start, target)
     others: list[tuple[LoopFit | None, Mapping[str, float]]] = []
     if move.kind is MoveKind.NOISE:

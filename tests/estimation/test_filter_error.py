@@ -1,5 +1,7 @@
 """Filter error from end to end: limits, records with gaps, batches, smoothed forces, refusals."""
 
+from types import SimpleNamespace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -94,6 +96,7 @@ def test_records_at_once_follow_from_size_of_sensitivities(records, monkeypatch)
     """The rows of the covariances count: no more is kept than stated."""
     case = checked_case(START, FREE, records, FilterError(FORCED))
     _, S = jax.eval_shape(case.problem.sensitivities, case.begin)
+    monkeypatch.setattr(problem_module, "default_device", lambda: SimpleNamespace(platform="cpu"))
     monkeypatch.setattr(problem_module, "KEPT_BYTES", 8 * S.size)
     assert case.problem.batch == 2
     monkeypatch.setattr(problem_module, "KEPT_BYTES", 8 * S.size - 1)

@@ -132,7 +132,14 @@ def test_positions_beyond_the_model_are_columns_of_zeros():
     np.testing.assert_allclose(S[..., 0], complete[..., 0], rtol=1e-12)
 
 
-def test_a_gpu_keeps_a_share_of_its_memory(monkeypatch):
+@pytest.fixture
+def cpu(monkeypatch):
+    """The sizes of a CPU, whatever device runs the test."""
+    device = SimpleNamespace(platform="cpu")
+    monkeypatch.setattr("jaxid.estimation.problem.default_device", lambda: device)
+
+
+def test_a_gpu_keeps_a_share_of_its_memory(cpu, monkeypatch):
     """No GPU is needed: only its description is read."""
     gpu = SimpleNamespace(platform="gpu", memory_stats=lambda: {"bytes_limit": 64_000_000_000})
     assert kept_bytes() == KEPT_BYTES
@@ -140,7 +147,7 @@ def test_a_gpu_keeps_a_share_of_its_memory(monkeypatch):
     assert kept_bytes() == 1_000_000_000
 
 
-def test_records_in_batches_give_same_information(monkeypatch):
+def test_records_in_batches_give_same_information(cpu, monkeypatch):
     """Sensitivities of a few records at a time are folded into the same triangles."""
     model = TwoSensors(1.5, 0.2)
     records = as_stack([a_record(model) for _ in range(6)])

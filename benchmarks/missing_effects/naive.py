@@ -71,7 +71,8 @@ def _simulated(reference: Reference):
     shared = jnp.asarray(declared.values[: len(given.free.shared)])
     model = with_values(given.model, given.free.shared, shared)
     problem = Problem.of(model, given.free, given.train, given.likelihood)
-    signals, y = _signals_of(problem, Parameters(shared, declared.solution.parameters.rows))
+    rows = jnp.asarray(declared.motion.rows)
+    signals, y = _signals_of(problem, Parameters(shared, rows))
     signals = {name: np.asarray(signal) for name, signal in signals.items()}
     signals |= {f"output {n}": np.asarray(y[..., i]) for i, n in enumerate(given.train.outputs)}
     signals |= {

@@ -318,9 +318,9 @@ def _without_dependence(tree: SearchTree, step: Step, options: LoopOptions) -> S
 def refit(parent: LoopFit, move: Move, target: float = np.inf) -> LoopFit:
     """Return the fit of a move: from the parent's values, and if it stalls from others.
 
-    A refit that brings much less than the linear model predicts, or does not converge, is repeated
-    from the gain that the linear model predicts, and from the declared values. One that its target
-    is out of reach of is not continued.
+    A refit that brings much less than the linear model predicts is repeated from the gain that the
+    linear model predicts and, if it does not converge, from the declared values. One that cannot
+    reach its target is not continued.
     """
     first = fit(parent.problem, move.hypothesis, parent, move.start, target)
     others: list[tuple[LoopFit | None, Mapping[str, float]]] = []
@@ -328,10 +328,10 @@ def refit(parent: LoopFit, move: Move, target: float = np.inf) -> LoopFit:
         if not (move.start and first.converged):  # forces start at their most probable values
             others.append((None, move.start))
     elif move.kind is not MoveKind.DROP:
-        if not first.converged or 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
+        if 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
             others.append((parent, {**move.start, **move.estimated}))
-        if not first.converged:
-            others.append((None, move.start))
+            if not first.converged:
+                others.append((None, move.start))
     fits = [first, *(fit(parent.problem, move.hypothesis, *other, target) for other in others)]
     return min(fits, key=lambda fitted: fitted.cost)
 

@@ -12,7 +12,10 @@ OTHER_NAMES = (
 
 
 def channel_names(names: Any, argument: str, where: str) -> tuple[str, ...]:
-    """Return channel names as a tuple. A string is refused: it would be split into its letters.
+    """Return channel names as a tuple.
+
+    A string is refused, which would be split into its letters, and a mapping, whose values would be
+    dropped.
 
     Args:
         names: the argument.
@@ -26,6 +29,11 @@ def channel_names(names: Any, argument: str, where: str) -> tuple[str, ...]:
         not isinstance(names, str),
         f"{where}: `{argument}` is the string {names!r}. Give a tuple of names, such as "
         f"({names!r},).",
+    )
+    require(
+        not isinstance(names, Mapping),
+        f"{where}: `{argument}` is a mapping. Give its names, such as tuple({argument}), and its "
+        f"values as one array, such as np.column_stack([*{argument}.values()]).",
     )
     require(
         isinstance(names, Sequence | set | frozenset) and not isinstance(names, bytes),

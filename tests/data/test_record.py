@@ -10,6 +10,7 @@ from record_strategies import records
 
 from jaxid._foundation.checks import InputError
 from jaxid.data import Record, record, stack
+from jaxid.data.arguments import channel_names
 from jaxid.models.base import as_float
 
 
@@ -286,3 +287,10 @@ def test_repr_has_size_units_and_missing_share():
     text = repr(stack([simple(), short]))
     for word in ("Stack of 2", "3 to 4 samples", "0.2 to 0.3 s", "14.3 %"):
         assert word in text
+
+
+def test_channels_by_name_are_refused_with_the_two_arguments():
+    """Typed as `Sequence`, `record` itself refuses a mapping where annotations execute."""
+    values = {"force": np.zeros(3)}
+    with pytest.raises(InputError, match=r"`inputs` is a mapping.*column_stack\(\[\*inputs"):
+        channel_names(values, "inputs", "The record")

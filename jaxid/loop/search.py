@@ -324,14 +324,14 @@ def refit(parent: LoopFit, move: Move, target: float = np.inf) -> LoopFit:
     """
     first = fit(parent.problem, move.hypothesis, parent, move.start, target)
     others: list[tuple[LoopFit | None, Mapping[str, float]]] = []
+    stalled = 2.0 * (parent.cost - first.cost) < STALLED * move.expected
     if move.kind is MoveKind.NOISE:
         if not (move.start and first.converged):  # forces start at their most probable values
             others.append((None, move.start))
-    elif move.kind is not MoveKind.DROP:
-        if 2.0 * (parent.cost - first.cost) < STALLED * move.expected:
-            others.append((parent, {**move.start, **move.estimated}))
-            if not first.converged:
-                others.append((None, move.start))
+    elif stalled and move.kind is not MoveKind.DROP:
+        others.append((parent, {**move.start, **move.estimated}))
+        if not first.converged:
+            others.append((None, move.start))
     fits = [first, *(fit(parent.problem, move.hypothesis, *other, target) for other in others)]
     return min(fits, key=lambda fitted: fitted.cost)
 

@@ -2,9 +2,9 @@
 [--systems NAME ...] [--log FILE]`.
 
 Fourteen systems that an engineer logs, each simulated by SciPy alone with something that its
-declared model lacks, or with nothing: loads, lags, stall, a late sensor, resistance, a hidden tank, waves,
-and effects that the library lacks. Library and options are the defaults. Three records are fitted,
-one decides, one is reported.
+declared model lacks, or with nothing: loads, lags, stall, a late sensor, resistance, a hidden tank,
+waves, and effects that the library lacks. Library and options are the defaults. Three records are
+fitted, one decides, one is reported.
 """
 
 import argparse

@@ -76,7 +76,8 @@ def test_motion_without_air_is_that_of_a_projectile():
     model = without_air(true_aircraft())
     t = jnp.linspace(0.0, 5.0, 251)
     x = simulate(
-        model, t, jnp.zeros((251, 1)), jnp.array([150.0, 10.0, 0.2, 0.5]), stepper=RK4(4)
+        *(model, t, jnp.zeros((251, 1)), jnp.array([150.0, 10.0, 0.2, 0.5])),
+        stepper=RK4(4, unrolled=False),
     ).x
     u, w, q, pitch = x.T
     north = u * jnp.cos(pitch) + w * jnp.sin(pitch)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import jax
 import pytest
+from optimised import optimised
 
 from jaxid.effects import SensorScale
 
@@ -30,7 +31,8 @@ def costs(benchmark):
         return effect.name.endswith("in Cm") or isinstance(effect, SensorScale)
 
     jax.clear_caches()  # programs that another module compiled are not counted
-    return benchmark.study(benchmark.Size(COUNT, 501, 3), of_moment_or_scale)
+    with optimised():
+        return benchmark.study(benchmark.Size(COUNT, 501, 3), of_moment_or_scale)
 
 
 def test_loop_adds_only_planted_effect_and_reaches_noise_level(benchmark, costs):

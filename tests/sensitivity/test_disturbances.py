@@ -31,15 +31,21 @@ class Duffing(AbstractModel):
 MODEL, STEPPER = Duffing(jnp.array(2.0)), Adaptive(rtol=1e-11, atol=1e-12)
 
 
-def errors(h):
-    """Largest errors of the matrices of one interval of length h."""
-    t, u = jnp.array([0.0, h]), jnp.array([[0.3, 0.0], [0.1, 0.0]])
-    motion = disturbed_motion(MODEL, START, t, u, Linear(), STEPPER)
+@jax.jit
+def motion_and_derivatives(t):
+    """Motion of one interval, and derivatives of its end by its start and by the inputs."""
+    u = jnp.array([[0.3, 0.0], [0.1, 0.0]])
 
     def after(x, ends):
         return simulate(MODEL, t, u + ends, x, hold=Linear(), stepper=STEPPER).x[-1]
 
-    Phi, ends = jax.jacfwd(after, argnums=(0, 1))(START, jnp.zeros((2, 2)))
+    motion = disturbed_motion(MODEL, START, t, u, Linear(), STEPPER)
+    return motion, *jax.jacfwd(after, argnums=(0, 1))(START, jnp.zeros((2, 2)))
+
+
+def errors(h):
+    """Largest errors of the matrices of one interval of length h."""
+    motion, Phi, ends = motion_and_derivatives(jnp.array([0.0, h]))
     # the pushes: equations of x and v, inputs force and push, which is the equation of v again
     found = motion.Phi[0], motion.P[0][:, 2:], motion.Q[0][:, 2:]
     np.testing.assert_allclose(motion.P[0][:, 1], motion.P[0][:, 3], atol=1e-14)

@@ -72,7 +72,14 @@ def with_array_leaves(model, leaves: list[Array]):
 def read_parameters(model, names: tuple[str, ...]) -> Float[Array, " parameter"]:
     """Values of the named parameters."""
     available = parameter_names(model)
-    return flatten(model)[0][np.array([available.index(name) for name in names], int)]
+    at = np.array([available.index(name) for name in names], int)
+    return _selected(array_leaves(model), at=at)
+
+
+@on_host
+def _selected(xp, leaves, at):
+    """Return the elements at some positions of the vector of all leaves."""
+    return xp.concatenate([xp.zeros(0), *(xp.ravel(leaf) for leaf in leaves)])[at]
 
 
 def _walk(node, prefix: str) -> Iterator[str]:

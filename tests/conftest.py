@@ -26,14 +26,11 @@ os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Without the emitters a test file takes 36 s in place of 47; compiled in one part in place of 32, a
-# program takes 0.7 of the processor time. The last two are those of `optimised` in the helpers.
-# XLA ends the process at a flag that it does not know, so another process tries each; workers
-# inherit the result.
+# program takes 0.7 of the processor time. XLA ends the process at a flag that it does not know, so
+# another process tries each; workers inherit the result.
 FASTER_COMPILATION = (
     "--xla_cpu_use_fusion_emitters=false",
     "--xla_cpu_parallel_codegen_split_count=1",
-    "--xla_backend_optimization_level=1",
-    "--xla_llvm_disable_expensive_passes=true",
 )
 
 

@@ -5,7 +5,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from optimised import optimised
 from reference_estimation import Lag, lag_rhs, rk4
 from scipy.special import stdtr
 from scipy.stats import binom, norm
@@ -52,8 +51,7 @@ def estimates(key, rows, rho, gaps=0.0):
             OutputError(),
         )
 
-    with optimised():
-        return eqx.filter_jit(eqx.filter_vmap(one))(jnp.where(valid, z, 0.0), valid)
+    return eqx.filter_jit(eqx.filter_vmap(one))(jnp.where(valid, z, 0.0), valid)
 
 
 @pytest.fixture(scope="module")

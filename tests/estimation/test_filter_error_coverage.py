@@ -3,7 +3,6 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from optimised import optimised
 from reference_estimation import Lag
 from scipy.stats import binom
 
@@ -43,8 +42,7 @@ def test_intervals_hold_parameters_and_noises(seed):
         known = eqx.tree_at(lambda node: node.z, template, z[:, None])
         return estimate(model, chosen, known, FilterError(process={"x": 0.3}, noise={"x": 0.2}))
 
-    with optimised():
-        fits = eqx.filter_jit(eqx.filter_vmap(single))(jnp.asarray(z))
+    fits = eqx.filter_jit(eqx.filter_vmap(single))(jnp.asarray(z))
     assert bool(jnp.all(fits.successful))
     assert fits.names == tuple(TRUTH)
     ends, truth = np.asarray(fits.interval()), np.array(list(TRUTH.values()))

@@ -4,7 +4,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from optimised import optimised
 from scipy import linalg, optimize
 from scipy.stats import binom
 
@@ -132,8 +131,7 @@ def test_intervals_hold_the_truth():
 
         return eqx.filter_vmap(fit)(z)
 
-    with optimised():
-        batch = many(jnp.asarray(flights(draws, 7, MANY)))
+    batch = many(jnp.asarray(flights(draws, 7, MANY)))
     assert np.all(batch.successful)
     distance = np.asarray(batch.values)[:, :3] - np.array([-2.0, -0.4, 1.5])
     inside = np.abs(distance) <= 1.959964 * np.asarray(batch.standard_errors)[:, :3]

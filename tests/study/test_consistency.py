@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from notebook_cells import assert_has_printed_lines
-from optimised import optimised
 from statsmodels.stats.multitest import multipletests
 
 import jaxid
@@ -336,9 +335,9 @@ def test_intervals_of_simulated_flights_cover_planted_errors(benchmark, noisy, k
     `python -m benchmarks.consistency` does the same with 1,000 flights of 10 s. With noise in the
     inputs the Cramer-Rao bound alone covers too little, which it must, or the noise was none.
     """
-    with optimised():
-        flights = benchmark.flights(200, noisy_inputs=noisy, chunk=200, seconds=6.0)
-    coverage = benchmark.coverage(flights)
+    coverage = benchmark.coverage(
+        benchmark.flights(200, noisy_inputs=noisy, chunk=200, seconds=6.0)
+    )
     assert coverage["converged"] == 200
     assert 0.87 < coverage["band"][0] < 0.89
     assert benchmark.within(coverage, kind), benchmark.table(

@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from optimised import optimised
 
 import jaxid
 from jaxid.effects import InputDelay, Term
@@ -107,17 +106,16 @@ def test_loop_restarts_filter_from_declared_values():
     wind that wanders.
     """
     records, gusts, model, free = declared(400, count=5)
-    with optimised():
-        study = jaxid.close_loop(
-            model,
-            free,
-            jaxid.OutputError(),
-            train=records[:3],
-            check=records[3],
-            test=records[4],
-            effects=(Term("r", "v r"), InputDelay("rudder")),
-            window=50,
-        )
+    study = jaxid.close_loop(
+        model,
+        free,
+        jaxid.OutputError(),
+        train=records[:3],
+        check=records[3],
+        test=records[4],
+        effects=(Term("r", "v r"), InputDelay("rudder")),
+        window=50,
+    )
     assert study.outcome is Outcome.PROCESS_NOISE
     assert abs(study.before.estimate.value("derivatives.Nr") / TRUE["Nr"] - 1.0) > 0.3
     estimate = study.after.estimate

@@ -174,8 +174,13 @@ def posterior(
     xi, divergent = _chains(blackjax, problem, centre, key, draws, warmup, chains)
     values, ratio, effective = _diagnosed(blackjax, centre, xi)
     return Posterior(
-        *(estimate.names, estimate.free.per_record),
-        *(values.shared, values.rows, divergent, ratio, effective),
+        estimate.names,
+        estimate.free.per_record,
+        values.shared,
+        values.rows,
+        divergent,
+        ratio,
+        effective,
     )
 
 
@@ -265,9 +270,10 @@ def _diagnosed(blackjax, centre: _Coordinates, xi: Parameters):
     """Return the drawn parameters, and the ratio of scatters and the effective number of draws of
     the shared ones (jitted).
     """
-    values, of = jax.vmap(jax.vmap(centre))(xi), blackjax.diagnostics
-    diagnosed = of.potential_scale_reduction, of.effective_sample_size
-    return values, *(jnp.atleast_1d(function(values.shared)) for function in diagnosed)
+    values, diagnostics = jax.vmap(jax.vmap(centre))(xi), blackjax.diagnostics
+    ratio = diagnostics.potential_scale_reduction(values.shared)
+    effective = diagnostics.effective_sample_size(values.shared)
+    return values, jnp.atleast_1d(ratio), jnp.atleast_1d(effective)
 
 
 def _within(log_density, xi: Parameters) -> Parameters:

@@ -48,6 +48,7 @@ MEASURED = (InputBias("u"), InputScale("u"))  # effects of inputs measured by in
 BY_HAND = (*MEASURED, InputHysteresis("u"))
 LIBRARY = Augmented(MODEL, (*general_effects(MODEL, ("x", "v")), *BY_HAND)).effects_in
 NAMES = [effect.name for effect in LIBRARY]
+ONE_OF_EACH_CLASS = {type(effect): effect.name for effect in reversed(LIBRARY)}.values()
 # effects without influence here: the level is not exceeded, or there is no grid
 WITHOUT_INFLUENCE = {"upper saturation of y", "lower saturation of y", "quantisation of y"}
 STEP = 1e-5
@@ -364,10 +365,15 @@ def test_effect_in_model_is_not_a_candidate(effects, candidates, name):
     same = {one.name for one in candidates} - {one.name for one in offered}
     family = effects[NAMES.index(name)].card.family
     assert all(one.card.family == family for one in candidates if one.name in same)
-    both = Augmented(model, offered)  # checks names, states and terms
-    assert np.all(
-        np.isfinite(both.rhs(jnp.zeros(()), jnp.full(len(both.states), 0.5), jnp.ones(1)))
-    )
+    Augmented(model, offered)  # checks names, states and terms
+
+
+@pytest.mark.parametrize("name", ONE_OF_EACH_CLASS)
+def test_rates_with_effect_and_all_candidates_are_finite(effects, name):
+    model = Augmented(MODEL, (effects[NAMES.index(name)],))
+    both = Augmented(model, general_effects(model))
+    rates = both.rhs(jnp.zeros(()), jnp.full(len(both.states), 0.5), jnp.ones(1))
+    assert np.all(np.isfinite(rates))
 
 
 def test_name_that_cannot_be_in_term_is_refused():

@@ -65,9 +65,9 @@ def difference(model, names, likelihood, rec):
     family = FreeModel(problem.model, flat, problem.positions)
     theta = jnp.concatenate([jnp.array([0.3, -0.1]), flat[problem.positions.shared]])
 
-    substeps = likelihood.stepper.substeps
-    stepper = RK4(substeps, unrolled=False, linearised=False)
-    reference = dataclasses.replace(problem.likelihood, stepper=stepper)
+    reference = dataclasses.replace(
+        problem.likelihood, stepper=RK4(likelihood.stepper.substeps, linearised=False)
+    )
 
     @fast_compile_jit
     def both(family, theta, case):

@@ -381,9 +381,9 @@ def test_coefficients_of_a_short_record_are_within_four_standard_errors(key):
     names = ("Cm.alpha", "Cm.qhat", "Cm.stabilator", "CZ.alpha")
     truth = read_parameters(model, names)
     start = with_values(model, names, 0.9 * truth)
-    chosen = free(start, *names, per_record=("initial_state",))
-    likelihood = OutputError(stepper=RK4(unrolled=False))
-    fit = estimate(start, chosen, made, likelihood, throw=True)
+    fit = estimate(
+        start, free(start, *names, per_record=("initial_state",)), made, OutputError(), throw=True
+    )
     errors = np.array([fit.value(name) for name in names]) - truth
     sizes = np.array([fit.standard_error(name) for name in names])
     np.testing.assert_array_less(np.abs(errors), 4.0 * sizes)

@@ -62,7 +62,7 @@ hypothesis.settings.register_profile("jaxid", deadline=None, derandomize=True, p
 hypothesis.settings.load_profile("jaxid")
 
 STATM = Path("/proc/self/statm")  # on Linux: pages of memory of this process
-# with the C library of GNU: returns free memory to the system
+# of the C library of GNU
 TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
 LARGEST_WORKER = 1.5e9  # bytes beyond which compiled programs are released (chosen)
 CACHE_RACE = "ignore:Error (reading|writing) persistent compilation cache entry:UserWarning"
@@ -88,22 +88,35 @@ def compiler_setting_stays():
     assert jax.config.read("jax_disable_most_optimizations") == before
 
 
+def trim() -> None:
+    """Return free memory to the system, where the C library can."""
+    if TRIM is not None:
+        TRIM(0)
+
+
+def is_large() -> bool:
+    """True if this process is larger than `LARGEST_WORKER`, or its size is unknown."""
+    if not STATM.exists():
+        return True
+    return int(STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > LARGEST_WORKER
+
+
 @pytest.fixture(scope="module", autouse=True)
 def release_compiled_programs():
     """Release the compiled programs after a module if the process has become large; a worker would
     grow by several gigabytes.
 
-    The allocator keeps the memory of released programs unless it is trimmed, and the next module
-    would find the process as large as before and release its programs again.
+    The allocator keeps free memory, of large arrays as of released programs, unless it is trimmed:
+    programs are released only if the process is still large without it.
     """
     from jaxid._foundation.memory import release_compiled_programs_if_needed
 
     yield
-    pages = int(STATM.read_text().split()[1]) if STATM.exists() else None
-    if pages is None or pages * os.sysconf("SC_PAGE_SIZE") > LARGEST_WORKER:
-        jax.clear_caches()
-        if TRIM is not None:
-            TRIM(0)
+    if is_large():
+        trim()
+        if is_large():
+            jax.clear_caches()
+            trim()
     release_compiled_programs_if_needed()
 
 

@@ -89,20 +89,35 @@ def test_folder_and_threshold_of_the_environment_are_kept(new_environment, tmp_p
 
 
 def test_false_leaves_settings_unchanged(new_environment, tmp_path):
-    assert settings("jaxid.configure(cache=False, float64=False)", new_environment) == (
-        settings("", new_environment)
-    )
+    done = run(f"{REPORT}\njaxid.configure(cache=False, float64=False)\n{REPORT}", new_environment)
+    before, after = done.stdout.splitlines()
+    assert len(json.loads(before)) == len(SETTINGS)
+    assert after == before
     assert not (tmp_path / "user cache").exists()
 
 
+NPROC = """
+import os
+
+def threads(**variables):
+    os.environ.pop("NPROC", None)
+    os.environ.update(variables)
+    jaxid.configure(cache=False)
+    print(os.environ.get("NPROC"))
+
+flags = os.environ.get("XLA_FLAGS", "")
+threads()
+threads(XLA_FLAGS=f"{flags} --xla_force_host_platform_device_count=5")
+threads(NPROC="3")
+"""
+
+
 def test_pool_has_threads_for_several_devices_unless_the_user_sets_their_number(new_environment):
-    code = "jaxid.configure(cache=False)\nimport os; print(os.environ.get('NPROC'))"
-    without = {name: value for name, value in new_environment.items() if name != "NPROC"}
-    flags = f"{without.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=5"
-    assert run(code, without).stdout == "None\n"
-    assert int(run(code, without | {"XLA_FLAGS": flags}).stdout) >= 20
-    assert int(run(code, without | {"JAX_NUM_CPU_DEVICES": "6"}).stdout) >= 24
-    assert run(code, without | {"XLA_FLAGS": flags, "NPROC": "3"}).stdout == "3\n"
+    none, five, chosen = run(NPROC, new_environment).stdout.splitlines()
+    assert (none, chosen) == ("None", "3")
+    assert int(five) >= 20
+    six = run(NPROC, new_environment | {"JAX_NUM_CPU_DEVICES": "6"}).stdout.splitlines()
+    assert int(six[0]) >= 24
 
 
 def test_devices_that_decompose_batches_at_once_do_not_stand_still(new_environment):

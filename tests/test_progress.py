@@ -104,38 +104,41 @@ def test_error_passes():
         raise ZeroDivisionError
 
 
-def executed(progress):
-    cells = [nbformat.v4.new_code_cell(CODE.format(progress=progress))]
-    notebook = nbformat.v4.new_notebook(cells=cells)
-    return NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
+@pytest.fixture(scope="module")
+def notebook():
+    """Cells of a notebook after its run, and the lines of each output that a cell updates.
 
-
-@pytest.fixture
-def shown(monkeypatch):
-    """The lines of the output that a notebook updates."""
-    lines = []
-    monkeypatch.setattr(
-        NotebookClient,
-        "_update_display_id",
-        lambda self, display_id, message: lines.append(message["content"]["data"]["text/plain"]),
-    )
-    return lines
-
-
-def test_notebook_shows_one_line_that_is_emptied(shown):
-    cell = executed(True)["cells"][0]
-    assert [output["output_type"] for output in cell["outputs"]] == ["display_data", "stream"]
-    words = [" ".join(line.split()[2:]) for line in shown]
-    assert [text for text, _ in groupby(words)] == ["", "round 1 [/b]", "assessment", ""]
-    assert [output["output_type"] for output in executed(False)["cells"][0]["outputs"]] == [
-        "stream"
-    ]
-
-
-def test_notebook_counts_the_seconds_of_a_long_step(shown):
-    code = CODE.replace('show("assessment")', "time.sleep(0.6)").format(progress=True)
+    A cell that shows its progress, one that does not, and one with a long step.
+    """
     setting = "import time\nimport jaxid._foundation.progress as of\nof.REFRESH = 0.1\n"
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(setting + code)])
-    cell = NotebookClient(notebook, timeout=120, kernel_name="python3").execute()["cells"][0]
-    assert sum("round 1" in line for line in shown) > 2
-    assert [output["output_type"] for output in cell["outputs"]] == ["display_data", "stream"]
+    long = setting + CODE.replace('show("assessment")', "time.sleep(0.6)")
+    codes = (CODE.format(progress=True), CODE.format(progress=False), long.format(progress=True))
+    lines = {}
+
+    def update(self, display_id, message):
+        lines.setdefault(display_id, []).append(message["content"]["data"]["text/plain"])
+
+    book = nbformat.v4.new_notebook(cells=list(map(nbformat.v4.new_code_cell, codes)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(NotebookClient, "_update_display_id", update)
+        NotebookClient(book, timeout=120, kernel_name="python3").execute()
+    return book["cells"], list(lines.values())
+
+
+def output_types(cell):
+    return [output["output_type"] for output in cell["outputs"]]
+
+
+def test_notebook_shows_one_line_that_is_emptied(notebook):
+    (shown, silent, _), lines = notebook
+    assert output_types(shown) == ["display_data", "stream"]
+    words = [" ".join(line.split()[2:]) for line in lines[0]]
+    assert [text for text, _ in groupby(words)] == ["", "round 1 [/b]", "assessment", ""]
+    assert output_types(silent) == ["stream"]
+
+
+def test_notebook_counts_the_seconds_of_a_long_step(notebook):
+    (*_, long), lines = notebook
+    assert len(lines) == 2  # of the first cell and of this one
+    assert sum("round 1" in line for line in lines[1]) > 2
+    assert output_types(long) == ["display_data", "stream"]

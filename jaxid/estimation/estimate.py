@@ -23,6 +23,7 @@ from ..models.free import Free, Parameters, initial_parameters
 from ..sensitivity.information import Information, OwnBlock
 from ..sensitivity.spectrum import Spectrum, spectrum
 from ..simulation.simulate import explain_divergence
+from ..simulation.solution import Solution
 from .argument_checks import check_arguments, require_records
 from .coloured_errors import coloured_variances
 from .likelihoods import AbstractLikelihood, OutputError
@@ -371,8 +372,8 @@ def divergence(
     """
     problem = Problem.of(model, free, records, likelihood)
     begin = initial_parameters(model, problem.positions, records)
-    solution = problem.solve(begin)
-    case = int(jnp.argmin(solution.finite))
+    solution = _solved(problem, begin)
+    case = int(np.argmin(solution.finite))
     message = explain_divergence(
         jax.tree.map(lambda leaf: leaf[case], solution), model, f"record {case}"
     )
@@ -381,3 +382,9 @@ def divergence(
         for name, value in zip(free.shared, begin.shared, strict=True)
     )
     return InputError(f"{message} The parameters were {values}.")
+
+
+@fast_compile_jit
+def _solved(problem: Problem, parameters: Parameters) -> Solution:
+    """Return the simulation of every record (jitted)."""
+    return problem.solve(parameters)

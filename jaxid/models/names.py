@@ -53,9 +53,9 @@ def flat_vector(model) -> Float[Array, " parameter"]:
 
 
 @on_host
-def _joined(xp, leaves):
-    """Return arrays as one vector."""
-    return xp.concatenate([xp.zeros(0), *(xp.ravel(leaf) for leaf in leaves)])
+def _joined(xp, leaves, at=slice(None)):
+    """Return arrays as one vector, or the elements at some positions of it."""
+    return xp.concatenate([xp.zeros(0), *(xp.ravel(leaf) for leaf in leaves)])[at]
 
 
 def array_leaves(model) -> list[Array]:
@@ -72,7 +72,8 @@ def with_array_leaves(model, leaves: list[Array]):
 def read_parameters(model, names: tuple[str, ...]) -> Float[Array, " parameter"]:
     """Values of the named parameters."""
     available = parameter_names(model)
-    return flatten(model)[0][np.array([available.index(name) for name in names], int)]
+    at = np.array([available.index(name) for name in names], int)
+    return _joined(array_leaves(model), at=at)
 
 
 def _walk(node, prefix: str) -> Iterator[str]:

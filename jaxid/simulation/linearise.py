@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
+from .._foundation.host import on_host
 from .._foundation.types import Array, Float, Numbers
 from ..models.base import AbstractModel, canonical
 from ..models.equation_shapes import check_equations
@@ -66,8 +67,8 @@ class Linearisation(eqx.Module):
             selected.append(names)
             at.append(np.array([available.index(name) for name in names], int))
         x, u, y = at
-        A, B = self.A[..., x[:, None], x[None]], self.B[..., x[:, None], u[None]]
-        C, D = self.C[..., y[:, None], x[None]], self.D[..., y[:, None], u[None]]
+        A, B = _block(self.A, rows=x, columns=x), _block(self.B, rows=x, columns=u)
+        C, D = _block(self.C, rows=y, columns=x), _block(self.D, rows=y, columns=u)
         return Linearisation(A, B, C, D, *selected)
 
     def as_model(self) -> LinearModel:
@@ -137,6 +138,12 @@ def _derivatives(model: AbstractModel, t: Array, x: Array, u: Array):
         return model.rhs(t, x, u), model.output(t, x, u)
 
     return jax.jacfwd(both, argnums=(0, 1))(x, u)
+
+
+@on_host
+def _block(xp, matrix, rows, columns):
+    """Return some rows and columns of a matrix."""
+    return matrix[..., rows[:, None], columns[None]]
 
 
 def _table(title: str, matrix: Array, rows: Sequence[str], columns: Sequence[str]) -> list[str]:

@@ -5,6 +5,7 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 
 from .._foundation.checks import InputError, require, require_float64
@@ -133,8 +134,8 @@ def _observed(model, t, x, u, dx) -> Float[Array, "time output"]:
 
 def explain_divergence(solution: Solution, model: AbstractModel, where: str) -> InputError:
     """Return the error with time and state at which a simulation first is not finite."""
-    bad = ~jnp.isfinite(solution.x)
-    row = int(jnp.argmax(jnp.any(bad, axis=-1)))
+    bad = ~np.isfinite(np.asarray(solution.x))
+    row = int(np.argmax(np.any(bad, axis=-1)))
     states = [name for name, wrong in zip(model.states, bad[row], strict=True) if wrong] or list(
         model.outputs
     )

@@ -172,16 +172,15 @@ def posterior(
     problem = Problem.of(estimate.model, estimate.free, records, likelihood)
     centre = _coordinates(problem, estimate)
     xi, divergent = _chains(blackjax, problem, centre, key, draws, warmup, chains)
-    values = jax.vmap(jax.vmap(centre))(xi)
-    diagnostics = blackjax.diagnostics
+    values, ratio, effective = _diagnosed(blackjax, centre, xi)
     return Posterior(
         estimate.names,
         estimate.free.per_record,
         values.shared,
         values.rows,
         divergent,
-        jnp.atleast_1d(diagnostics.potential_scale_reduction(values.shared)),
-        jnp.atleast_1d(diagnostics.effective_sample_size(values.shared)),
+        ratio,
+        effective,
     )
 
 
@@ -264,6 +263,17 @@ def _chains(blackjax, problem: Problem, centre: _Coordinates, key, draws, warmup
         return jax.lax.scan(step, state, jax.random.split(run, draws))[1]
 
     return jax.vmap(chain)(jax.random.split(key, chains))
+
+
+@eqx.filter_jit
+def _diagnosed(blackjax, centre: _Coordinates, xi: Parameters):
+    """Return the drawn parameters, and the ratio of scatters and the effective number of draws of
+    the shared ones (jitted).
+    """
+    values, diagnostics = jax.vmap(jax.vmap(centre))(xi), blackjax.diagnostics
+    ratio = diagnostics.potential_scale_reduction(values.shared)
+    effective = diagnostics.effective_sample_size(values.shared)
+    return values, jnp.atleast_1d(ratio), jnp.atleast_1d(effective)
 
 
 def _within(log_density, xi: Parameters) -> Parameters:

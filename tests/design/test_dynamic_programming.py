@@ -235,15 +235,25 @@ def test_carried_information_equals_that_of_the_final_signal(options):
     )
     levels = np.random.default_rng(3).choice([-1.0, 0.0, 0.5, 1.0], size=(4, 2))
     deviation = task.deviation(jnp.asarray(levels.T))
-    sequence = _start(task, information, deviation)
-    sequence = jax.tree.map(lambda leaf: leaf[None], sequence)
+
+    @jax.jit
+    def start(deviation):
+        sequence = _start(task, information, deviation)
+        return jax.tree.map(lambda leaf: leaf[None], sequence)
+
+    @jax.jit
+    def after_stage(times, sequence, level):
+        return _after_stage(task, information, times, sequence, level[None])
+
+    sequence = start(deviation)
     for number, level in enumerate(levels):
         times = t[number * stage : (number + 1) * stage + 1]
-        sequence = _after_stage(task, information, times, sequence, jnp.asarray(level)[None])
+        sequence = after_stage(times, sequence, level)
     sequence = jax.tree.map(lambda leaf: leaf[0], sequence)
 
     u = deviation + task.trim_input[None]
-    S = np.concatenate(information.hypothesis.sensitivities(t, u, likelihood), axis=1)
+    sensitivities = jax.jit(lambda u: information.hypothesis.sensitivities(t, u, likelihood))
+    S = np.concatenate(sensitivities(u), axis=1)
     length = np.linalg.norm(S, axis=0)
     known = np.diag((WEAK * length) ** 2)
     known[3:, 3:] += earlier.T @ earlier
@@ -261,12 +271,11 @@ def test_carried_information_equals_that_of_the_final_signal(options):
     left = pure[3:, 3:] - pure[3:, :3] @ np.linalg.solve(pure[:3, :3], pure[:3, 3:])
     np.testing.assert_allclose(left, shown.factor.T @ shown.factor, rtol=1e-9)
 
-    def exact(values):
-        return jnp.max(values, axis=0)
+    @jax.jit
+    def largest_ratios(deviation):
+        return task.ratios(t, deviation, lambda values: jnp.max(values, axis=0))[0]
 
-    np.testing.assert_allclose(
-        sequence.used, task.ratios(t, deviation, exact)[0], rtol=1e-10, atol=1e-12
-    )
+    np.testing.assert_allclose(sequence.used, largest_ratios(deviation), rtol=1e-10, atol=1e-12)
 
 
 def test_envelope_holds_in_an_independent_simulation_and_costs_information():

@@ -1,5 +1,6 @@
 """Effects of an actuator: rate limit, position limit, dead zone and hysteresis."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,17 +31,22 @@ def plant_input(effects, u, hold=None):
     """Return the input that the plant receives, at the samples."""
     model = Augmented(DIRECT, effects)
     made = record(T, u[:, None], u[:, None], inputs=("u",), outputs=("y",))
-    actual = simulate(model, T, u[:, None], model.initial_state(made), hold=hold, stepper=RK4(2))
+    begin, stepper = model.initial_state(made), RK4(2, unrolled=False)
+    actual = simulate(model, T, u[:, None], begin, hold=hold, stepper=stepper)
     return np.asarray(actual.y[:, 0])
+
+
+@eqx.filter_jit
+def changed_input(effect, hold, u, at):
+    """Return the input behind an effect at some times."""
+    path = effect.input_signal(hold.path(jnp.asarray(T), u[:, None]), ("u",))
+    return jax.vmap(path)(at)[:, 0]
 
 
 def limited(u, limit, gain=1.0, hold=None, at=T):
     """Return the rate-limited input at some times."""
     effect = InputRateLimit("u", gain=jnp.array(gain), limit=jnp.array(limit))
-    path = effect.input_signal(
-        (hold or Linear()).path(jnp.asarray(T), jnp.asarray(u)[:, None]), ("u",)
-    )
-    return np.asarray(jax.vmap(path)(jnp.asarray(at)))[:, 0]
+    return np.asarray(changed_input(effect, hold or Linear(), u, at))
 
 
 def ideal(u, limit, step):
@@ -106,10 +112,7 @@ def test_rate_limit_at_half_gain_is_mean_of_input_and_limited_input():
 def hysteretic(u, gain, width, hold=None, at=T):
     """Return the input after hysteresis at some times."""
     effect = InputHysteresis("u", gain=jnp.array(gain), width=jnp.array(width))
-    path = effect.input_signal(
-        (hold or Linear()).path(jnp.asarray(T), jnp.asarray(u)[:, None]), ("u",)
-    )
-    return np.asarray(jax.vmap(path)(jnp.asarray(at)))[:, 0]
+    return np.asarray(changed_input(effect, hold or Linear(), u, at))
 
 
 def bouc_wen(u, width):

@@ -43,7 +43,8 @@ def lagged(signal, gain=1.0, time=0.4):
 def run(effects, u, start=0.0):
     model = Augmented(Integrator(), effects)
     extra = len(model.states) - 2
-    actual = simulate(model, T, u[:, None], np.r_[start, 0.0, np.zeros(extra)], stepper=RK4(2)).x
+    begin, stepper = np.r_[start, 0.0, np.zeros(extra)], RK4(2, unrolled=False)
+    actual = simulate(model, T, u[:, None], begin, stepper=stepper).x
     return dict(zip(model.states, np.asarray(actual).T, strict=True))
 
 

@@ -1,5 +1,6 @@
 """Filter error of a linear model against the joint Gaussian of all samples, and statsmodels."""
 
+import compiled_problem as compiled
 import dense_gaussian as dense
 import equinox as eqx
 import jax
@@ -112,10 +113,11 @@ def parts_of(theta):
     return own, np.array([[0.0], [theta["B[1,0]"]]]), GG, P0, R
 
 
+@eqx.filter_jit
 def filter_of(problem, theta, **options):
-    model, x0 = problem.model_of(Parameters(jnp.asarray(theta), jnp.zeros((1, 0))), 0)
+    model, x0 = problem.model_of(Parameters(theta, jnp.zeros((1, 0))), 0)
     one = jax.tree.map(lambda leaf: leaf[0], problem.records)
-    return kalman_filter(model, one, x0, Linear(), 1, **options), model
+    return kalman_filter(model, one, x0, Linear(), 1, **options)
 
 
 @pytest.mark.parametrize("gaps", [False, True])
@@ -167,9 +169,9 @@ def test_filter_and_smoother_equal_posterior(case, gaps):
     t, u, z = data(True, gaps)
     problem, _ = problem_of(t, u, z, FilterError(**PARTS))
     values = THETA | CASES[case]
-    filtered, _ = filter_of(problem, [values[name] for name in NAMES])
-    x, factor = smooth_filtered(filtered)
-    P = factor @ jnp.swapaxes(factor, 1, 2)
+    filtered = filter_of(problem, jnp.array([values[name] for name in NAMES]))
+    x, factor = map(np.asarray, eqx.filter_jit(smooth_filtered)(filtered))
+    P = factor @ np.swapaxes(factor, 1, 2)
     own, input_matrix, GG, P0, r = parts_of(values)
     mean, covariance = dense.joint(dense.discrete(own, input_matrix, GG, t, u), np.zeros(2), P0)
     residual, sigma, H = dense.measured(mean, covariance, C, r, z)
@@ -179,27 +181,27 @@ def test_filter_and_smoother_equal_posterior(case, gaps):
     np.testing.assert_allclose(np.ravel(x), mean.ravel().real + gain @ residual.real, atol=1e-9)
     blocks = posterior.reshape(SAMPLES, 2, SAMPLES, 2)
     np.testing.assert_allclose(P, np.stack([blocks[i, :, i] for i in range(SAMPLES)]), atol=1e-9)
-    np.testing.assert_allclose(filtered.x[-1], np.asarray(x)[-1], rtol=1e-12)
+    np.testing.assert_allclose(filtered.x[-1], x[-1], rtol=1e-12)
 
 
 def test_iterated_update_changes_nothing_in_linear_model():
     t, u, z = data()
     problem, _ = problem_of(t, u, z, FilterError(**PARTS))
-    theta = [THETA[name] for name in NAMES]
-    once, _ = filter_of(problem, theta)
-    thrice, _ = filter_of(problem, theta, updates=3)
+    theta = jnp.array([THETA[name] for name in NAMES])
+    once, thrice = filter_of(problem, theta), filter_of(problem, theta, updates=3)
     np.testing.assert_allclose(once.v, thrice.v, atol=1e-12)
     np.testing.assert_allclose(once.P, thrice.P, atol=1e-14)
     iterated, _ = problem_of(t, u, z, FilterError(**PARTS, updates=2))
-    _, one, _ = evaluated(problem, jnp.asarray(theta))
-    _, two, _ = evaluated(iterated, jnp.asarray(theta))
+    _, one, _ = evaluated(problem, theta)
+    _, two, _ = evaluated(iterated, theta)
     np.testing.assert_allclose(two.factor, one.factor, rtol=1e-9, atol=1e-9)
 
 
 def test_steady_covariance_equals_riccati_equation():
     t, u, z = data()
     problem, _ = problem_of(t, u, z, FilterError(**PARTS))
-    steady, _ = filter_of(problem, [THETA[name] for name in NAMES], steady=True)
+    theta = jnp.array([THETA[name] for name in NAMES])
+    steady = filter_of(problem, theta, steady=True)
     own, _, GG, _, r = parts_of(THETA)
     Phi, Q = dense.van_loan(own, GG, 0.06)
     P = solve_discrete_are(Phi.T, C.T, Q, np.diag(r**2))
@@ -234,8 +236,8 @@ def test_no_process_noise_equals_output_error():
     begin, plain = (
         initial_parameters(one.model, one.positions, records) for one in (problem, other)
     )
-    cost, linearised = problem.evaluate(begin)
-    expected, reference_linearised = other.evaluate(plain)
+    cost, linearised = compiled.evaluate(problem, begin)
+    expected, reference_linearised = compiled.evaluate(other, plain)
     np.testing.assert_allclose(cost, expected, rtol=1e-12)
     (g, g_own), (e, e_own) = (
         one.information.gradient() for one in (linearised, reference_linearised)

@@ -62,16 +62,19 @@ def test_columns_of_model_equal_derivatives_with_gain_held(case):
     flat, one = jax.tree.map(lambda leaf: leaf[0], problem.cases())
     family = FreeModel(problem.model, flat, problem.positions)
     theta = jnp.concatenate([begin.rows[0], begin.shared])
-    model, x0 = family(theta)
-    filtered = likelihood.filter(model, one, x0)
-    inverse = inverse_cholesky(filtered.B)
     substeps = likelihood.stepper.substeps
-    samples, _ = filter_signals(model, one, likelihood.hold, substeps)
-    H = jax.vmap(jax.jacfwd(model.output, argnums=1))(samples.t, filtered.x_predicted, samples.u)
-    H = jnp.where(one.mask[..., None], H, 0.0)
-    K = filtered.P_predicted @ H.mT @ inverse.mT @ inverse
 
-    def white(theta):
+    def gains(theta):
+        model, x0 = family(theta)
+        filtered = likelihood.filter(model, one, x0)
+        inverse = inverse_cholesky(filtered.B)
+        samples, _ = filter_signals(model, one, likelihood.hold, substeps)
+        slope = jax.vmap(jax.jacfwd(model.output, argnums=1))
+        H = slope(samples.t, filtered.x_predicted, samples.u)
+        H = jnp.where(one.mask[..., None], H, 0.0)
+        return filtered.P_predicted @ H.mT @ inverse.mT @ inverse, inverse
+
+    def white(theta, K, inverse):
         model, x0 = family(theta)
         samples, steps = filter_signals(model, one, likelihood.hold, substeps)
 
@@ -86,7 +89,12 @@ def test_columns_of_model_equal_derivatives_with_gain_held(case):
 
         return jax.lax.scan(interval, x0, (samples, steps, K, inverse))[1].reshape(-1)
 
-    w, J = jax.jit(lambda theta: value_and_jacobian(white, theta))(theta)
+    @jax.jit
+    def white_at_start(theta):
+        held = gains(theta)
+        return value_and_jacobian(lambda theta: white(theta, *held), theta)
+
+    w, J = map(np.asarray, white_at_start(theta))
     own = np.s_[: begin.rows.size + physics]
     information, gradient = squares(frozen(problem), begin)
     expected = (J.T @ J)[own, own], -(J.T @ w)[own]

@@ -183,7 +183,7 @@ def test_sensitivities_of_lag_equal_closed_form():
     t = 0.02 * np.arange(120)
     model = Lag(p=p, b=b)
     chosen = free(model, "p", "b", per_record=("initial_state",))
-    likelihood = OutputError(hold=ZeroOrder(), stepper=RK4(4))
+    likelihood = OutputError(hold=ZeroOrder(), stepper=RK4(4, unrolled=False))
     made = [record(t, np.ones(120), np.zeros(120), inputs=("u",), outputs=("x",))]
     v, S = sensitivities(
         problem_of(model, chosen, made, likelihood),

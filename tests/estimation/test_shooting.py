@@ -47,7 +47,8 @@ def flight(count, seed):
 
 def fitted(records, start, **options):
     noise = jaxid.FixedNoise([NOISE**2, NOISE**2])
-    likelihood = OutputError(noise, jaxid.hold.ZeroOrder(), jaxid.RK4(4), **options)
+    stepper = jaxid.RK4(4, unrolled=False)
+    likelihood = OutputError(noise, jaxid.hold.ZeroOrder(), stepper, **options)
     chosen = jaxid.free(start, *FREE, per_record=("initial_state",))
     return jaxid.estimate(start, chosen, records, likelihood)
 

@@ -35,7 +35,7 @@ def test_moments_of_a_square_are_exact():
     """`x ~ N(m, P)`: E x^2 = m^2 + P, var x^2 = 4 m^2 P + 2 P^2, cov(x, x^2) = 2 m P."""
     m, P, r, z = 0.7, 0.4, 0.1, 1.9
     sample = Sample(jnp.zeros(()), jnp.zeros(1), jnp.array([z, 0.0]), jnp.array([True, False]))
-    update = unscented_update(
+    update = eqx.filter_jit(unscented_update)(
         Squares(jnp.array(1.0)), jnp.array([m]), jnp.array([[P]]), sample, jnp.array([r, 1.0])
     )
     B = 4 * m**2 * P + 2 * P**2 + r**2
@@ -128,7 +128,8 @@ def test_smoothed_states_are_those_of_the_recursion_with_gains():
     case = checked_case(PENDULUM, free(PENDULUM, *PHYSICS), data, likelihood)
     model, initial_state = case.problem.model_of(case.begin, 0)
     filtered = eqx.filter_jit(likelihood.filter)(model, data, initial_state)
-    smoothed, _ = smooth_filtered(filtered)
+    smoothed, _ = eqx.filter_jit(smooth_filtered)(filtered)
+    filtered = jax.tree.map(np.asarray, filtered)
     expected = [np.asarray(filtered.x[-1])]
     for i in range(38, -1, -1):
         P, Phi, P_next = filtered.P[i], filtered.Phi[i], filtered.P_predicted[i + 1]

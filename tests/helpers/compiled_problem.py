@@ -8,6 +8,7 @@ import equinox as eqx
 from jaxid.estimation.problem import Problem
 
 cost = eqx.filter_jit(Problem.cost)
+evaluate = eqx.filter_jit(Problem.evaluate)
 linearise = eqx.filter_jit(Problem.linearise)
 outputs = eqx.filter_jit(Problem.outputs)
 residuals = eqx.filter_jit(Problem.residuals)

@@ -81,8 +81,9 @@ def test_a_study_is_shown_as_its_print(study):
 
 
 @pytest.fixture
-def quick(monkeypatch):
-    """Figures become bytes without being painted."""
+def quick(monkeypatch, drawn):
+    """Figures become bytes without being painted, and a folder is written with those drawn once."""
+    monkeypatch.setattr("jaxid.report.folder.gallery", lambda study: drawn)
     monkeypatch.setattr(gallery, "inline_svg", lambda figure, name, label: "<svg></svg>")
     monkeypatch.setattr(gallery.Picture, "png", b"png")
 

@@ -10,6 +10,7 @@ from jaxid.sensitivity.disturbances import disturbed_motion
 from jaxid.simulation.hold import Linear
 
 START = jnp.array([1.2, -0.5])
+U = jnp.array([[0.3, 0.0], [0.1, 0.0]])
 
 
 class Duffing(AbstractModel):
@@ -31,15 +32,20 @@ class Duffing(AbstractModel):
 MODEL, STEPPER = Duffing(jnp.array(2.0)), Adaptive(rtol=1e-11, atol=1e-12)
 
 
-def errors(h):
-    """Largest errors of the matrices of one interval of length h."""
-    t, u = jnp.array([0.0, h]), jnp.array([[0.3, 0.0], [0.1, 0.0]])
-    motion = disturbed_motion(MODEL, START, t, u, Linear(), STEPPER)
+@jax.jit
+def motion_and_derivatives(t):
+    """Motion of one interval, and derivatives of its end by its start and by the inputs."""
 
     def after(x, ends):
-        return simulate(MODEL, t, u + ends, x, hold=Linear(), stepper=STEPPER).x[-1]
+        return simulate(MODEL, t, U + ends, x, hold=Linear(), stepper=STEPPER).x[-1]
 
-    Phi, ends = jax.jacfwd(after, argnums=(0, 1))(START, jnp.zeros((2, 2)))
+    motion = disturbed_motion(MODEL, START, t, U, Linear(), STEPPER)
+    return motion, *jax.jacfwd(after, argnums=(0, 1))(START, jnp.zeros((2, 2)))
+
+
+def errors(h):
+    """Largest errors of the matrices of one interval of length h."""
+    motion, Phi, ends = motion_and_derivatives(jnp.array([0.0, h]))
     # the pushes: equations of x and v, inputs force and push, which is the equation of v again
     found = motion.Phi[0], motion.P[0][:, 2:], motion.Q[0][:, 2:]
     np.testing.assert_allclose(motion.P[0][:, 1], motion.P[0][:, 3], atol=1e-14)
@@ -54,10 +60,10 @@ def test_error_of_an_interval_falls_with_the_cube_of_its_length():
 
 
 def test_outputs_are_differentiated_by_state_and_disturbance():
-    t, u = jnp.array([0.0, 0.1]), jnp.array([[0.3, 0.0], [0.1, 0.0]])
-    motion = disturbed_motion(MODEL, START, t, u, Linear(), STEPPER)
-    C, by_input = jax.jacfwd(MODEL.output, argnums=(1, 2))(t[0], START, u[0])
+    motion, *_ = motion_and_derivatives(jnp.array([0.0, 0.1]))
+    derivatives = jax.jit(jax.jacfwd(MODEL.output, argnums=(1, 2)))
+    C, by_input = derivatives(jnp.zeros(()), START, U[0])
     np.testing.assert_allclose(motion.C[0], C, atol=1e-14)
-    of_equations = jnp.array([[0.0, 0.0], [0.0, 1.0]])  # the acceleration is an output
-    expected = jnp.concatenate([of_equations, by_input], axis=1)
+    of_equations = np.array([[0.0, 0.0], [0.0, 1.0]])  # the acceleration is an output
+    expected = np.concatenate([of_equations, by_input], axis=1)
     np.testing.assert_allclose(motion.D[0], expected, atol=1e-14)

@@ -1,5 +1,6 @@
 """Interpolation of inputs between samples: against sines, shifts and finite differences."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -36,6 +37,28 @@ def values(path, t):
     return jax.vmap(path)(t)
 
 
+@eqx.filter_jit
+def path_of(hold, t, u):
+    return hold.path(t, u)
+
+
+@eqx.filter_jit
+def stages(path, t, substeps):
+    return path.stages(t, substeps)
+
+
+@eqx.filter_jit
+def delayed(path, lag):
+    """The path whose second input is late."""
+    return path.delayed(1, lag)
+
+
+@eqx.filter_jit
+def blended(path, weight):
+    """The path whose second input is band-limited by a weight."""
+    return path.blend_band_limited(1, weight)
+
+
 def oscillator():
     return LinearModel(
         [[0.0, 1.0], [-4.0, -0.6]],
@@ -67,11 +90,11 @@ def test_sine_at_third_of_nyquist_is_interpolated_between_samples(hold, error):
     def wave(t):
         return np.stack([np.sin(w * t + 0.3), np.cos(w * t)], axis=-1)
 
-    path = hold.path(jnp.array(t), jnp.array(wave(t)))
+    path = path_of(hold, jnp.array(t), jnp.array(wave(t)))
     between = np.linspace(t[35], t[-36], 500)
     interpolated = values(path, jnp.array(between))
     np.testing.assert_allclose(interpolated, wave(between), rtol=0, atol=error)
-    straight = values(Linear().path(jnp.array(t), jnp.array(wave(t))), jnp.array(between))
+    straight = values(path_of(Linear(), jnp.array(t), jnp.array(wave(t))), jnp.array(between))
     # straight lines leave (w h)^2/8 = 0.14
     assert np.abs(straight - wave(between)).max() > 10 * error
 
@@ -79,7 +102,7 @@ def test_sine_at_third_of_nyquist_is_interpolated_between_samples(hold, error):
 @by_holds("zero-order", "linear", "cubic", "band-limited")
 def test_signal_passes_through_samples_and_is_constant_outside(seed, hold):
     t, u = signal(seed)
-    path = hold.path(t, u)
+    path = path_of(hold, t, u)
     # Grid times are sums of steps: a rounding of 1e-14 s meets a slope of 50 per second.
     np.testing.assert_allclose(
         values(path, t + 1e-13 * (hold == ZeroOrder())), u, rtol=0, atol=1e-11
@@ -95,7 +118,7 @@ def test_cubic_signal_equals_scipy_spline_with_and_without_padding(seed):
     want = CubicSpline(t, u)(between)
     for rows in (0, 4):
         padded = np.pad(t, (0, rows), mode="edge"), np.pad(u, ((0, rows), (0, 0)), mode="edge")
-        path = Cubic().path(*map(jnp.array, padded))
+        path = path_of(Cubic(), *map(jnp.array, padded))
         # a solve of 15 rows
         np.testing.assert_allclose(values(path, jnp.array(between)), want, rtol=0, atol=1e-12)
 
@@ -103,26 +126,28 @@ def test_cubic_signal_equals_scipy_spline_with_and_without_padding(seed):
 @by_holds("linear", "cubic", "band-limited")
 def test_padding_does_not_change_signal_inside_record(seed, hold):
     t, u = signal(seed)
-    padded = hold.path(jnp.pad(t, (0, 9), mode="edge"), jnp.pad(u, ((0, 9), (0, 0)), mode="edge"))
+    padded = path_of(
+        hold, jnp.pad(t, (0, 9), mode="edge"), jnp.pad(u, ((0, 9), (0, 0)), mode="edge")
+    )
     between = jnp.linspace(t[0] - 0.2, t[-1] + 0.3, 201)
     np.testing.assert_allclose(
-        values(padded, between), values(hold.path(t, u), between), rtol=0, atol=1e-12
+        values(padded, between), values(path_of(hold, t, u), between), rtol=0, atol=1e-12
     )
 
 
 def test_held_sample_jumps_at_next_sample():
-    path = ZeroOrder().path(jnp.array([0.0, 1.0, 3.0]), jnp.array([[5.0], [-2.0], [7.0]]))
+    path = path_of(ZeroOrder(), jnp.array([0.0, 1.0, 3.0]), jnp.array([[5.0], [-2.0], [7.0]]))
     held = values(path, jnp.array([-1.0, 0.0, 0.999, 1.0, 2.999, 3.0, 4.0]))
     np.testing.assert_array_equal(held[:, 0], [5.0, 5.0, 5.0, -2.0, -2.0, 7.0, 7.0])
 
 
 def test_stages_use_limits_from_their_side_of_jump(seed):
     t, u = signal(seed, 6)
-    held = ZeroOrder().path(t, u).stages(t, 3)
+    held = stages(path_of(ZeroOrder(), t, u), t, 3)
     np.testing.assert_allclose(
         held, np.repeat(u[:-1], 3, axis=0)[:, None] + np.zeros((1, 3, 1)), rtol=0, atol=1e-14
     )
-    lines = Linear().path(t, u).stages(t, 2)
+    lines = stages(path_of(Linear(), t, u), t, 2)
     start, rise = np.repeat(u[:-1], 2, axis=0), np.repeat(np.diff(u, axis=0), 2, axis=0)
     share = np.tile([[0.0, 0.25, 0.5], [0.5, 0.75, 1.0]], (5, 1))
     want = start[:, None] + share[:, :, None] * rise[:, None]
@@ -154,13 +179,13 @@ def test_too_few_samples_are_refused(hold, least):
 def test_delay_by_integer_samples_equals_shift(seed, hold):
     t, u = signal(seed)
     shifted = np.stack([u[:, 0], np.concatenate([np.full(3, u[0, 1]), u[:-3, 1]])], axis=1)
-    late, plain = hold.path(t, u).delayed(1, jnp.array(0.3)), hold.path(t, jnp.array(shifted))
+    late, plain = delayed(path_of(hold, t, u), jnp.array(0.3)), path_of(hold, t, jnp.array(shifted))
     # Delayed knots and sample times differ by 1e-15 s, which meets slopes, or jumps in a step of
     # 0.05 s, of up to 50.
-    np.testing.assert_allclose(late.stages(t, 2), plain.stages(t, 2), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(stages(late, t, 2), stages(plain, t, 2), rtol=0, atol=1e-11)
     inside = t[:-1] + 0.037
     np.testing.assert_allclose(values(late, inside), values(plain, inside), rtol=0, atol=1e-11)
-    twice = hold.path(t, u).delayed(1, jnp.array(0.1)).delayed(1, jnp.array(0.2))
+    twice = delayed(delayed(path_of(hold, t, u), jnp.array(0.1)), jnp.array(0.2))
     np.testing.assert_allclose(values(twice, inside), values(late, inside), rtol=0, atol=1e-11)
 
 
@@ -192,7 +217,8 @@ def test_sensitivity_to_delay_equals_finite_differences(seed, hold):
     @jax.jit
     def outcome(gain):
         model = Augmented(oscillator(), (InputDelay("b", gain),))
-        return simulate(model, t, u, np.array([0.3, 0.0]), hold=hold, stepper=RK4(2)).y[:, 0]
+        begin, stepper = np.array([0.3, 0.0]), RK4(2, unrolled=False)
+        return simulate(model, t, u, begin, hold=hold, stepper=stepper).y[:, 0]
 
     S = jax.jacfwd(outcome)(jnp.zeros(()))
     scale = np.abs(S).max()
@@ -209,20 +235,20 @@ def test_sensitivity_to_delay_equals_finite_differences(seed, hold):
 @by_holds("zero-order", "linear", "cubic")
 def test_blend_of_weight_one_is_band_limited_and_zero_is_original(seed, hold):
     t, u = signal(seed)
-    path, target = hold.path(t, u), BandLimited().path(t, u)
+    path, target = path_of(hold, t, u), path_of(BandLimited(), t, u)
     inside = jnp.linspace(t[0], t[-1] - 1e-6, 173)
-    blended = path.blend_band_limited(1, jnp.array(1.0))
+    whole = blended(path, jnp.array(1.0))
     assert np.abs(values(path, inside)[:, 1] - values(target, inside)[:, 1]).max() > 0.1
     for mixed, original, band_limited in (
-        (values(blended, inside), values(path, inside), values(target, inside)),
-        (blended.stages(t, 2), path.stages(t, 2), target.stages(t, 2)),
+        (values(whole, inside), values(path, inside), values(target, inside)),
+        (stages(whole, t, 2), stages(path, t, 2), stages(target, t, 2)),
     ):
         np.testing.assert_allclose(mixed[..., 1], band_limited[..., 1], rtol=0, atol=1e-13)
         np.testing.assert_allclose(mixed[..., 0], original[..., 0], rtol=0, atol=1e-13)
-    none = path.blend_band_limited(1, jnp.array(0.0))
+    none = blended(path, jnp.array(0.0))
     np.testing.assert_allclose(values(none, inside), values(path, inside), rtol=0, atol=1e-14)
-    late = path.delayed(1, jnp.array(0.2)).blend_band_limited(1, jnp.array(1.0))
-    band_limited = target.delayed(1, jnp.array(0.2))
+    late = blended(delayed(path, jnp.array(0.2)), jnp.array(1.0))
+    band_limited = delayed(target, jnp.array(0.2))
     np.testing.assert_allclose(
         values(late, inside)[:, 1], values(band_limited, inside)[:, 1], rtol=0, atol=1e-13
     )

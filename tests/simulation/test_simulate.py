@@ -55,7 +55,7 @@ def exact(t, u, ramps):
 @pytest.mark.parametrize(("hold", "ramps"), [(ZeroOrder(), False), (Linear(), True)])
 def test_linear_system_equals_matrix_exponential(seed, hold, ramps):
     t, u = uneven(seed)
-    result = simulate(system(), t, u, START, hold=hold, stepper=RK4(40))
+    result = simulate(system(), t, u, START, hold=hold, stepper=RK4(40, unrolled=False))
     x = exact(t, u, ramps)
     # The step is at most 0.15/40 s and the frequency 2 rad/s: (w h)^4/120 = 3e-11 of the motion in
     # each radian.
@@ -69,9 +69,10 @@ def test_linear_system_equals_matrix_exponential(seed, hold, ramps):
 def test_order_is_four_for_input_with_jumps_or_bends(seed, hold, ramps):
     t, u = uneven(seed)
     x = exact(t, u, ramps)
+    steppers = [RK4(n, unrolled=n < 8) for n in (2, 4, 8, 16)]
     errors = [
-        np.abs(simulate(system(), t, u, START, hold=hold, stepper=RK4(n)).x - x).max()
-        for n in (2, 4, 8, 16)
+        np.abs(simulate(system(), t, u, START, hold=hold, stepper=stepper).x - x).max()
+        for stepper in steppers
     ]
     orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
     # The next term of the error is w h < 0.15 of the leading one at the coarsest pair, and halves
@@ -127,17 +128,17 @@ def test_adaptive_and_fixed_steps_agree_in_value_and_sensitivity(hold):
             :, 0
         ]
 
-    theta = jnp.array([2.0, 0.3])
-    fixed, adaptive = outcome(theta, RK4(16)), outcome(theta, TIGHT)
+    theta, fine = jnp.array([2.0, 0.3]), RK4(16, unrolled=False)
+    fixed, adaptive = outcome(theta, fine), outcome(theta, TIGHT)
     # (w h)^4/120 with h = 0.1/16 s and w < 2 rad/s is 2e-10; the tolerance of the adaptive steps
     # is 1e-11.
     np.testing.assert_allclose(adaptive, fixed, rtol=0, atol=1e-8)
-    S_fixed, S_adaptive = (jax.jacfwd(outcome)(theta, stepper) for stepper in (RK4(16), TIGHT))
+    S_fixed, S_adaptive = (jax.jacfwd(outcome)(theta, stepper) for stepper in (fine, TIGHT))
     assert np.abs(S_fixed).max() > 0.1
     np.testing.assert_allclose(S_adaptive, S_fixed, rtol=0, atol=1e-8)
     # Central differences: step^2 of the third derivative, and 1e-16/step of rounding.
     central = [
-        (outcome(theta + d, RK4(16)) - outcome(theta - d, RK4(16))) / 2e-5 for d in 1e-5 * np.eye(2)
+        (outcome(theta + d, fine) - outcome(theta - d, fine)) / 2e-5 for d in 1e-5 * np.eye(2)
     ]
     np.testing.assert_allclose(S_fixed, np.stack(central, axis=1), rtol=0, atol=1e-9)
 

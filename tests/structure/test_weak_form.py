@@ -1,5 +1,7 @@
 """Weak form: closed forms, quadrature, whitening, coverage, and refusals."""
 
+import functools
+
 import numpy as np
 import pytest
 import scipy.integrate
@@ -26,15 +28,24 @@ def force(t):
     return acceleration + DAMPING * (np.cos(t) + 2.3 * np.cos(2.3 * t)) + STIFFNESS * motion(t)
 
 
-def estimated(x, repetitions, t=T):
-    """Regression of x'' after repetitions with its values as coefficients of the noise."""
-    noise = NO_TERMS
+@functools.cache
+def form_without_terms():
+    return weak_form(T, RADIUS, [NO_TERMS])
+
+
+def regressions(x, repetitions, t=T):
+    """Regressions of x'', each with the values of the previous one as coefficients of the noise."""
+    form, results = form_without_terms() if t is T else weak_form(t, RADIUS, [NO_TERMS]), []
     for _ in range(repetitions):
-        form = weak_form(t, RADIUS, [noise])
+        if results:
+            form = weak_form(t, RADIUS, [(*-results[-1].values[:2], 1.0)])
         X = np.column_stack([form(x), form(x, 1), form(force(t))])
-        regression = least_squares(X, form(x, 2), NAMES, constant=False)
-        noise = (-regression.values[0], -regression.values[1], 1.0)
-    return regression
+        results.append(least_squares(X, form(x, 2), NAMES, constant=False))
+    return results
+
+
+def estimated(x, repetitions, t=T):
+    return regressions(x, repetitions, t)[-1]
 
 
 def test_rows_of_derivatives_equal_rows_of_exact_derivatives():
@@ -102,9 +113,10 @@ def test_intervals_have_nominal_coverage_and_s_is_the_noise(seed):
 def test_coefficients_of_the_noise_remove_the_bias(seed):
     """Noise in the columns biases rows that are whitened for x'' alone."""
     draws = draws_of_noise(seed, 400, 0.2)
+    results = [regressions(motion(T) + e, 4) for e in draws]
 
     def significance(repetitions):
-        errors = [estimated(motion(T) + e, repetitions).values - TRUTH for e in draws]
+        errors = [each[repetitions - 1].values - TRUTH for each in results]
         return np.abs(np.mean(errors, axis=0)) / (np.std(errors, axis=0) / len(draws) ** 0.5)
 
     assert significance(1)[0] > 8

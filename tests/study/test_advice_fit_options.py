@@ -11,7 +11,7 @@ from jaxid.study import FindingKind, advice
 
 DT = 0.01
 TIME = DT * np.arange(600)
-HELD = jaxid.OutputError(hold=jaxid.hold.ZeroOrder(), stepper=jaxid.RK4(10))
+HELD = jaxid.OutputError(hold=jaxid.hold.ZeroOrder(), stepper=jaxid.RK4(10, unrolled=False))
 
 
 class Motor(jaxid.AbstractModel):

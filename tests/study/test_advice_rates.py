@@ -107,23 +107,20 @@ CONTROLS = (*SURFACES, "thrust")
 OUTPUTS = ("V", "alpha", "beta", "p", "q", "r", "phi", "pitch", "psi", "ax", "ay", "az", "altitude")
 
 
-def flown(altitude=1.0, pitch=1.0, **options):
-    """A record of a flight; the altitude, an input of the model, is multiplied by a factor."""
-    channels = flight(**options)
-    channels = channels | {
-        "altitude": altitude * channels["altitude"],
-        "pitch": pitch * channels["pitch"],
-    }
+def flown(channels, **factors):
+    """A record of a flight whose channels are multiplied by factors."""
+    channels = channels | {name: factor * channels[name] for name, factor in factors.items()}
     tables = (np.stack([channels[name] for name in names], 1) for names in (CONTROLS, OUTPUTS))
     return jaxid.record(channels["t"], *tables, inputs=CONTROLS, outputs=OUTPUTS, name="flight")
 
 
 def test_altitude_in_feet_and_pitch_in_degrees_are_found_in_turbulence():
-    right = flown(seed=1, gusts="moderate")
+    channels = flight(seed=1, gusts="moderate")
+    right = flown(channels)
     model = model_of(right, **MASS, **SIZE)
     assert "altitude" in model.inputs
     assert ratios(right, model) == {}
-    high = flown(1 / 0.3048, seed=1, gusts="moderate")
+    high = flown(channels, altitude=1 / 0.3048)
     assert ratios(high, model)["altitude"][1] == "it is in ft"
-    steep = flown(pitch=180 / np.pi, seed=1, gusts="moderate")
+    steep = flown(channels, pitch=180 / np.pi)
     assert ratios(steep, model)["pitch"][1] == "it is in deg"

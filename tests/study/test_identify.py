@@ -74,7 +74,9 @@ def measured(seed, rows=400):
     rng = np.random.default_rng(seed)
     t = 0.05 * np.arange(rows)
     force = np.repeat(rng.normal(size=(rows // 20, 1)), 20, axis=0)
-    solution = jaxid.simulate(TRUTH, t, force, np.array([0.1, 0.0, 0.2]), stepper=jaxid.RK4(4))
+    solution = jaxid.simulate(
+        TRUTH, t, force, np.array([0.1, 0.0, 0.2]), stepper=jaxid.RK4(4, unrolled=False)
+    )
     rates = jax.vmap(TRUTH.rhs)(solution.t, solution.x, jnp.asarray(force))[:, 1:]
     clean = np.column_stack([solution.y, rates])
     z = clean + rng.normal(size=clean.shape) * np.array([*SIGMA.values()])

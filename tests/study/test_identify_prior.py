@@ -53,7 +53,9 @@ def measured(size, seed=3, rows=400):
     t = 0.05 * np.arange(rows)
     force = size * np.repeat(rng.normal(size=(rows // 20, 1)), 20, axis=0)
     truth = Spring(Polynomial(TRUE), jnp.array(0.0))
-    solution = jaxid.simulate(truth, t, force, np.array([0.1, 0.0]), stepper=jaxid.RK4(4))
+    solution = jaxid.simulate(
+        truth, t, force, np.array([0.1, 0.0]), stepper=jaxid.RK4(4, unrolled=False)
+    )
     rates = jax.vmap(truth.rhs)(solution.t, solution.x, jnp.asarray(force))[:, 1:]
     clean = np.column_stack([solution.y, rates])
     z = clean + rng.normal(size=clean.shape) * np.array([*SIGMA.values()])

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._foundation.checks import require, require_known, require_unique
+from ..._foundation.host import on_host
 from ..._foundation.traced_checks import require_value
 from ..._foundation.types import Array, Float
 
@@ -86,7 +87,7 @@ class PerChannel(eqx.Module):
         self.channels = tuple(values)
         self.parts = tuple(parts[name] for name in values) if parts is not None else ()
         width = () if parts is None else (len(self.parts[0]) if self.parts else 0,)
-        self.values = jnp.asarray([*values.values()], float).reshape(len(values), *width)
+        self.values = _table([*values.values()], shape=(len(values), *width))
 
     @property
     def element_names(self) -> dict[str, tuple[str, ...]]:
@@ -108,6 +109,12 @@ class PerChannel(eqx.Module):
     def columns(self, outputs: tuple[str, ...]) -> np.ndarray:
         """Return the indices of its channels among the outputs."""
         return np.array([outputs.index(name) for name in self.channels], int)
+
+
+@on_host
+def _table(xp, values, shape: tuple[int, ...]):
+    """Return numbers by channel as one array."""
+    return xp.asarray(values, float).reshape(shape)
 
 
 def checked_channels(channels: Sequence[str]) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from scipy.linalg import expm
 from scipy.stats import chi2, norm
 
 from jaxid._foundation.checks import InputError
+from jaxid._foundation.compiler import is_known
 from jaxid.aircraft import (
     GUSTS,
     REPORT_GUSTS,
@@ -67,10 +68,12 @@ def draws():
     """Many gusts of both kinds, shape (draw, time, 6)."""
     keys = jax.random.split(jax.random.key(1974), DRAWS)
     gusts_by_kind = {}
+    # Sines take a third of the time at this level, other than the one of the tests.
+    level = "xla_backend_optimization_level", 1
+    options = dict([level]) if is_known(*level) else None
     for make in (dryden, von_karman):
-        gusts_by_kind[make.__name__] = np.asarray(
-            jax.jit(jax.vmap(lambda key, make=make: make(key, T, V, 100.0, FIXED, span=SPAN)))(keys)
-        )
+        many = jax.vmap(lambda key, make=make: make(key, T, V, 100.0, FIXED, span=SPAN))
+        gusts_by_kind[make.__name__] = np.asarray(jax.jit(many, compiler_options=options)(keys))
     return gusts_by_kind
 
 

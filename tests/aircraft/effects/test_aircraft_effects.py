@@ -316,7 +316,7 @@ def swung(effect, t):
     model = Augmented(Pitching(), (effect,))
     start = jnp.concatenate([jnp.array([MEAN - SWING, 0.0]), jnp.zeros(len(model.states) - 2)])
     u = jnp.zeros((t.size, 1))
-    x = simulate(model, t, u, start, stepper=RK4(2)).x
+    x = simulate(model, t, u, start, stepper=RK4(2, unrolled=False)).x
     return np.asarray(x), np.asarray(jax.jit(jax.vmap(model.rhs))(t, x, u)[:, 1])
 
 

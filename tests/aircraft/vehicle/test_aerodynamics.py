@@ -87,11 +87,10 @@ def test_every_value_has_a_name_and_changes_its_coefficient(folder):
     aerodynamics = TableAerodynamics(read_coefficients(folder), interpolation="linear")
     names = parameter_names(aerodynamics)
     assert {"Cm.alpha=0,beta=-57.29577951", "Clda.alpha=90", "Cmq.alpha=0"} <= set(names)
-    moved = jax.jacfwd(lambda a: a.coefficients(SIGNALS))(aerodynamics)
-    columns = jnp.concatenate(
-        [leaf.reshape(len(COEFFICIENTS), -1) for leaf in jax.tree.leaves(moved)], axis=1
-    )
-    for name, column in zip(names, np.asarray(columns).T, strict=True):
+    moved = jax.jit(jax.jacfwd(lambda a: a.coefficients(SIGNALS)))(aerodynamics)
+    leaves = map(np.asarray, jax.tree.leaves(moved))
+    columns = np.concatenate([leaf.reshape(len(COEFFICIENTS), -1) for leaf in leaves], axis=1)
+    for name, column in zip(names, columns.T, strict=True):
         others = [k for k, coefficient in enumerate(COEFFICIENTS) if coefficient != name[:2]]
         assert not column[others].any()
 
@@ -161,7 +160,8 @@ def test_tables_and_terms_vary_with_mach_and_altitude(tmp_path, kind):
             e = jnp.array([1.0, 0.0, 0.0, 0.0])
             place = jnp.array([0.0, 0.0, 5000.0])
             x = model.flight_state(jnp.array([150.0, 2.0, 20.0]), jnp.zeros(3), e, place)
-        signals = model.signals(jnp.zeros(()), x, jnp.zeros(len(model.inputs)))
+        u = jnp.zeros(len(model.inputs))
+        signals = eqx.filter_jit(lambda model: model.signals(jnp.zeros(()), x, u))(model)
         assert 0.45 < signals["mach"] < 0.5
         return [signals[name] for name in COEFFICIENTS]
 

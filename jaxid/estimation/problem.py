@@ -157,6 +157,9 @@ class Problem(eqx.Module):
             family = FreeModel(self.model, flat, self.positions)
             return function(family, jnp.concatenate([own, shared]), record)
 
+        if len(rows) == 1:  # arrays without an axis of one record need fewer copies
+            result = of_case(*jax.tree.map(lambda leaf: leaf[0], (rows, cases)))
+            return jax.tree.map(lambda leaf: leaf[None], result)
         return jax.vmap(of_case)(rows, cases)
 
     def linearise(self, parameters: Parameters) -> "Linearised":

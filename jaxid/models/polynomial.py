@@ -84,7 +84,7 @@ class Polynomial(eqx.Module):
         Raises:
             InputError: when `signals` has no signal that a term needs.
         """
-        if len(self.terms) <= FEW_TERMS:
+        if 0 < len(self.terms) <= FEW_TERMS:
             return jnp.sum(self.coefficients * monomials(self.terms, signals, self.centre))
         one_sum = np.ones((1, len(self.terms)))
         return sums_of_monomials(one_sum, self.coefficients, self.terms, signals, self.centre)[0]

@@ -15,11 +15,11 @@ from .._foundation.dependence import depends_on
 from .._foundation.types import Array, Float
 from ..models.free_model import FreeModel, Leaves, flattened, unit_elements
 
-# Columns per equation from which reverse mode is used, by the parameters alone and by all
-# arguments. By the parameters alone, measured at three (30 parameters): the stages 1.3 times as fast
-# for the model of an aircraft from the package, 1.1 times where parameters are multiplied as a
-# vector, and 0.9 times where each is an element taken from a vector. By all arguments it compiles
-# less: 67 s less with 257 effects.
+# Columns per equation above which reverse mode is used, by the parameters alone and by all
+# arguments. By the parameters alone, measured with 30 parameters in nine equations: 1.3 times as
+# fast for the package's model of an aircraft, 1.1 times where a user's model multiplies its
+# parameters as vectors, 0.9 times where it takes them from vectors one by one. Reverse mode by all
+# arguments compiles less: with 257 effects 67 s less.
 REVERSE_LEAVES_FROM, REVERSE_FROM = 3, 6
 # Elements per column in the leaves beyond which reverse mode computes too much for nothing: a
 # table with one free element (chosen).
@@ -81,9 +81,10 @@ class Differentiation(NamedTuple):
         subset = tuple(index for index, is_used in enumerate(used) if is_used)
         rows = jax.eval_shape(function, t, x, u, leaves).size
         elements = sum(leaves[index].size for index in subset)
-        narrow, per_row = elements < WASTE * family.n_columns, family.n_columns / rows
+        narrow = elements < WASTE * family.n_columns
         by_leaves, by_all = (
-            narrow and per_row > least for least in (REVERSE_LEAVES_FROM, REVERSE_FROM)
+            narrow and family.n_columns > least * rows
+            for least in (REVERSE_LEAVES_FROM, REVERSE_FROM)
         )
         return cls(function, family, (rows, x.size, u.size), subset, by_input, by_leaves, by_all)
 
@@ -135,10 +136,10 @@ class Differentiation(NamedTuple):
         """
         if self.reverse:
             return jax.lax.map(self.apply, linear)
-        merged = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), linear)
-        stages = linear[1].shape[0]
+        stages, count = linear[1].shape
+        merged = jax.tree.map(lambda leaf: leaf.reshape(stages * count, *leaf.shape[2:]), linear)
         return jax.tree.map(
-            lambda leaf: leaf.reshape(stages, -1, *leaf.shape[1:]), self.apply(merged)
+            lambda leaf: leaf.reshape(stages, count, *leaf.shape[1:]), self.apply(merged)
         )
 
     def _selected(self, own: Leaves, A) -> Float[Array, "point row column"]:

@@ -215,7 +215,7 @@ class Problem(eqx.Module):
         v, own = linearised.v, linearised.information.own
         mask, count = self.row_mask, self.positions.rows.size
         whiten = self.likelihood.noise.whitening(v, mask)
-        size = 2 * next_fast_len(mask.shape[1], real=True)
+        size = 2 * next_fast_len(mask.shape[1], real=True)  # pyright: ignore[reportOperatorIssue]
 
         def transforms(S, own, mask):
             white = whiten(S, mask)

@@ -177,7 +177,8 @@ def _outputs(
     _, by_rate = depends_on(given, (x, x))
 
     def outputs(t, state, u, leaves):
-        return given(*(jnp.split(state, 2) if by_rate else (state, state)), t, u, leaves)
+        x, dx = jnp.split(state, 2) if by_rate else (state, state)
+        return given(x, dx, t, u, leaves)
 
     at = t, jnp.tile(x, 2) if by_rate else x, u
     return Differentiation.of(family, outputs, at, leaves, by_input=bool(acting)), by_rate

@@ -109,7 +109,7 @@ def coloured_variances(
         mask: valid samples.
         batch: number of records at a time, a divisor of all.
     """
-    length = v.shape[1]
+    length = score.power.shape[0] - 1
     process = burg(v, mask, batch)
     if score.columns is None:
         return ColouredVariances(*_variances(process, score.power, length), None)

@@ -212,9 +212,13 @@ class Minimiser(optx.AbstractMinimiser):
             state.first, y, state.trial, before, optx.FunctionInfo.Eval(cost - slack), state.search
         )
         accept = state.first | state.renew | (accept & jnp.isfinite(cost))
-        choose = partial(jax.tree.map, partial(jnp.where, accept))
-        y, kept, linearised = choose(
-            (state.trial, cost, linearised), (y, state.cost, state.linearised)
+        # a branch hands the arrays over, where a choice by element would copy the sensitivities
+        y, kept, linearised = jax.lax.cond(
+            accept,
+            lambda new, old: new,
+            lambda new, old: old,
+            (state.trial, cost, linearised),
+            (y, state.cost, state.linearised),
         )
         return _Trial(y, kept, linearised, accept, cost, step_size, search)
 

@@ -9,6 +9,7 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from scipy.fft import next_fast_len
 
 from .._foundation.device import default_device, memory_of
 from .._foundation.types import Array, Bool, Float
@@ -157,6 +158,9 @@ class Problem(eqx.Module):
             family = FreeModel(self.model, flat, self.positions)
             return function(family, jnp.concatenate([own, shared]), record)
 
+        if len(rows) == 1:  # arrays without an axis of one record need fewer copies
+            result = of_case(*jax.tree.map(lambda leaf: leaf[0], (rows, cases)))
+            return jax.tree.map(lambda leaf: leaf[None], result)
         return jax.vmap(of_case)(rows, cases)
 
     def linearise(self, parameters: Parameters) -> "Linearised":
@@ -211,11 +215,12 @@ class Problem(eqx.Module):
         v, own = linearised.v, linearised.information.own
         mask, count = self.row_mask, self.positions.rows.size
         whiten = self.likelihood.noise.whitening(v, mask)
+        size = 2 * next_fast_len(mask.shape[1], real=True)  # pyright: ignore[reportOperatorIssue]
 
         def transforms(S, own, mask):
             white = whiten(S, mask)
             columns = white[..., :count] @ own.inverse[:, None], self._projected(white, own) @ half
-            return jnp.fft.rfft(jnp.concatenate(columns, axis=-1), 2 * mask.shape[1], axis=1)
+            return jnp.fft.rfft(jnp.concatenate(columns, axis=-1), size, axis=1)
 
         def power(columns):
             return jnp.sum(jnp.abs(columns[..., count:] @ half.T) ** 2, axis=0)

@@ -45,7 +45,8 @@ Test = tuple[str, tuple[float, int]]
 ORDERS = (1, 2, 4, 8, 16)
 COSINES = ORDERS[-1]
 # Chosen: share of the fall of chi-square by random forces, up to which a dependence is the error of
-# the linear model along the motion without them: 0.5 % on a simulated F-4, 20 s in gusts of 1 m/s.
+# the linear model along the motion without them, if the declared model is not linear: 0.5 % on a
+# simulated F-4, 20 s in gusts of 1 m/s.
 APPROXIMATION_SHARE = 0.01
 
 
@@ -105,7 +106,8 @@ def followed_by_forces(
     inputs = {name: motion.variables[name] for name in fitted.problem.model.inputs}
     places = [(kind, name) for kind, names in noise.places.items() for name in names]
     whitened = Whitened(motion, predicted | inputs, places, white)
-    least = APPROXIMATION_SHARE * 2.0 * (motion.white_cost - forces.cost)
+    share = 0.0 if motion.is_linear else APPROXIMATION_SHARE
+    least = share * 2.0 * (motion.white_cost - forces.cost)
     return _followed(fitted, whitened, level, least)
 
 

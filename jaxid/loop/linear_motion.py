@@ -24,6 +24,10 @@ from .estimation_problem import padded_problem
 from .problem import LoopProblem
 
 
+# Share of the largest element within which two matrices of a linear model are equal (chosen).
+ROUNDING = 1e-9
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class LinearMotion:
     """The simulation of the training records at given parameters, and its linear model.
@@ -167,6 +171,13 @@ class LinearMotion:
         """Return the linear models with disturbances at some places."""
         places: Places = tuple((kind, names) for kind, names in chosen.items() if names)
         return self.linear.at(tuple(self.places.items()), places)
+
+    @property
+    def is_linear(self) -> bool:
+        """True if the linear model is one and the same along all records, and therefore exact."""
+        matrices = (np.asarray(matrix) for matrix in (self.linear.Phi, self.linear.C))
+        spread = ((np.ptp(matrix, axis=(0, 1)), np.max(np.abs(matrix))) for matrix in matrices)
+        return all(bool(np.all(part <= ROUNDING * size)) for part, size in spread)
 
     def without_absent_states(self, linear: Linear) -> Linear:
         """Return linear models without the states of absent effects, which act on nothing."""

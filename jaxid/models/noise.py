@@ -60,6 +60,21 @@ class Division(AbstractWhitening):
         return whiten(self.L[:count, :count], rows, mask[..., :count])
 
 
+class Scaling(AbstractWhitening):
+    """Whitening of independent noise without memory: each row divided by its standard deviation.
+
+    Attributes:
+        deviations: standard deviations.
+    """
+
+    deviations: Float[Array, " output"]
+
+    def __call__(self, rows, mask):
+        count, columns = rows.shape[2], (1,) * (rows.ndim - mask.ndim)
+        mask = mask[..., :count].reshape(*mask.shape[:2], count, *columns)
+        return jnp.where(mask, rows / self.deviations[:count].reshape(1, 1, count, *columns), 0.0)
+
+
 class Identity(AbstractWhitening):
     """Whitening of rows that are white already; only the first ones may have sensitivities."""
 
@@ -198,13 +213,16 @@ class DiagonalNoise(AbstractNoise):
     def cholesky(self, v, mask):
         return jnp.diag(jnp.sqrt(self._variances(v, mask)))
 
+    def whitening(self, v, mask):
+        return Scaling(jnp.sqrt(self._variances(v, mask)))
+
     def cost(self, v, mask):
         count = jnp.sum(mask, axis=(0, 1))
         return 0.5 * jnp.sum(count * (jnp.log(self._variances(v, mask)) + 1.0))
 
     def profile_rows(self, white_S, white_v, mask):
         # cost of a channel: N/2 log v'v, whose second derivative is N S'(I - 2 v v'/v'v) S / v'v
-        return jnp.einsum("ctjp,ctj->cjp", white_S, white_v)
+        return jnp.sum(white_S * white_v[..., None], axis=1)
 
     def profile_weights(self, mask):
         return 2.0 / jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)

@@ -30,7 +30,7 @@ FACTOR_PATTERN = re.compile(
 
 # Terms up to which products of scalars are used, which compile to fewer loops than the gathers of
 # vectors of factors (chosen).
-FEW_TERMS = 4
+FEW_TERMS = 8
 
 
 class Polynomial(eqx.Module):
@@ -84,6 +84,8 @@ class Polynomial(eqx.Module):
         Raises:
             InputError: when `signals` has no signal that a term needs.
         """
+        if 0 < len(self.terms) <= FEW_TERMS:
+            return jnp.sum(self.coefficients * monomials(self.terms, signals, self.centre))
         one_sum = np.ones((1, len(self.terms)))
         return sums_of_monomials(one_sum, self.coefficients, self.terms, signals, self.centre)[0]
 

@@ -29,7 +29,7 @@ from .jacobians import Differentiation, Jacobians, by_elements
 
 # Samples linearised at once, and elements of the derivatives at one stage of them (chosen): the
 # arrays of one block stay in the processor's cache.
-SAMPLES_AT_ONCE, ELEMENTS_AT_ONCE = 64, 100_000
+SAMPLES_AT_ONCE, ELEMENTS_AT_ONCE = 96, 100_000
 # Groups into which the samples of a block are divided for the outputs, as the stages divide the
 # equations: a loop over them separates the linearisation from its application.
 OUTPUT_GROUPS = 4
@@ -91,15 +91,16 @@ def trajectory_sensitivities(
     begin, length = substeps_of(jnp.append(t, t[-1]), substeps)
     steps = (begin.reshape(-1, substeps), length.reshape(-1, substeps))
     equations = equation_derivatives(family, leaves, trajectory, acting)
-    outputs = _outputs(family, leaves, trajectory, acting)
+    outputs, by_rate = _outputs(family, leaves, trajectory, acting)
 
     def block(X, now):
         t, x, steps, inputs = now
         Phi, G, (dx, A, B) = _transition(equations, leaves, x, steps, inputs, acting)
         X, columns = jax.lax.scan(lambda X, now: (now[0] @ X + now[1], X), X, (Phi, G))
-        states = jnp.concatenate([x, dx], axis=-1)
-        columns = jnp.concatenate([columns, A @ columns + B], axis=-2)
-        return X, _output_columns(outputs, leaves, (t, states, columns), inputs, acting)
+        if by_rate:
+            x = jnp.concatenate([x, dx], axis=-1)
+            columns = jnp.concatenate([columns, A @ columns + B], axis=-2)
+        return X, _output_columns(outputs, leaves, (t, x, columns), inputs, acting)
 
     # the last sample, which fills the last block, has a step of no length
     now = jax.tree.map(lambda leaf: in_blocks(leaf, size), (t, trajectory.x, steps, inputs))
@@ -162,15 +163,25 @@ def equation_derivatives(family, leaves: Leaves, trajectory: Trajectory, acting)
     return Differentiation.of(family, rates, at, leaves, by_input=bool(acting))
 
 
-def _outputs(family, leaves: Leaves, trajectory: Trajectory, acting) -> Differentiation:
-    """Return how the outputs are differentiated, as functions of the state and its rate."""
+def _outputs(
+    family, leaves: Leaves, trajectory: Trajectory, acting
+) -> tuple[Differentiation, bool]:
+    """Return how the outputs are differentiated, as functions of the state or, if they depend on it
+    as well, of the state and its rate; and whether they depend on it.
+    """
+    t, x, u = trajectory.t[0], trajectory.x[0], trajectory.u[0]
 
-    def outputs(t, state, u, leaves):
-        x, dx = jnp.split(state, 2)
+    def given(x, dx, t=t, u=u, leaves=leaves):
         return family.build(leaves)[0].output_given(t, x, u, dx)
 
-    at = trajectory.t[0], jnp.tile(trajectory.x[0], 2), trajectory.u[0]
-    return Differentiation.of(family, outputs, at, leaves, by_input=bool(acting))
+    _, by_rate = depends_on(given, (x, x))
+
+    def outputs(t, state, u, leaves):
+        x, dx = jnp.split(state, 2) if by_rate else (state, state)
+        return given(x, dx, t, u, leaves)
+
+    at = t, jnp.tile(x, 2) if by_rate else x, u
+    return Differentiation.of(family, outputs, at, leaves, by_input=bool(acting)), by_rate
 
 
 def _transition(equations: Differentiation, leaves: Leaves, x, steps, inputs: Inputs, acting):
@@ -213,7 +224,7 @@ def stage_jacobians(equations: Differentiation, leaves: Leaves, x, begin, length
     zero = jnp.zeros_like(x)
     stages = (jnp.array(NODES), jnp.array(WEIGHTS), jnp.moveaxis(u, 1, 0))
     (_, total), (k, at, linear) = jax.lax.scan(stage, (zero, zero), stages)
-    return x + length[:, None] / 6 * total, k[0], at, jax.lax.map(equations.apply, linear)
+    return x + length[:, None] / 6 * total, k[0], at, equations.apply_by_stage(linear)
 
 
 def step(jacobians: Jacobians, dU, length):
@@ -245,7 +256,7 @@ def _output_columns(outputs: Differentiation, leaves: Leaves, samples, inputs: I
     y, linear = jax.lax.map(lambda group: outputs.linearise(leaves, *group), groups)
     y, jacobians = jax.tree.map(
         lambda leaf: leaf.reshape(t.size, *leaf.shape[2:]),
-        (y, jax.lax.map(outputs.apply, linear)),
+        (y, outputs.apply_by_stage(linear)),
     )
     S = jacobians.A @ X + jacobians.B
     if jacobians.B_u is not None:

@@ -155,3 +155,14 @@ def test_unreadable_term_is_refused(term):
 def test_missing_signal_of_term_is_refused():
     with pytest.raises(InputError, match=r"no signal 'bet'.*beta"):
         Polynomial({"|bet|": 1.0})(signals())
+
+
+@pytest.mark.parametrize("count", [0, 3, len(TERMS)])
+def test_polynomial_and_its_gradient_are_those_of_its_terms(count):
+    """Few terms are products of scalars, many are sums of products of vectors."""
+    terms = dict(list(TERMS.items())[:count])
+    poly = Polynomial({term: 1.0 + index for index, term in enumerate(terms)})
+    value, gradient = jax.value_and_grad(lambda poly: poly(signals()))(poly)
+    expected = sum((1.0 + index) * value for index, value in enumerate(terms.values()))
+    np.testing.assert_allclose(value, expected, rtol=1e-14)
+    np.testing.assert_allclose(gradient.coefficients, [*terms.values()], rtol=1e-14, atol=1e-16)

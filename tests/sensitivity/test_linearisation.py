@@ -107,10 +107,13 @@ def test_library_equals_forward_mode(monkeypatch, hold, places):
 
 
 @pytest.mark.parametrize("substeps", [1, 3])
-@pytest.mark.parametrize("reverse_from", [0, 10**6], ids=["reverse", "forward"])
-@pytest.mark.parametrize("samples", [10, 64, 130])
+@pytest.mark.parametrize(
+    "reverse_from", [(0, 0), (0, 10**6), (10**6, 10**6)], ids=["reverse", "mixed", "forward"]
+)
+@pytest.mark.parametrize("samples", [10, 96, 130])
 def test_modes_substeps_and_blocks_equal_forward_mode(monkeypatch, samples, reverse_from, substeps):
-    monkeypatch.setattr(jacobians, "REVERSE_FROM", reverse_from)
+    monkeypatch.setattr(jacobians, "REVERSE_LEAVES_FROM", reverse_from[0])
+    monkeypatch.setattr(jacobians, "REVERSE_FROM", reverse_from[1])
     monkeypatch.setattr(linearisation, "ELEMENTS_AT_ONCE", 100 if samples == 130 else 10**6)
     model = TwoSensors(1.5, 0.2)
     rec = a_record(model, samples)

@@ -24,7 +24,7 @@ from .estimation_problem import padded_problem
 from .problem import LoopProblem
 
 # Share of the largest element within which two matrices of a linear model are equal (chosen).
-EQUAL = 1e-9
+SAME_MATRIX = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -176,7 +176,7 @@ class LinearMotion:
         """True if the linear model is one and the same along all records, and therefore exact."""
         matrices = (np.asarray(matrix) for matrix in (self.linear.Phi, self.linear.C))
         spread = ((np.ptp(matrix, axis=(0, 1)), np.max(np.abs(matrix))) for matrix in matrices)
-        return all(bool(np.all(part <= EQUAL * size)) for part, size in spread)
+        return all(bool(np.all(part <= SAME_MATRIX * size)) for part, size in spread)
 
     def without_absent_states(self, linear: Linear) -> Linear:
         """Return linear models without the states of absent effects, which act on nothing."""

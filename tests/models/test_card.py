@@ -149,7 +149,7 @@ def test_card_is_only_public_fact_except_slots():
     slots |= {"initial_extra_states", "extra_rates", "observe"}
     methods = {"neighbouring_shapes", "score_blind", "evident_in_data", "initialise_shape", "check"}
     public = {name for name in vars(Effect) if not name.startswith("_")}
-    assert public == slots | methods | {"card", "name"}
+    assert public == slots | methods | {"card", "name", "starts"}
 
 
 def test_effect_without_card_is_refused_with_what_to_add():

@@ -9,7 +9,7 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from scipy.fft import next_fast_len
+import scipy
 
 from .._foundation.device import default_device, memory_of
 from .._foundation.types import Array, Bool, Float
@@ -215,7 +215,7 @@ class Problem(eqx.Module):
         v, own = linearised.v, linearised.information.own
         mask, count = self.row_mask, self.positions.rows.size
         whiten = self.likelihood.noise.whitening(v, mask)
-        size = 2 * next_fast_len(mask.shape[1], real=True)  # pyright: ignore[reportOperatorIssue]
+        size = 2 * int(scipy.fft.next_fast_len(mask.shape[1], real=True))
 
         def transforms(S, own, mask):
             white = whiten(S, mask)

@@ -30,7 +30,10 @@ from jaxid.models.free import all_names, flat_vectors, leaves_at
 from jaxid.simulation import RK4
 from jaxid.study.candidates import candidates
 
-METHODS = {"linearised steps": True, "forward mode through the simulation": False}
+METHODS = {
+    "linearised steps": RK4(),
+    "forward mode through the simulation": RK4(unrolled=False, linearised=False),
+}
 
 
 def arguments_of(candidate_count: int, samples: int, records: int, columns: int):
@@ -60,7 +63,7 @@ def arguments_of(candidate_count: int, samples: int, records: int, columns: int)
 def measure(method: str, arguments, repeats: int, clock: str):
     """Return the costs of one method, and its sensitivities."""
     model, flat, records, at, leaves = arguments
-    likelihood = simulating(canonical(OutputError(stepper=RK4(unrolled=METHODS[method]))))
+    likelihood = simulating(canonical(OutputError(stepper=METHODS[method])))
     arrays, rest = eqx.partition((model, flat, records, likelihood, at), eqx.is_array)
 
     def function(arrays):

@@ -183,9 +183,10 @@ class LoopProblem:
         model, padded so that hypotheses with few added states share their programs.
         """
         at = [self.position[name] for name in self.per_record(effects)]
-        added = len(at) - len(self.free.per_record)
-        blocks = max(-(-added // ROW_BLOCK), int(len(self.per_record(self.names)) > len(at)))
-        return np.array(at + [len(self.position)] * (ROW_BLOCK * blocks - added), int)
+        declared = len(self.free.per_record)
+        added, any_candidate = len(at) - declared, len(self.per_record(self.names)) > declared
+        width = declared + ROW_BLOCK * max(-(-added // ROW_BLOCK), int(any_candidate))
+        return np.array(at + [len(self.position)] * (width - len(at)), int)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import enum
+from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
@@ -193,6 +194,28 @@ def inflation(fit: LoopFit, effects) -> float:
     )
     known = np.isfinite(plain) & (plain > 0)
     return float(np.max(robust[known] / plain[known], initial=1.0))
+
+
+def best_of_families(fits: Sequence[LoopFit]) -> list[LoopFit]:
+    """Return the fits without those that are clearly worse than another one of the same families of
+    effects, under the same noise.
+
+    The members of a family are one effect from different initial shapes. One that ends in a higher
+    local minimum is not its maximum likelihood estimate, even where it predicts the check records
+    better.
+    """
+    keys = [_families(fit) for fit in fits]
+    lowest = {key: np.inf for key in keys}
+    for key, fit in zip(keys, fits, strict=True):
+        lowest[key] = min(lowest[key], fit.cost)
+    near = INSEPARABLE / 2  # of the cost, half of chi-square
+    return [fit for key, fit in zip(keys, fits, strict=True) if fit.cost <= lowest[key] + near]
+
+
+def _families(fit: LoopFit) -> tuple:
+    """Return the families of the effects of a fit, and its kind of noise."""
+    families = sorted(fit.problem.cards[name].family for name in fit.effects)
+    return (*families, type(fit.hypothesis.noise))
 
 
 def is_degenerate(fit: LoopFit, effects) -> bool:

@@ -19,6 +19,7 @@ from .evidence import (
     SETTLED,
     Comparison,
     Decision,
+    best_of_families,
     compare,
     inflation,
     is_noise_like,
@@ -201,7 +202,8 @@ def _expand(tree, parent: LoopFit, path, options: LoopOptions, progress) -> list
 
     for moves, count in _stages(tree, Proposals(parent, options), rounds, progress):
         steps = _refits(tree, parent, _new(tree, parent, moves), count, options, report)
-        accepted = [step for step in steps if step.comparison.accepted]
+        best = best_of_families([step.fit for step in steps])
+        accepted = [step for step in steps if step.comparison.accepted and step.fit in best]
         if accepted:
             return _ordered(accepted)
     return []
@@ -318,8 +320,8 @@ def _without_dependence(tree: SearchTree, step: Step, options: LoopOptions) -> S
 def refit(parent: LoopFit, move: Move, target: float = np.inf) -> LoopFit:
     """Return the fit of a move: from the parent's values, and if it stalls from others.
 
-    A refit that brings much less than the linear model predicts is repeated from the gain that the
-    linear model predicts and, if it does not converge, from the declared values. One that cannot
+    A refit that brings much less than the linear model predicts, or does not converge, is repeated
+    from the gain that the linear model predicts, and from the declared values. One that cannot
     reach its target is not continued.
     """
     first = fit(parent.problem, move.hypothesis, parent, move.start, target)
@@ -328,8 +330,9 @@ def refit(parent: LoopFit, move: Move, target: float = np.inf) -> LoopFit:
     if move.kind is MoveKind.NOISE:
         if not (move.start and first.converged):  # forces start at their most probable values
             others.append((None, move.start))
-    elif stalled and move.kind is not MoveKind.DROP:
-        others.append((parent, {**move.start, **move.estimated}))
+    elif move.kind is not MoveKind.DROP:
+        if not first.converged or stalled:
+            others.append((parent, {**move.start, **move.estimated}))
         if not first.converged:
             others.append((None, move.start))
     fits = [first, *(fit(parent.problem, move.hypothesis, *other, target) for other in others)]

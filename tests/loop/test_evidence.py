@@ -1,18 +1,48 @@
 """Decisions between two fits: train and check records together, and noises as slow as a drift."""
 
+import dataclasses
+
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 from searched_spring import problem
 
+from jaxid.effects import Hinge, Placement, Term
 from jaxid.loop import Coloured, Hypothesis, LoopOptions, evidence
-from jaxid.loop.evidence import Decision, compare, improvement_chance
+from jaxid.loop.evidence import Decision, best_of_families, compare, improvement_chance
 from jaxid.loop.fit import fit
+from jaxid.loop.hypothesis import White
 
 
 @pytest.fixture(scope="module")
 def declared():
     return fit(problem(31, memory=0.98), Hypothesis())
+
+
+def test_family_is_represented_by_its_lowest_minimum(declared):
+    """Two hinges are one effect from different levels; a square is another effect."""
+    place = Placement.equation("v")
+    low, high, square = Hinge(place, "x", 0.3), Hinge(place, "x", 0.7), Term("v", "x^2")
+    given = problem(31, library=(low, high, square))
+
+    def ended(effect, cost, noise=White):
+        solution = eqx.tree_at(lambda node: node.cost, declared.solution, jnp.array(cost))
+        hypothesis = Hypothesis((effect.name,), noise())
+        return dataclasses.replace(
+            declared, problem=given, hypothesis=hypothesis, solution=solution
+        )
+
+    lowest, near, higher, other, coloured = fits = [
+        ended(low, 10.0),
+        ended(high, 12.9),
+        ended(high, 13.1),
+        ended(square, 50.0),
+        ended(high, 50.0, Coloured),
+    ]
+    assert higher not in best_of_families(fits)
+    assert best_of_families(fits) == [lowest, near, other, coloured]
 
 
 @pytest.mark.parametrize(("fall", "check_fall"), [(9.0, 0.02), (20.0, 0.0), (3.0, 0.3)])

@@ -167,8 +167,8 @@ def predict(
         window: number of samples at the start of each record; None for none.
         states: states whose initial value is fitted in the window, all by default; the others start
             at `model.initial_state`, necessarily so if no instrument measures them (a position, a
-            heading). The memory of an effect at the first sample (`EffectCard.by_record`) is always
-            fitted.
+            heading). The memory of an effect at the first sample (`EffectCard.by_record`) is fitted
+            with them.
 
     Returns:
         Predicted outputs and the scored samples.

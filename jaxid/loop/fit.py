@@ -78,7 +78,7 @@ class LoopFit:
 
     @property
     def count(self) -> int:
-        """Number of shared parameters, those of the noise beyond white noise included."""
+        """Number of parameters (`Hypothesis.count`)."""
         return self.hypothesis.count(self.problem)
 
     @property

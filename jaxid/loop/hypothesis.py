@@ -215,7 +215,7 @@ class Hypothesis:
 
     def count(self, problem: LoopProblem) -> int:
         """Return the number of parameters that the hypothesis determines: the shared ones, those
-        beyond white noise, and the initial values of added states in each record.
+        beyond white noise, and the memory of its effects (`Effect.starts`) in each record.
         """
         own = self.noise.count(len(problem.model.outputs))
         starts = len(problem.per_record(self.effects)) - len(problem.free.per_record)

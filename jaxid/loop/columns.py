@@ -2,7 +2,7 @@
 parameters and those of its effects.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import equinox as eqx
 
@@ -33,7 +33,7 @@ class Columns:
         self.names = (*free.shared, *self.owners)
         self.index = {name: column for column, name in enumerate(self.names)}
 
-    def chosen(self, effects: Sequence[str]) -> list[int]:
+    def chosen(self, effects: Collection[str]) -> list[int]:
         """Return the columns of the declared parameters and of the parameters of `effects`."""
         own = [self.index[name] for effect in effects for name in self.own[effect]]
         return [*range(self.declared), *own]

@@ -15,6 +15,7 @@ from ..estimation.problem import Problem
 from ..models.base import as_float, canonical
 from ..models.free import Free, Parameters, Positions, initial_parameters, with_values
 from .hypothesis import Hypothesis
+from .padding import Padding
 from .problem import LoopProblem
 
 
@@ -22,18 +23,20 @@ class Estimation(NamedTuple):
     """An estimation problem of a hypothesis.
 
     Attributes:
-        problem: the problem, with padding columns if it has the absent effects.
+        problem: the problem.
         parameters: starting values.
         free: the free parameters, without the padding.
+        padding: padding of the problem and its parameters; none without the absent effects.
     """
 
     problem: Problem
     parameters: Parameters
     free: Free
+    padding: Padding
 
     def rows(self, parameters: Parameters) -> Float[np.ndarray, "case own"]:
         """Return the per-record parameters without the padding."""
-        return np.asarray(parameters.rows)[:, : len(self.free.per_record)]
+        return np.asarray(parameters.rows)[:, : self.padding.own]
 
 
 def estimation_of(
@@ -57,6 +60,7 @@ def estimation_of(
     free = free_of(problem, effects)
     if isinstance(likelihood, OutputError) and not problem.uses_reduced_model:
         base, shared = padded_problem(problem, likelihood, effects, values, effects)
+        padding = problem.padding(effects)
     else:
         own, model = free.shared, canonical(problem.model_at(values, effects).only(effects))
         model, free = canonical(likelihood.prepared(model, free, problem.train))
@@ -65,10 +69,11 @@ def estimation_of(
             model = with_values(model, extra, jnp.array([known[name] for name in extra]))
         base = Problem.of(model, free, problem.train, likelihood)
         shared = initial_parameters(model, base.positions, problem.train).shared
+        padding = Padding.none(len(free.per_record), len(free.shared))
     first = np.array(initial_parameters(base.model, base.positions, problem.train).rows)
     for k, name in enumerate(free.per_record):
         first[:, k] = rows.get(name, first[:, k])
-    return Estimation(base, Parameters(shared, to_device(first)), free)
+    return Estimation(base, Parameters(shared, to_device(first)), free, padding)
 
 
 def free_of(problem: LoopProblem, effects: tuple[str, ...]) -> Free:
@@ -93,7 +98,7 @@ def padded_problem(
     free: tuple[str, ...] = (),
 ) -> tuple[Problem, Float[Array, " parameter"]]:
     """Return a problem of the model with all candidates, and the values of its shared parameters,
-    both padded to a width, as are the per-record parameters.
+    both with padding.
 
     All hypotheses of one width share their compiled programs.
 
@@ -104,26 +109,28 @@ def padded_problem(
         values: values of all columns.
         free: names of those effects whose parameters are free.
     """
-    chosen, row_positions = problem.columns.chosen(free), problem.row_positions(effects)
-    padding = problem.width(len(chosen)) - len(chosen)
+    chosen, own = problem.columns.chosen(free), problem.per_record(effects)
+    padding, nowhere = problem.padding(effects, free), len(problem.position)
 
-    def padded(vector, fill):
-        return to_device(np.r_[np.asarray(vector), np.full(padding, fill)])
+    def shared(values, fill):
+        return to_device(padding.padded_shared(values, fill))
 
-    def padded_rows(rows, fill):
-        width = row_positions.size - rows.shape[1]
-        return to_device(np.pad(rows, ((0, 0), (0, width)), constant_values=fill))
+    def rows(values, fill):
+        return to_device(padding.padded_own(values, fill))
 
-    at = padded(problem.positions[chosen], len(problem.position))
-    positions = Positions(at, to_device(row_positions), problem.leaves)
-    selected = dataclasses.replace(free_of(problem, free), per_record=problem.per_record(effects))
-    own = Limits.of(selected, problem.train.n_cases)
+    positions = Positions(
+        shared(problem.positions[chosen], nowhere),
+        rows(np.array([problem.position[name] for name in own], int), nowhere),
+        problem.leaves,
+    )
+    selected = dataclasses.replace(free_of(problem, free), per_record=own)
+    known = Limits.of(selected, problem.train.n_cases)
     limits = Limits(
-        Parameters(padded(own.lower.shared, -np.inf), padded_rows(own.lower.rows, -np.inf)),
-        Parameters(padded(own.upper.shared, np.inf), padded_rows(own.upper.rows, np.inf)),
-        padded(own.scale, np.nan),
-        padded(own.prior_mean, 0.0),
-        padded(own.prior_deviation, np.inf),
+        Parameters(shared(known.lower.shared, -np.inf), rows(known.lower.rows, -np.inf)),
+        Parameters(shared(known.upper.shared, np.inf), rows(known.upper.rows, np.inf)),
+        shared(known.scale, np.nan),
+        shared(known.prior_mean, 0.0),
+        shared(known.prior_deviation, np.inf),
     )
     model = problem.model_at(values, effects)
-    return Problem(model, positions, problem.train, likelihood, limits), padded(values[chosen], 0.0)
+    return Problem(model, positions, problem.train, likelihood, limits), shared(values[chosen], 0.0)

@@ -49,7 +49,7 @@ class LoopFit:
         problem: the problem of the search.
         hypothesis: effects and noise.
         estimation: the estimation problem at the fit.
-        solution: result of the solver; its parameters may have padding.
+        solution: result of the solver, with the padding of the estimation problem.
     """
 
     problem: LoopProblem
@@ -283,18 +283,18 @@ def _known_sensitivities(
     """Return the sensitivities at the start of a fit, known if it starts at its parent's values."""
     if parent is None or not isinstance(estimation.problem.likelihood, OutputError):
         return None
-    problem, parameters = parent.problem, estimation.parameters
+    problem = parent.problem
     same = problem.train is estimation.problem.records and np.array_equal(values, parent.values)
     if not same:
         return None
     chosen, known = problem.columns.chosen(hypothesis.effects), parent.estimation.free.per_record
     S = parent.motion.chosen(chosen)
-    rows = np.zeros((*S.shape[:-1], parameters.rows.shape[1]))  # an effect at zero gain has none
+    own = np.zeros((*S.shape[:-1], estimation.padding.own))  # an effect at zero gain has none
     for k, name in enumerate(estimation.free.per_record):
         if name in known:
-            rows[..., k] = S[..., known.index(name)]
-    padding = np.zeros((*S.shape[:-1], parameters.shared.size - len(chosen)))
-    return to_device(np.concatenate([rows, S[..., len(known) :], padding], axis=-1))
+            own[..., k] = S[..., known.index(name)]
+    columns = np.concatenate([own, S[..., len(known) :]], axis=-1)
+    return to_device(estimation.padding.padded_columns(columns))
 
 
 def worth_continuing(costs: list[float], target: float = np.inf) -> bool:

@@ -64,8 +64,8 @@ class LinearMotion:
         """The problem of the model with all candidates at these values, and its parameters."""
         problem = self.problem
         base, shared = padded_problem(problem, problem.likelihood, self.effects, self.values)
-        width = base.positions.rows.size - self.own
-        return base, Parameters(shared, to_device(np.pad(self.rows, ((0, 0), (0, width)))))
+        rows = problem.padding(self.effects, ()).padded_own(self.rows)
+        return base, Parameters(shared, to_device(rows))
 
     @cached_property
     def sensitivities(self) -> tuple[Float[Array, "case time output"], Array]:

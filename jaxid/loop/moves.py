@@ -249,11 +249,9 @@ def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> Locali
     problem, motion = fit.problem, fit.motion
     places = motion.places | {LocationKind.EQUATION: problem.equations}
     places = {kind: names for kind, names in places.items() if names}
-    columns = problem.columns.chosen(fit.effects)
-    padding = problem.width(len(columns)) - len(columns)
-    base, own = motion.fixed[0], motion.own
-    S = np.insert(motion.chosen(columns), [own] * (base.positions.rows.size - own), 0.0, axis=-1)
-    S = np.pad(S, ((0, 0), (0, 0), (0, 0), (0, padding)))
+    base = motion.fixed[0]
+    padding = problem.padding(fit.effects)._replace(own_width=base.positions.rows.size)
+    S = padding.padded_columns(motion.chosen(problem.columns.chosen(fit.effects)))
     splines = splines or resolution(problem.train, fit.solution.residuals)
     R = regular(fit.noise_covariance)
     linear = motion.linear_at(places)

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._foundation.checks import require, require_known
 from .._foundation.host import to_device
-from .._foundation.types import Array, Float, Int
+from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..diagnosis.validation import Predictor, check_window
 from ..effects.augmented import Augmented, starts_of
@@ -27,15 +27,11 @@ from ..models.free import INITIAL_STATE, Free, all_names, leaves_at, with_values
 from ..models.names import flat_vector
 from ..simulation.steppers import rate
 from .columns import Columns
+from .padding import COLUMN_BLOCK, ROW_BLOCK, Padding, padded_number
 
 # The tolerance is in standard errors; a decision needs no smaller one. Effects with corners make
 # the solver reject steps, hence the number of steps.
 SEARCH_SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
-# Chosen: parameters of effects are padded to multiples of this, so that few widths are compiled.
-# More padding costs arithmetic, less costs compilations.
-COLUMN_BLOCK = 8
-# The same for the initial values of states that effects add (chosen).
-ROW_BLOCK = 2
 # Measured: cost of compiling a fit, in operations that the 24 passes of a refit do per sample:
 # 3 s and 10 ms per operation of its model, at 0.3 us per operation and sample (0.15 to 0.6), on
 # two cores, for models of 6 to 1,435 operations.
@@ -178,15 +174,23 @@ class LoopProblem:
         inside = (effect for effect in self.library if effect.name in effects)
         return (*declared, *(name for effect in inside for name in effect.starts))
 
-    def row_positions(self, effects: Collection[str]) -> Int[np.ndarray, " row_parameter"]:
-        """Return the positions of the per-record parameters in the flat vector of the augmented
-        model, padded so that hypotheses with few added states share their programs.
+    def padding(self, effects: Collection[str], free: Collection[str] | None = None) -> Padding:
+        """Return the padding of a program with some effects in the model.
+
+        Args:
+            effects: names of the effects in the model.
+            free: names of those effects whose parameters are free; by default all of them.
         """
-        at = [self.position[name] for name in self.per_record(effects)]
-        declared = len(self.free.per_record)
-        added, any_candidate = len(at) - declared, len(self.per_record(self.names)) > declared
-        width = declared + ROW_BLOCK * max(-(-added // ROW_BLOCK), int(any_candidate))
-        return np.array(at + [len(self.position)] * (width - len(at)), int)
+        chosen = self.columns.chosen(effects if free is None else free)
+        own, shared = len(self.per_record(effects)), len(chosen)
+        declared, rows = self.columns.declared, len(self.free.per_record)
+        any_row = len(self.per_record(self.names)) > rows
+        return Padding(
+            own,
+            rows + padded_number(own - rows, ROW_BLOCK, least=int(any_row)),
+            shared,
+            declared + padded_number(shared - declared, COLUMN_BLOCK),
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -267,11 +271,6 @@ class LoopProblem:
         changed = np.asarray(values) != self.initial_values
         model = with_values_at(self.augmented, self.positions[changed], values[changed])
         return model.with_present(effects)
-
-    def width(self, chosen: int) -> int:
-        """Return the number of columns of a fit of some shared parameters, padding included."""
-        declared = self.columns.declared
-        return declared + COLUMN_BLOCK * max(1, -(-(chosen - declared) // COLUMN_BLOCK))
 
     def absent(self, effects: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of the candidates that may be added to some effects.

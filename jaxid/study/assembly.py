@@ -22,6 +22,7 @@ from ..loop.fit import LoopFit, fit
 from ..loop.moves import Proposals
 from ..loop.options import LoopOptions
 from ..loop.outcome import Outcome
+from ..loop.padding import Padding
 from ..loop.problem import LoopProblem
 from ..loop.search import SearchTree
 from ..loop.search_effects import EffectSearch
@@ -168,7 +169,7 @@ def _side(predicting: LoopFit, fitted: LoopFit, records: StudyRecords) -> Side:
     }
     problem, (model, free) = fitted.problem, fitted.model_and_free
     noise, threshold = problem.likelihood.noise, problem.solver.policy.threshold
-    solution = _unpadded(fitted.solution, len(free.per_record), len(free.shared))
+    solution = _unpadded(fitted.solution, fitted.estimation.padding)
     estimated = fitted.estimation.problem
     stochastic = not isinstance(estimated.likelihood, OutputError)
     of = estimated.model if stochastic else model
@@ -199,15 +200,9 @@ def _noise(best: LoopFit, outcome: Outcome, used: Record) -> dict[str, float]:
 
 
 @fast_compile_jit
-def _unpadded(solution: Fit, own: int, count: int) -> Fit:
-    """Return a fit without its padding columns (jitted).
-
-    Args:
-        solution: the fit.
-        own: number of per-record parameters.
-        count: number of shared parameters.
-    """
-    padded = solution.parameters.rows.shape[1]
+def _unpadded(solution: Fit, padding: Padding) -> Fit:
+    """Return a fit without its padding (jitted)."""
+    own, count = padding.own, padding.shared
     keep = np.r_[np.arange(count), solution.parameters.shared.size]
     block = solution.information.own
     # the rows of a padding column, which has no sensitivity, are zero and stand last
@@ -222,7 +217,7 @@ def _unpadded(solution: Fit, own: int, count: int) -> Fit:
     profile = solution.information.profile
     profile = Profile(profile.shared[:, :count], profile.own[..., :own], profile.count)
     information = Information(factor, block, profile)
-    unknown = np.r_[np.arange(own), padded + np.arange(count)]
+    unknown = np.r_[np.arange(own), padding.own_width + np.arange(count)]
     return dataclasses.replace(
         solution,
         parameters=Parameters(

@@ -27,8 +27,11 @@ SMALLEST_STEP = 2.0**-24
 GIVE_UP = 2.0**-10
 # Rounding of a cost, which is a sum over many samples, relative to its size.
 COST_ROUNDING = 64 * float(jnp.finfo(jnp.float64).eps)
-# Distance in tolerances within which sensitivities at other parameters are reused; chosen.
+# Largest distance in tolerances within which sensitivities at other parameters are reused; chosen.
 REUSE_DISTANCE = 100.0
+# Change of the decrement by new sensitivities, per standard error of distance, until it is measured:
+# the distance itself, as where half of Gauss-Newton's error remains after a step; chosen.
+UNMEASURED_CHANGE = 1.0
 # In tolerances: a parameter this close to its bound, in standard errors, is set to it; chosen.
 ON_BOUND = 1e-3
 # Reused sensitivities after which more than this share of the step remains are renewed; chosen.
@@ -50,6 +53,8 @@ class State(eqx.Module):
         decrement: length of the full step at the last accepted parameters [standard errors].
         drift: upper bound of the distance from the parameters at which the sensitivities were
             computed [standard errors].
+        change: change of the decrement by new sensitivities, per standard error from the parameters
+            of the old ones: at least `1 / REUSE_DISTANCE`, measured at the last renewal.
         renew: True if the next evaluation computes the sensitivities; its trial then is the last
             accepted point.
         ending: True if the iteration ends once the sensitivities are renewed.
@@ -65,6 +70,7 @@ class State(eqx.Module):
     linearised: Linearised
     decrement: Float[Array, ""]
     drift: Float[Array, ""]
+    change: Float[Array, ""]
     renew: Bool[Array, ""]
     ending: Bool[Array, ""]
     search: Any
@@ -104,6 +110,7 @@ class _Progress(NamedTuple):
     Attributes:
         decrement: length of the full step [standard errors].
         drift: distance from the parameters of the sensitivities, at most [standard errors].
+        change: change of the decrement per standard error of this distance.
         near: True if the sensitivities are near enough to end the iteration with.
         renew: True if the next evaluation computes the sensitivities again.
         done: True if the iteration should end.
@@ -112,6 +119,7 @@ class _Progress(NamedTuple):
 
     decrement: Float[Array, ""]
     drift: Float[Array, ""]
+    change: Float[Array, ""]
     near: Bool[Array, ""]
     renew: Bool[Array, ""]
     done: Bool[Array, ""]
@@ -147,6 +155,7 @@ class Minimiser(optx.AbstractMinimiser):
             linearised=empty,
             decrement=jnp.array(jnp.inf),
             drift=jnp.array(0.0),
+            change=jnp.array(UNMEASURED_CHANGE),
             renew=jnp.array(known is None),
             ending=false,
             search=self.search.init(y, evaluation),
@@ -187,6 +196,7 @@ class Minimiser(optx.AbstractMinimiser):
             linearised=linearised,
             decrement=progress.decrement,
             drift=progress.drift,
+            change=progress.change,
             renew=renew,
             ending=progress.small_gain_ends,
             search=search,
@@ -231,10 +241,10 @@ class Minimiser(optx.AbstractMinimiser):
         small_gain = moved & ~optional & (fall < self.least_fall)
         close = REUSE_DISTANCE * self.tolerance
         # An old direction can be poor and gain little, so it does not end the iteration.
-        small_gain_ends = small_gain & (state.drift <= close)
+        small_gain_ends = small_gain & self._is_near(state.drift, state.change)
         done = (decrement < self.tolerance) | small_gain_ends
-        drift = self._drift(state, moved)
-        near = drift <= close
+        drift, change = self._drift(state, moved), _change(state, decrement)
+        near = self._is_near(drift, change)
         renew = ~near & (
             ~accept
             | done
@@ -242,7 +252,11 @@ class Minimiser(optx.AbstractMinimiser):
             | (decrement < close)
             | (decrement > REFRESH_SHARE * state.decrement)
         )
-        return _Progress(decrement, drift, near, renew, done, small_gain_ends)
+        return _Progress(decrement, drift, change, near, renew, done, small_gain_ends)
+
+    def _is_near(self, drift: Float[Array, ""], change: Float[Array, ""]) -> Bool[Array, ""]:
+        """Return True if new sensitivities would change the decrement by less than a tolerance."""
+        return change * drift <= self.tolerance
 
     def _next_descent(self, y: Parameters, state: State, evaluation, accept, refused, step_size):
         """Return the state of the descent, and whether the search begins with another direction.
@@ -293,6 +307,13 @@ class Minimiser(optx.AbstractMinimiser):
 
     def postprocess(self, fn, y, aux, args, options, state, tags, result):
         return y, aux, {}
+
+
+def _change(state: State, decrement: Float[Array, ""]) -> Float[Array, ""]:
+    """Return the change of the decrement per standard error of distance (`State.change`)."""
+    repeated = state.renew & (state.drift > 0)
+    measured = jnp.abs(decrement - state.decrement) / jnp.where(repeated, state.drift, 1.0)
+    return jnp.where(repeated, jnp.maximum(measured, 1.0 / REUSE_DISTANCE), state.change)
 
 
 @eqx.filter_jit

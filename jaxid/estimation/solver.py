@@ -33,12 +33,13 @@ class GaussNewton(eqx.Module):
         max_steps: largest number of evaluations of the likelihood.
         chord: reuse the sensitivities for more than one step. A trial is then simulated for its
             residuals alone, at a small part of the cost of the sensitivities. Sensitivities from
-            more than 100 tolerances away are computed again when a step is refused, when the step
-            remaining after it is longer than a quarter of the previous one, or before the iteration
-            ends. This compiles one more simulation, and under `vmap` it saves nothing. (The chord
-            method between Newton's steps: V. E. Shamanskii, Ukrainian Mathematical Journal 19,
-            1967; C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations, SIAM 1995,
-            section 5.4.)
+            more than 100 tolerances away, or from so far that new ones would change the length of
+            the step by more than the tolerance (as their last renewal did, for its distance), are
+            computed again when a step is refused, when the step remaining after it is longer than a
+            quarter of the previous one, or before the iteration ends. This compiles one more
+            simulation, and under `vmap` it saves nothing. (The chord method between Newton's steps:
+            V. E. Shamanskii, Ukrainian Mathematical Journal 19, 1967; C. T. Kelley, Iterative
+            Methods for Linear and Nonlinear Equations, SIAM 1995, section 5.4.)
     """
 
     policy: AbstractPolicy = eqx.field(default_factory=Clip)

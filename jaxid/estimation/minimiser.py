@@ -29,8 +29,8 @@ GIVE_UP = 2.0**-10
 COST_ROUNDING = 64 * float(jnp.finfo(jnp.float64).eps)
 # Largest distance in tolerances within which sensitivities at other parameters are reused; chosen.
 REUSE_DISTANCE = 100.0
-# Change of the decrement by new sensitivities, per standard error of distance, until it is measured:
-# the distance itself, as where half of Gauss-Newton's error remains after a step; chosen.
+# Change of the decrement by new sensitivities, per standard error of distance, until it is
+# measured: as where half of the error remains after a Gauss-Newton step; chosen.
 UNMEASURED_CHANGE = 1.0
 # In tolerances: a parameter this close to its bound, in standard errors, is set to it; chosen.
 ON_BOUND = 1e-3

@@ -27,9 +27,6 @@ INSEPARABLE = 6.0
 SETTLED = 25.0
 # Chosen: standard errors by which a gain must differ from zero to be determined.
 DETERMINED = 2.0
-# Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
-# five times in a record, and is as well a constant or a drift.
-LONGEST_MEMORY = 0.1
 
 
 class Decision(enum.Enum):
@@ -262,8 +259,7 @@ def is_drift(fitted: LoopFit, memory: float) -> bool:
     """Return True if a noise of some memory [s] is so slow in the records of a fit that it is as
     well a constant or a drift.
     """
-    t = np.asarray(fitted.problem.train.t)
-    return bool(memory > LONGEST_MEMORY * float(np.max(t[:, -1] - t[:, 0])))
+    return bool(memory >= fitted.problem.longest_memory)
 
 
 def worth(fit: LoopFit) -> float:

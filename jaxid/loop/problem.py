@@ -32,6 +32,9 @@ from .padding import COLUMN_BLOCK, ROW_BLOCK, Padding, padded_number
 # The tolerance is in standard errors; a decision needs no smaller one. Effects with corners make
 # the solver reject steps, hence the number of steps.
 SEARCH_SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
+# Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
+# five times in a record, and is as well a constant or a drift.
+LONGEST_MEMORY = 0.1
 # Measured: cost of compiling a fit, in operations that the 24 passes of a refit do per sample:
 # 3 s and 10 ms per operation of its model, at 0.3 us per operation and sample (0.15 to 0.6), on
 # two cores, for models of 6 to 1,435 operations.
@@ -252,6 +255,12 @@ class LoopProblem:
     def samples(self) -> int:
         """Number of valid measured values of the training records."""
         return int(np.sum(np.asarray(self.train.mask)))
+
+    @cached_property
+    def longest_memory(self) -> float:
+        """Correlation time from which on a noise is as well a constant or a drift [s]."""
+        t = np.asarray(self.train.t)
+        return LONGEST_MEMORY * float(np.max(t[:, -1] - t[:, 0]))
 
     @property
     def price(self) -> float:

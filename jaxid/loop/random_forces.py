@@ -40,6 +40,9 @@ MOST_FORCE_STEPS, SHORTEST_STEP, LEAST_FALL = 20, 0.01, 0.05
 # Chosen: fall of the cost, as a share of `LEAST_FALL`, at which L-BFGS-B ends. SciPy divides the
 # fall by the cost, which is of the order of the number of samples.
 FORCE_TOLERANCE = 0.1
+# Chosen: cost in place of an infinite one, far above all others. From an infinite one the line
+# search of L-BFGS-B finds no way back, and ends where it began.
+BARRIER = 1e12
 # Chosen: ratio of a refused step to the next one tried.
 SHORTER = 0.25
 
@@ -98,12 +101,26 @@ def predicted_states(motion: ForcedMotion, noise: ForceNoise) -> Float[Array, "c
     return motion.linear.x + deviation[..., : motion.linear.x.shape[-1]]
 
 
-def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceEstimate:
+def estimate_forces(
+    motion: ForcedMotion, own: int, start: ForceNoise, longest: float
+) -> ForceEstimate:
     """Return the most probable forces and sensor noise, by L-BFGS-B on logarithms, with the step of
-    the free parameters; the first `own` columns are those of the per-record parameters.
+    the free parameters.
+
+    Along a motion that is far from the records the linear model takes its error for a slow force;
+    within bounds the steps of the parameters take it away.
+
+    Args:
+        motion: the motion, with its sensitivities.
+        own: number of the per-record parameters, whose columns are the first.
+        start: starting values.
+        longest: upper bound of the correlation times [s].
     """
     sizes = np.cumsum([part.size for part in start])[:-1]
-    begin = np.log(np.concatenate([np.asarray(part) for part in start]))
+    begin = np.concatenate([np.log(np.asarray(part)) for part in start])
+    highest = begin + np.log(WIDEST_RANGE)
+    highest[sizes[0] : sizes[1]] = np.log(longest)
+    begin = np.minimum(begin, highest)
 
     def noise_at(logarithms) -> ForceNoise:
         return ForceNoise(*map(to_device, np.split(logarithms, sizes)))
@@ -111,19 +128,18 @@ def estimate_forces(motion: ForcedMotion, own: int, start: ForceNoise) -> ForceE
     def objective(logarithms):
         (cost, _), slope = _cost_and_slope(noise_at(logarithms), motion, own)
         slope = np.concatenate([np.asarray(part) for part in slope])
-        return (float(cost), slope) if np.isfinite(float(cost)) else (np.inf, np.zeros_like(slope))
+        return (float(cost), slope) if np.isfinite(float(cost)) else (BARRIER, np.zeros_like(slope))
 
-    widest = np.log(WIDEST_RANGE)
-    bounds = [(value - widest, value + widest) for value in begin]
+    bounds = [*zip(begin - np.log(WIDEST_RANGE), highest, strict=True)]
     ends = {"ftol": FORCE_TOLERANCE * LEAST_FALL / max(int(np.sum(np.asarray(motion.mask))), 1)}
     end = scipy.optimize.minimize(
         objective, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=ends
     )
     (expected, rest), _ = _cost_and_slope(noise_at(end.x), motion, own)
     cost, own_step, shared = map(np.asarray, rest)
-    return ForceEstimate(
-        noise_at(np.exp(end.x)), float(cost), float(cost) - float(expected), own_step, shared
-    )
+    noise = noise_at(np.exp(end.x))
+    noise = noise._replace(time=jnp.minimum(noise.time, longest))  # the logarithm is rounded
+    return ForceEstimate(noise, float(cost), float(cost) - float(expected), own_step, shared)
 
 
 @fast_compile_jit
@@ -234,7 +250,7 @@ def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> F
     """Return the most probable random forces and parameters, from a motion and the parameters of
     forces and sensor noise; an infinite cost if the start diverges.
     """
-    columns, own = start.problem.columns, start.own
+    columns, own, longest = start.problem.columns, start.own, start.problem.longest_memory
     chosen = columns.chosen(start.effects)
     names = tuple(columns.names[k] for k in chosen)
     best, step = ForceFit(start, first, np.inf), None
@@ -243,7 +259,7 @@ def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> F
         v, S = motion.columns_of(names)
         finite = all(np.all(np.isfinite(np.asarray(part))) for part in (v, S))
         forced = forced_motion(motion, noise, v, S)
-        here = estimate_forces(forced, own, best.noise) if finite else None
+        here = estimate_forces(forced, own, best.noise, longest) if finite else None
         if here is not None and here.cost < best.cost:
             best, step, share = ForceFit(motion, here.noise, here.cost), here, 1.0
         else:

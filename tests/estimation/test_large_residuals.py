@@ -1,8 +1,8 @@
 """Convergence where residuals are large: Gauss-Newton is slow, and old sensitivities mislead.
 
-With known noise of one size, `y = (a, a + C a^2)` and `z = (-1, 1)` the cost is least at `a = 0`, where
-both residuals have size one, and a Gauss-Newton step leaves the share C of the error. With the
-sensitivities of a point `a` kept, the steps end at `C a`.
+With known noise of one size, `y = (a, a + C a^2)` and `z = (-1, 1)` the cost is least at `a = 0`,
+where both residuals have size one, and a Gauss-Newton step leaves the share C of the error. With
+the sensitivities of a point `a` kept, the steps end at `C a`.
 """
 
 import jax.numpy as jnp

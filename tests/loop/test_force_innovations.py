@@ -96,7 +96,7 @@ def test_predicted_states_equal_conditional_means():
 
 def test_cost_slope_and_step_of_forces_equal_dense_gaussian():
     motion, noise, v, S, z = motion_of(np.random.default_rng(3))
-    found = estimate_forces(motion, 2, noise)
+    found = estimate_forces(motion, 2, noise, longest=1e6)
     H, valid = response(), np.isfinite(z).reshape(-1)
     v, S = v.reshape(-1)[valid], S.reshape(-1, 3)[valid]
 
@@ -122,3 +122,29 @@ def test_cost_slope_and_step_of_forces_equal_dense_gaussian():
     moved = v - S @ np.concatenate([found.own[0], found.shared])
     assert found.fall == pytest.approx(found.cost - cost(end, moved), rel=1e-7)
     assert after_best_step(end) < after_best_step(start)
+
+
+def test_correlation_times_stay_within_the_longest():
+    motion, noise, *_ = motion_of(np.random.default_rng(3))
+    free = estimate_forces(motion, 2, noise, longest=1e6)
+    bound = 0.5 * float(free.noise.time[0])
+    found = estimate_forces(motion, 2, noise, longest=bound)
+    assert float(found.noise.time[0]) == bound
+    assert found.cost - found.fall > free.cost - free.fall
+
+
+def test_forces_are_found_from_where_the_first_trial_has_no_finite_cost(monkeypatch):
+    """The first trial of L-BFGS-B goes to the bounds, where the filter overflows."""
+    motion, noise, *_ = motion_of(np.random.default_rng(3))
+    least, begin = 0.5, np.log(np.concatenate([np.asarray(part) for part in noise]))
+
+    def parabola(logarithms: ForceNoise, motion, own):
+        moved = np.concatenate([np.asarray(part) for part in logarithms]) - begin
+        cost = np.sum((moved - least) ** 2) if np.max(np.abs(moved)) < 2.0 else np.inf
+        slope = np.split(2.0 * (moved - least), np.cumsum([p.size for p in noise])[:-1])
+        return (cost, (cost, np.zeros((1, 2)), np.zeros(1))), ForceNoise(*slope)
+
+    monkeypatch.setattr("jaxid.loop.random_forces._cost_and_slope", parabola)
+    found = estimate_forces(motion, 2, noise, longest=1e6)
+    end = np.log(np.concatenate([np.asarray(part) for part in found.noise]))
+    np.testing.assert_allclose(end - begin, least, atol=1e-2)

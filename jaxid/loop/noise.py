@@ -23,6 +23,8 @@ from .random_forces import ForceFit, fit_forces
 
 # Chosen: starting value of the correlation time of a random force [samples].
 FORCE_TIME = 5.0
+# Chosen: number of steps of random forces from each start, before the better one is continued.
+FIRST_STEPS = 6
 # Chosen: share of the largest standard deviation below which a component of the gusts is none.
 NEGLIGIBLE_GUST = 0.05
 
@@ -121,12 +123,13 @@ def _most_probable(declared: LoopFit, noise: RandomForces) -> ForceFit:
     """Return the most probable forces without effects.
 
     The declared fit may have taken the forces for other parameters, so that they are estimated from
-    the declared values as well.
+    the declared values as well, and the better of both starts is continued.
     """
     motion, first = declared.motion, noise.initial(declared.noise_covariance)
     begin = dataclasses.replace(motion, values=declared.problem.initial_values)
-    fits = [fit_forces(start, noise, first) for start in (motion, begin)]
-    return min(fits, key=lambda one: one.cost)
+    fits = [fit_forces(start, noise, first, FIRST_STEPS) for start in (motion, begin)]
+    best = min(fits, key=lambda one: one.cost)
+    return fit_forces(best.motion, noise, best.noise)
 
 
 def _forces_alone(fit: LoopFit, noise: RandomForces, best: ForceFit) -> Move:

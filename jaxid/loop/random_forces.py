@@ -246,16 +246,18 @@ def forced_motion(motion: LinearMotion, noise: RandomForces, v, S) -> ForcedMoti
     return ForcedMotion(linear, motion.problem.train.t, motion.problem.train.mask, v, S)
 
 
-def fit_forces(start: LinearMotion, noise: RandomForces, first: ForceNoise) -> ForceFit:
+def fit_forces(
+    start: LinearMotion, noise: RandomForces, first: ForceNoise, steps: int = MOST_FORCE_STEPS
+) -> ForceFit:
     """Return the most probable random forces and parameters, from a motion and the parameters of
-    forces and sensor noise; an infinite cost if the start diverges.
+    forces and sensor noise, in at most `steps` steps; an infinite cost if the start diverges.
     """
     columns, own, longest = start.problem.columns, start.own, start.problem.longest_memory
     chosen = columns.chosen(start.effects)
     names = tuple(columns.names[k] for k in chosen)
     best, step = ForceFit(start, first, np.inf), None
     motion, share = start, 1.0
-    for _ in range(MOST_FORCE_STEPS):
+    for _ in range(steps):
         v, S = motion.columns_of(names)
         finite = all(np.all(np.isfinite(np.asarray(part))) for part in (v, S))
         forced = forced_motion(motion, noise, v, S)

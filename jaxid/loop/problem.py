@@ -22,6 +22,7 @@ from ..estimation.estimate import as_stack, check_channels, check_samples, check
 from ..estimation.filter.filter_error import FilterError
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
+from ..estimation.spectrum_policy import Damp
 from ..models.base import AbstractModel, canonical, equations_of
 from ..models.free import INITIAL_STATE, Free, all_names, leaves_at, with_values_at
 from ..models.names import flat_vector
@@ -29,9 +30,10 @@ from ..simulation.steppers import rate
 from .columns import Columns
 from .padding import COLUMN_BLOCK, ROW_BLOCK, Padding, padded_number
 
-# The tolerance is in standard errors; a decision needs no smaller one. Effects with corners make
-# the solver reject steps, hence the number of steps.
-SEARCH_SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
+# The tolerance is in standard errors; a decision needs no smaller one. Effects have corners and
+# curved valleys, as of a gain times a time constant: there damped steps need a tenth of the
+# evaluations of shortened ones.
+SEARCH_SOLVER = GaussNewton(Damp(), tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
 # Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
 # five times in a record, and is as well a constant or a drift.
 LONGEST_MEMORY = 0.1

@@ -179,9 +179,11 @@ class Minimiser(optx.AbstractMinimiser):
         descent, skip = self._next_descent(
             trial.y, state, evaluation, accept, ~accept & ~renew, trial.step_size
         )
+        # the size of a trust region outlives the sensitivities
+        restart = skip if self.descent.policy.curved else skip | renew
         restarted = self.search.init(trial.y, before)
-        search = jax.tree.map(partial(jnp.where, skip | renew), restarted, trial.search)
-        step_size = jnp.where(skip | renew, 1.0, trial.step_size)
+        search = jax.tree.map(partial(jnp.where, restart), restarted, trial.search)
+        step_size = jnp.where(restart, 1.0, trial.step_size)
         difference, _ = self.descent.step(jnp.where(renew, 0.0, step_size), descent)
         repeated = state.renew & ~state.first  # the accepted parameters, evaluated again
         row = jnp.where(accept, state.accepted - repeated, self.max_steps)
@@ -221,6 +223,10 @@ class Minimiser(optx.AbstractMinimiser):
         step_size, accept, _, search = self.search.step(
             state.first, y, state.trial, before, optx.FunctionInfo.Eval(cost - slack), state.search
         )
+        if self.descent.policy.curved:  # the same parameters again show nothing of a step
+            repeated = state.renew & ~state.first
+            search = jax.tree.map(partial(jnp.where, repeated), state.search, search)
+            step_size = search.step_size
         accept = state.first | state.renew | (accept & jnp.isfinite(cost))
         # a branch hands the arrays over, where a choice by element would copy the sensitivities
         y, kept, linearised = jax.lax.cond(

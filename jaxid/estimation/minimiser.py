@@ -245,6 +245,8 @@ class Minimiser(optx.AbstractMinimiser):
         decrement = self.descent.decrement(trial.linearised.information)
         fall = jnp.abs(state.cost - trial.evaluated)
         small_gain = moved & ~optional & (fall < self.least_fall)
+        if self.descent.policy.curved:  # a step that the damping shortens gains little anywhere
+            small_gain &= trial.step_size >= 1.0
         close = REUSE_DISTANCE * self.tolerance
         # An old direction can be poor and gain little, so it does not end the iteration.
         small_gain_ends = small_gain & self._is_near(state.drift, state.change)

@@ -20,6 +20,7 @@ from ..estimation.estimate import Fit
 from ..estimation.host_iteration import fit_by_steps
 from ..estimation.likelihoods import OutputError
 from ..estimation.model_programs import PROGRAMS, FlatProblem
+from ..estimation.spectrum_policy import Clip
 from ..models.base import AbstractModel
 from ..models.free import Free, with_values
 from ..models.noise import AbstractNoise, FixedNoise
@@ -36,6 +37,10 @@ MAX_CONTINUATIONS = 10
 # Chosen: fall of the cost (half of chi-square) below which a fit is not continued: one unit of
 # chi-square changes no choice between hypotheses.
 MIN_COST_FALL = 0.5
+# Policy of likelihoods with variances as parameters, whose rows are no residuals (chosen): of two
+# minima, one of them with a variance near zero, shortened steps reached the lower one, damped ones
+# did not.
+VARIANCES = Clip()
 # Chosen: share of the fall of all continuations so far below which a fit is not continued. Stops
 # fits that creep along an undetermined direction.
 MIN_CONTINUATION_SHARE = 0.1
@@ -250,7 +255,7 @@ def fit(
         estimation = estimation_of(problem, hypothesis, values, known, rows)
         likelihood, solver = estimation.problem.likelihood, problem.solver
         if not isinstance(likelihood, OutputError):
-            solver = dataclasses.replace(solver, chord=False)  # its rows are no residuals
+            solver = dataclasses.replace(solver, policy=VARIANCES, chord=False)
         if not costs:  # a continuation starts elsewhere
             S = _known_sensitivities(parent, estimation, hypothesis, values)
         solution = fit_by_steps(estimation.problem, estimation.parameters, solver, S)

@@ -90,7 +90,7 @@ def test_fit_stopped_by_its_iteration_limit_is_continued(monkeypatch):
     """A search compares converged fits."""
     patient, brief = (
         _problem(monkeypatch, False, dataclasses.replace(SEARCH_SOLVER, max_steps=most))
-        for most in (100, 4)
+        for most in (100, 8)
     )
     cubic = Hypothesis(("x^3 in v",))
     converged = fit(patient, cubic).cost

@@ -28,8 +28,8 @@ class GaussNewton(eqx.Module):
         search: a search of optimistix; by default `policy.search()`.
         tolerance: the iteration ends when the full step is shorter than this [standard errors].
         least_fall: the iteration also ends when an accepted step lowers the cost by less than this
-            (zero: never). Where a model has corners, steps stay short, and the last thousandth of a
-            unit of log-likelihood is not worth them.
+            (zero: never), with `Damp` one that is hardly damped. Where a model has corners, steps
+            stay short, and the last thousandth of a unit of log-likelihood is not worth them.
         max_steps: largest number of evaluations of the likelihood.
         chord: reuse the sensitivities for more than one step. A trial is then simulated for its
             residuals alone, at a small part of the cost of the sensitivities. Sensitivities from

@@ -20,6 +20,7 @@ from ..estimation.estimate import Fit
 from ..estimation.host_iteration import fit_by_steps
 from ..estimation.likelihoods import OutputError
 from ..estimation.model_programs import PROGRAMS, FlatProblem
+from ..estimation.solver import GaussNewton
 from ..estimation.spectrum_policy import Clip
 from ..models.base import AbstractModel
 from ..models.free import Free, with_values
@@ -37,10 +38,9 @@ MAX_CONTINUATIONS = 10
 # Chosen: fall of the cost (half of chi-square) below which a fit is not continued: one unit of
 # chi-square changes no choice between hypotheses.
 MIN_COST_FALL = 0.5
-# Policy of likelihoods with variances as parameters, whose rows are no residuals (chosen): of two
-# minima, one of them with a variance near zero, shortened steps reached the lower one, damped ones
-# did not.
-VARIANCES = Clip()
+# Second policy of likelihoods with variances as parameters (chosen). They have several minima, as
+# with a variance near zero, and either of damped and shortened steps has missed the lowest.
+SECOND_POLICY = Clip()
 # Chosen: share of the fall of all continuations so far below which a fit is not continued. Stops
 # fits that creep along an undetermined direction.
 MIN_CONTINUATION_SHARE = 0.1
@@ -253,12 +253,9 @@ def fit(
     S, costs = None, []
     while True:
         estimation = estimation_of(problem, hypothesis, values, known, rows)
-        likelihood, solver = estimation.problem.likelihood, problem.solver
-        if not isinstance(likelihood, OutputError):
-            solver = dataclasses.replace(solver, policy=VARIANCES, chord=False)
         if not costs:  # a continuation starts elsewhere
             S = _known_sensitivities(parent, estimation, hypothesis, values)
-        solution = fit_by_steps(estimation.problem, estimation.parameters, solver, S)
+        solution = _lowest(estimation, problem.solver, S)
         costs, S = [*costs, float(solution.cost)], None
         fitted = LoopFit(problem, hypothesis, estimation, solution)
         if solution.result != RESULTS.steps_exhausted or not worth_continuing(costs, target):
@@ -268,6 +265,17 @@ def fit(
         known = {name: float(shared[k]) for k, name in enumerate(estimation.free.shared)}
         chosen = problem.columns.chosen(hypothesis.effects)
         values[chosen] = shared[: len(chosen)]
+
+
+def _lowest(estimation: Estimation, solver: GaussNewton, S: Array | None) -> Fit:
+    """Return the fit by the solver; of a filter the lower one of two policies."""
+    problem, parameters = estimation.problem, estimation.parameters
+    if isinstance(problem.likelihood, OutputError):
+        return fit_by_steps(problem, parameters, solver, S)
+    solver = dataclasses.replace(solver, chord=False)  # its rows are no residuals
+    second = dataclasses.replace(solver, policy=SECOND_POLICY)
+    fits = [fit_by_steps(problem, parameters, one) for one in (solver, second)]
+    return min(fits, key=lambda one: np.nan_to_num(float(one.cost), nan=np.inf))
 
 
 def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None, start):

@@ -60,7 +60,7 @@ class LoopProblem:
         check: stack of records that decide.
         window: samples at the start of a check record in which its initial state is fitted.
         excluded: names of candidates that are not used.
-        solver: the Gauss-Newton solver; filters take its other options with `Clip`.
+        solver: the Gauss-Newton solver; filters are fitted with `Clip` as well.
     """
 
     model: AbstractModel

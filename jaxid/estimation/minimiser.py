@@ -58,6 +58,7 @@ class State(eqx.Module):
         renew: True if the next evaluation computes the sensitivities; its trial then is the last
             accepted point.
         ending: True if the iteration ends once the sensitivities are renewed.
+        step_size: share of the full step at the trial.
         search, descent: states of the search and of the descent.
         first: True before the first evaluation.
         converged, stuck, diverged: the reason for which the iteration ended.
@@ -73,6 +74,7 @@ class State(eqx.Module):
     change: Float[Array, ""]
     renew: Bool[Array, ""]
     ending: Bool[Array, ""]
+    step_size: Float[Array, ""]
     search: Any
     descent: Any
     first: Bool[Array, ""]
@@ -158,6 +160,7 @@ class Minimiser(optx.AbstractMinimiser):
             change=jnp.array(UNMEASURED_CHANGE),
             renew=jnp.array(known is None),
             ending=false,
+            step_size=jnp.array(1.0),
             search=self.search.init(y, evaluation),
             descent=self.descent.init(y, evaluation),
             first=true,
@@ -201,6 +204,7 @@ class Minimiser(optx.AbstractMinimiser):
             change=progress.change,
             renew=renew,
             ending=progress.small_gain_ends,
+            step_size=step_size,
             search=search,
             descent=descent,
             first=jnp.array(False),
@@ -225,18 +229,20 @@ class Minimiser(optx.AbstractMinimiser):
         )
         if self.descent.policy.curved:  # the same parameters again show nothing of a step
             repeated = state.renew & ~state.first
-            search = jax.tree.map(partial(jnp.where, repeated), state.search, search)
-            step_size = search.step_size
+            kept = state.step_size, state.search
+            step_size, search = jax.tree.map(
+                partial(jnp.where, repeated), kept, (step_size, search)
+            )
         accept = state.first | state.renew | (accept & jnp.isfinite(cost))
         # a branch hands the arrays over, where a choice by element would copy the sensitivities
-        y, kept, linearised = jax.lax.cond(
+        y, lowest, linearised = jax.lax.cond(
             accept,
             lambda new, old: new,
             lambda new, old: old,
             (state.trial, cost, linearised),
             (y, state.cost, state.linearised),
         )
-        return _Trial(y, kept, linearised, accept, cost, step_size, search)
+        return _Trial(y, lowest, linearised, accept, cost, step_size, search)
 
     def _progress(self, state: State, trial: _Trial) -> _Progress:
         """Return the progress of the iteration after a trial."""

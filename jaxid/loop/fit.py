@@ -273,8 +273,9 @@ def _lowest(estimation: Estimation, solver: GaussNewton, S: Array | None) -> Fit
     if isinstance(problem.likelihood, OutputError):
         return fit_by_steps(problem, parameters, solver, S)
     solver = dataclasses.replace(solver, chord=False)  # its rows are no residuals
-    second = dataclasses.replace(solver, policy=SECOND_POLICY)
-    fits = [fit_by_steps(problem, parameters, one) for one in (solver, second)]
+    policies = dict.fromkeys((solver.policy, SECOND_POLICY))
+    solvers = [dataclasses.replace(solver, policy=policy) for policy in policies]
+    fits = [fit_by_steps(problem, parameters, one) for one in solvers]
     return min(fits, key=lambda one: np.nan_to_num(float(one.cost), nan=np.inf))
 
 

@@ -8,6 +8,7 @@ point `a` kept, the steps end at `C a`.
 
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 import pytest
 
 from jaxid._foundation.types import Array
@@ -27,28 +28,38 @@ class Bent(AbstractModel):
     states, inputs, outputs = (), ("u",), ("straight", "bent")
 
     def rhs(self, t, x, u):
-        return jnp.zeros(0)
+        return x
 
     def output(self, t, x, u):
         return jnp.stack([self.a, self.a + CURVATURE * self.a**2])
 
-    def initial_state(self, record):
-        return jnp.zeros(0)
+
+def fitted(distance, solver):
+    """Estimate from a distance of some standard errors."""
+    z = np.array([[-1.0, 1.0], [-1.0, 1.0]])
+    known = record(np.arange(2.0), np.zeros((2, 1)), z, inputs=["u"], outputs=["straight", "bent"])
+    model = Bent(jnp.array(distance * STANDARD_ERROR))
+    noise = OutputError(FixedNoise(jnp.full(2, DEVIATION**2)))
+    return estimate(model, free(model, "a"), known, noise, solver=solver)
+
+
+def assert_ended(found, solver):
+    """A step of one tolerance leaves C / (1 - C) tolerances."""
+    left = solver.tolerance * CURVATURE / (1.0 - CURVATURE)
+    assert bool(found.successful)
+    assert abs(float(found.values[0])) < 1.5 * left * STANDARD_ERROR
 
 
 @pytest.mark.parametrize("chord", [True, False])
 @pytest.mark.parametrize("distance", [0.5, 5.0, 50.0])
 def test_the_end_is_within_the_error_that_a_step_leaves(distance, chord):
-    z = np.array([[-1.0, 1.0], [-1.0, 1.0]])
-    known = record(np.arange(2.0), np.zeros((2, 1)), z, inputs=["u"], outputs=["straight", "bent"])
-    model = Bent(jnp.array(distance * STANDARD_ERROR))
-    noise = OutputError(FixedNoise(jnp.full(2, DEVIATION**2)))
     solver = GaussNewton(tolerance=1e-2, chord=chord)
-    found = estimate(model, free(model, "a"), known, noise, solver=solver)
-    assert bool(found.successful)
-    # A step of one tolerance leaves C / (1 - C) tolerances.
-    left = solver.tolerance * CURVATURE / (1.0 - CURVATURE)
-    assert abs(float(found.values[0])) < 1.5 * left * STANDARD_ERROR
+    assert_ended(fitted(distance, solver), solver)
+
+
+def test_a_search_without_a_state_serves_damped_steps():
+    solver = GaussNewton(Damp(), search=optx.LearningRate(1.0), tolerance=1e-2, chord=True)
+    assert_ended(fitted(5.0, solver), solver)
 
 
 class Rise(AbstractModel):
@@ -59,13 +70,10 @@ class Rise(AbstractModel):
     states, inputs, outputs = (), ("u",), ("y",)
 
     def rhs(self, t, x, u):
-        return jnp.zeros(0)
+        return x
 
     def output(self, t, x, u):
         return jnp.stack([self.gain * (1.0 - jnp.exp(-self.rate * u[0]))])
-
-    def initial_state(self, record):
-        return jnp.zeros(0)
 
 
 def test_damped_steps_keep_their_size_where_sensitivities_are_renewed():

@@ -107,7 +107,8 @@ def bootstrap(
     residuals, all channels together, drawn at random with replacement from the same record: it
     keeps the correlation of the residuals within a block (Kuensch, Annals of Statistics 17(3),
     1989), less the share `lag / block` of each lag. The residuals are scaled by
-    `sqrt(N / (N - parameters))`.
+    `sqrt(N / (N - parameters))`. A prior counts as a measurement of its parameter, whose mean is
+    drawn as well.
 
     Args:
         estimate: from `estimate`, of one case.
@@ -215,13 +216,21 @@ def _repeated(problem: Problem, estimate: Estimate, keys, ratio, samples, block,
 
     def repeated(key):
         z = jnp.where(mask, measured(key), 0.0)
-        again = eqx.tree_at(lambda node: node.records.z, problem, z)
+        mean = _drawn_means(problem, parameters, jax.random.fold_in(key, 1))
+        again = eqx.tree_at(lambda node: (node.records.z, node.limits.prior_mean), problem, (z, mean))
         fit = fit_problem(again, parameters, solver)
         return fit.parameters.shared, fit.result
 
     values, result = jax.lax.map(repeated, keys, batch_size=batch)
     probe = eqx.tree_at(lambda node: node.result, estimate, result)
     return values, probe.successful
+
+
+def _drawn_means(problem: Problem, parameters: Parameters, key) -> Float[Array, " parameter"]:
+    """Return the means of the priors in another experiment: measurements of the parameters."""
+    deviation = problem.limits.prior_deviation
+    drawn = parameters.shared + deviation * jax.random.normal(key, deviation.shape)
+    return jnp.where(jnp.isfinite(deviation), drawn, problem.limits.prior_mean)
 
 
 def _blocks(key, v, count, block: int):

@@ -144,7 +144,7 @@ def kinematics_of(record: Record, **options: Any) -> Kinematics:
     """Return the kinematic model of a record, for `jaxid.consistency`.
 
     Its outputs are the kinematic outputs that the record has. A record without ay, p and r is one
-    of symmetric flight (`longitudinal=True`).
+    of symmetric flight (`longitudinal=True`), which has no sideslip, bank and heading.
 
     Args:
         record: a record or a stack.
@@ -152,12 +152,20 @@ def kinematics_of(record: Record, **options: Any) -> Kinematics:
 
     Raises:
         InputError: if none of V, alpha, beta, phi, pitch, psi, altitude is an output of the record;
-            as `Kinematics`.
+            if it has some of beta, phi, psi but none of ay, p, r, and neither `longitudinal` nor
+            `instruments` is given; as `Kinematics`.
     """
-    channels = {*record.inputs, *record.outputs}
-    longitudinal = bool(options.get("longitudinal", not {"ay", "p", "r"} & channels))
+    symmetric = not {"ay", "p", "r"} & {*record.inputs, *record.outputs}
+    longitudinal = bool(options.get("longitudinal", symmetric))
     possible = LONGITUDINAL_OUTPUTS if longitudinal else KINEMATIC_OUTPUTS
     outputs = tuple(name for name in possible if name in record.outputs)
+    unused = [name for name in KINEMATIC_OUTPUTS if name in record.outputs and name not in outputs]
+    require(
+        not unused or bool({"longitudinal", "instruments"} & options.keys()),
+        f"Record {record.names[0]!r} has {', '.join(unused)}, but none of ay, p and r from which to "
+        "compute them. Add those channels, or give `longitudinal=True` to leave out the lateral "
+        "outputs.",
+    )
     require(
         len(outputs) > 0,
         f"Record {record.names[0]!r} has none of {', '.join(possible)} among its "

@@ -359,6 +359,13 @@ def test_kinematic_model_has_the_kinematic_outputs_of_the_record():
         kinematics_of(level(without=("V", "alpha", "beta", "phi", "pitch", "psi", "altitude")))
 
 
+def test_lateral_outputs_without_lateral_channels_are_not_left_out_silently():
+    record = level(without=("ay", "p", "r"))
+    with pytest.raises(InputError, match="beta, phi, psi.*none of ay, p and r.*longitudinal=True"):
+        kinematics_of(record)
+    assert kinematics_of(record, longitudinal=True).outputs == ("V", "alpha", "pitch", "altitude")
+
+
 def test_replaced_constant_of_a_record_is_used():
     record = dataclasses.replace(level(), constants={**MASS, **SIZE, "mass": jnp.asarray(4500.0)})
     assert float(model_of(record).airframe.mass_properties.mass) == 4500.0

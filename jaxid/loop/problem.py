@@ -1,6 +1,7 @@
 """`LoopProblem`: declared model, library of candidate effects and records of a search."""
 
 import dataclasses
+import itertools
 from collections.abc import Collection
 from functools import cached_property
 
@@ -22,7 +23,6 @@ from ..estimation.estimate import as_stack, check_channels, check_samples, check
 from ..estimation.filter.filter_error import FilterError
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import GaussNewton
-from ..estimation.spectrum_policy import Damp
 from ..models.base import AbstractModel, canonical, equations_of
 from ..models.free import INITIAL_STATE, Free, all_names, leaves_at, with_values_at
 from ..models.names import flat_vector
@@ -30,10 +30,9 @@ from ..simulation.steppers import rate
 from .columns import Columns
 from .padding import COLUMN_BLOCK, ROW_BLOCK, Padding, padded_number
 
-# The tolerance is in standard errors; a decision needs no smaller one. Effects have corners and
-# curved valleys, as of a gain times a time constant: there damped steps need a tenth of the
-# evaluations of shortened ones.
-SEARCH_SOLVER = GaussNewton(Damp(), tolerance=1e-2, least_fall=1e-3, max_steps=100, chord=True)
+# The tolerance is in standard errors; a decision needs no smaller one. Most fits converge in some
+# twenty steps, and one that has not in forty continues with another policy (`fit`).
+SEARCH_SOLVER = GaussNewton(tolerance=1e-2, least_fall=1e-3, max_steps=40, chord=True)
 # Chosen: longest memory of a noise, in durations of a record. A slower one renews itself less than
 # five times in a record, and is as well a constant or a drift.
 LONGEST_MEMORY = 0.1
@@ -60,7 +59,7 @@ class LoopProblem:
         check: stack of records that decide.
         window: samples at the start of a check record in which its initial state is fitted.
         excluded: names of candidates that are not used.
-        solver: the Gauss-Newton solver; filters are fitted with `Clip` as well.
+        solver: the Gauss-Newton solver; `fit` uses a second policy next to its own.
     """
 
     model: AbstractModel
@@ -176,8 +175,8 @@ class LoopProblem:
         declared = self.free.per_record
         if not any(name.startswith(f"{INITIAL_STATE}.") for name in declared):
             return declared
-        inside = (effect for effect in self.library if effect.name in effects)
-        return (*declared, *(name for effect in inside for name in effect.starts))
+        inside = (starts for name, starts in self.starts_of_effects.items() if name in effects)
+        return (*declared, *itertools.chain(*inside))
 
     def padding(self, effects: Collection[str], free: Collection[str] | None = None) -> Padding:
         """Return the padding of a program with some effects in the model.
@@ -197,10 +196,15 @@ class LoopProblem:
             declared + padded_number(shared - declared, COLUMN_BLOCK),
         )
 
+    @cached_property
+    def starts_of_effects(self) -> dict[str, tuple[str, ...]]:
+        """Memory of each candidate at the first sample (`Effect.starts`), by its name."""
+        return {effect.name: effect.starts for effect in self.library}
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all candidates."""
-        return tuple(effect.name for effect in self.library)
+        return tuple(self.starts_of_effects)
 
     @cached_property
     def leaves(self) -> tuple[int, ...]:
@@ -246,7 +250,7 @@ class LoopProblem:
     @property
     def starts(self) -> tuple[str, ...]:
         """Parameters that are fitted for a prediction, those of effects included."""
-        return (*self.declared_starts, *(n for effect in self.library for n in effect.starts))
+        return (*self.declared_starts, *itertools.chain(*self.starts_of_effects.values()))
 
     @property
     def predictor(self) -> Predictor:

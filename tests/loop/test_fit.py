@@ -13,6 +13,7 @@ from jaxid.effects.augmented import Augmented
 from jaxid.effects.equation import StateLimit, Term
 from jaxid.effects.input import InputLag
 from jaxid.effects.sensor import SensorBias
+from jaxid.estimation import Clip, Damp
 from jaxid.estimation.estimate import as_stack
 from jaxid.loop import Hypothesis, LoopProblem, compilation, problem
 from jaxid.loop import fit as fits
@@ -90,7 +91,7 @@ def test_fit_stopped_by_its_iteration_limit_is_continued(monkeypatch):
     """A search compares converged fits."""
     patient, brief = (
         _problem(monkeypatch, False, dataclasses.replace(SEARCH_SOLVER, max_steps=most))
-        for most in (100, 8)
+        for most in (100, 4)
     )
     cubic = Hypothesis(("x^3 in v",))
     converged = fit(patient, cubic).cost
@@ -103,10 +104,11 @@ def test_fit_stopped_by_its_iteration_limit_is_continued(monkeypatch):
     ("costs", "continues"),
     [
         ([50.0], True),  # no fall is known yet
-        ([50.0, 20.0], True),
-        ([50.0, 20.0, 18.0], False),
-        ([50.0, 20.0, 15.0], True),  # more than a tenth of all falls
-        ([50.0, 49.7], False),
+        ([50.0, 50.0], True),  # that of the first policy is not known
+        ([50.0, 20.0, 18.0], True),
+        ([50.0, 20.0, 18.0, 17.0], False),
+        ([50.0, 20.0, 18.0, 14.0], True),  # more than a tenth of all falls
+        ([50.0, 49.7, 49.4], False),
         ([-(2.0**k) for k in range(10)], True),
         ([-(2.0**k) for k in range(11)], False),  # the limit of continuations
     ],
@@ -115,8 +117,23 @@ def test_creeping_fit_is_continued_only_to_finish_it(costs, continues):
     assert worth_continuing(costs) is continues
 
 
+def test_fit_is_continued_by_the_other_policy(monkeypatch):
+    """Where steps of one kind creep, those of the other may not."""
+    policies, by_steps = [], fits.fit_by_steps
+
+    def recorded(estimation, parameters, solver, S):
+        policies.append(type(solver.policy))
+        return by_steps(estimation, parameters, solver, S)
+
+    monkeypatch.setattr(fits, "fit_by_steps", recorded)
+    brief = _problem(monkeypatch, False, dataclasses.replace(SEARCH_SOLVER, max_steps=3))
+    fit(brief, Hypothesis(("x^3 in v",)))
+    assert len(policies) > 2
+    assert policies == [Clip, Damp, *policies[:-2]]
+
+
 def test_fit_that_cannot_reach_its_target_is_not_continued():
-    falling = [100.0, 80.0]  # by 20 in the first of ten continuations
+    falling = [100.0, 80.0, 60.0]  # by 20 in the first two of ten continuations
     assert worth_continuing(falling, -99.0)
     assert not worth_continuing(falling, -100.0)
 

@@ -217,7 +217,9 @@ def _repeated(problem: Problem, estimate: Estimate, keys, ratio, samples, block,
     def repeated(key):
         z = jnp.where(mask, measured(key), 0.0)
         mean = _drawn_means(problem, parameters, jax.random.fold_in(key, 1))
-        again = eqx.tree_at(lambda node: (node.records.z, node.limits.prior_mean), problem, (z, mean))
+        again = eqx.tree_at(
+            lambda node: (node.records.z, node.limits.prior_mean), problem, (z, mean)
+        )
         fit = fit_problem(again, parameters, solver)
         return fit.parameters.shared, fit.result
 

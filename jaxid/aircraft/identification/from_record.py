@@ -162,8 +162,8 @@ def kinematics_of(record: Record, **options: Any) -> Kinematics:
     unused = [name for name in KINEMATIC_OUTPUTS if name in record.outputs and name not in outputs]
     require(
         not unused or bool({"longitudinal", "instruments"} & options.keys()),
-        f"Record {record.names[0]!r} has {', '.join(unused)}, but none of ay, p and r from which to "
-        "compute them. Add those channels, or give `longitudinal=True` to leave out the lateral "
+        f"Record {record.names[0]!r} has {', '.join(unused)}, but none of ay, p and r, from which "
+        "they follow. Add those channels, or give `longitudinal=True` to leave out the lateral "
         "outputs.",
     )
     require(

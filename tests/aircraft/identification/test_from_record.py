@@ -361,7 +361,7 @@ def test_kinematic_model_has_the_kinematic_outputs_of_the_record():
 
 def test_lateral_outputs_without_lateral_channels_are_not_left_out_silently():
     record = level(without=("ay", "p", "r"))
-    with pytest.raises(InputError, match="beta, phi, psi.*none of ay, p and r.*longitudinal=True"):
+    with pytest.raises(InputError, match=r"beta, phi, psi.*none of ay, p and r"):
         kinematics_of(record)
     assert kinematics_of(record, longitudinal=True).outputs == ("V", "alpha", "pitch", "altitude")
 

@@ -259,11 +259,8 @@ def fit(
         estimation = estimation_of(problem, hypothesis, values, known, rows)
         if not costs:  # a continuation starts elsewhere
             S = _known_sensitivities(parent, estimation, hypothesis, values)
-        if isinstance(estimation.problem.likelihood, OutputError):
-            solver = solvers[len(costs) % 2]
-            solution = fit_by_steps(estimation.problem, estimation.parameters, solver, S)
-        else:
-            solution = _lowest(estimation, solvers)
+        turn = len(costs) % len(solvers)
+        solution = _run(estimation, (*solvers[turn:], *solvers[:turn]), S)
         costs, S = [*costs, float(solution.cost)], None
         fitted = LoopFit(problem, hypothesis, estimation, solution)
         if solution.result != RESULTS.steps_exhausted or not worth_continuing(costs, target):
@@ -275,11 +272,13 @@ def fit(
         values[chosen] = shared[: len(chosen)]
 
 
-def _lowest(estimation: Estimation, solvers: tuple[GaussNewton, ...]) -> Fit:
-    """Return the lowest fit of a filter by some solvers; its rows are no residuals, which the chord
-    method needs.
+def _run(estimation: Estimation, solvers: tuple[GaussNewton, ...], S: Array | None) -> Fit:
+    """Return the fit by the first solver; of a filter the lowest by all, without the chord method,
+    as its rows are no residuals.
     """
     problem, parameters = estimation.problem, estimation.parameters
+    if isinstance(problem.likelihood, OutputError):
+        return fit_by_steps(problem, parameters, solvers[0], S)
     different = dict.fromkeys(dataclasses.replace(solver, chord=False) for solver in solvers)
     fits = [fit_by_steps(problem, parameters, solver) for solver in different]
     return min(fits, key=lambda one: np.nan_to_num(float(one.cost), nan=np.inf))

@@ -59,7 +59,8 @@ def close_loop(
         window: samples at the start of each check and test record in which its initial state is
             fitted, left out of the error; None starts them at `model.initial_state`.
         options: levels and limits.
-        solver: the Gauss-Newton solver.
+        solver: the Gauss-Newton solver; a fit that it does not finish continues with damped steps
+            (`jaxid.spectrum.Damp`) and by turns.
         progress: True shows the step on a terminal or in a notebook; False does not; or a function
             that receives a short text at every step.
 

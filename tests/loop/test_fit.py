@@ -104,7 +104,7 @@ def test_fit_stopped_by_its_iteration_limit_is_continued(monkeypatch):
     ("costs", "continues"),
     [
         ([50.0], True),  # no fall is known yet
-        ([50.0, 50.0], True),  # that of the first policy is not known
+        ([50.0, 50.0], True),  # the fall by the first policy is not known yet
         ([50.0, 20.0, 18.0], True),
         ([50.0, 20.0, 18.0, 17.0], False),
         ([50.0, 20.0, 18.0, 14.0], True),  # more than a tenth of all falls

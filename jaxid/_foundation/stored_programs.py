@@ -100,8 +100,7 @@ class StoredProgram(NamedTuple):
 
     def __call__(self, arrays: list) -> Any:
         """Return the result for some arrays."""
-        # JAX commits the results of an exported program to their device
-        results = [_uncommitted(result) for result in self.jitted(arrays)]
+        results = _uncommitted(self.jitted(arrays))
         return jax.tree.map(
             lambda leaf: results[leaf.number] if isinstance(leaf, _Position) else leaf,
             self.form,
@@ -113,10 +112,14 @@ class StoredProgram(NamedTuple):
         return self.jitted.lower(arrays)
 
 
-def _uncommitted(array: jax.Array) -> jax.Array:
-    """Return an array that may be used with arrays on any device."""
-    is_key = jnp.issubdtype(array.dtype, jax.dtypes.extended)
-    return array if is_key else to_device(np.asarray(array))
+def _uncommitted(arrays: list[jax.Array]) -> list[jax.Array]:
+    """Return arrays that may be used with arrays on any device, but for random keys.
+
+    JAX commits the results of an exported program to their device.
+    """
+    is_key = [jnp.issubdtype(array.dtype, jax.dtypes.extended) for array in arrays]
+    both = zip(arrays, is_key, strict=True)
+    return to_device([array if key else np.asarray(array) for array, key in both])
 
 
 def stored_program(

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from equinox import AbstractVar
 
-from .._foundation.checks import require
+from .._foundation.checks import InputError, require
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..models.base import AbstractModel
@@ -56,11 +56,11 @@ class AbstractLikelihood(eqx.Module):
     def __check_init__(self):
         for name, (kind, example) in PART_EXAMPLES.items():
             part = getattr(self, name, None)
-            require(
-                part is None or isinstance(part, kind),
-                f"`{name}` of {type(self).__name__} is {part!r}. Give an object, such as "
-                f"`{example}`.",
-            )
+            if not (part is None or isinstance(part, kind)):
+                raise InputError(
+                    f"`{name}` of {type(self).__name__} is {part!r}. Give an object, such as "
+                    f"`{example}`."
+                )
 
     @abc.abstractmethod
     def solve(

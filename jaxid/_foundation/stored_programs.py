@@ -117,9 +117,12 @@ def _uncommitted(arrays: list[jax.Array]) -> list[jax.Array]:
 
     JAX commits the results of an exported program to their device.
     """
-    is_key = [jnp.issubdtype(array.dtype, jax.dtypes.extended) for array in arrays]
-    both = zip(arrays, is_key, strict=True)
-    return to_device([array if key else np.asarray(array) for array, key in both])
+
+    def known(array: jax.Array) -> jax.Array | np.ndarray:
+        is_key = jnp.issubdtype(array.dtype, jax.dtypes.extended)
+        return array if is_key else np.asarray(array)
+
+    return to_device([known(array) for array in arrays])
 
 
 def stored_program(

@@ -56,6 +56,7 @@ class AbstractLikelihood(eqx.Module):
     def __check_init__(self):
         for name, (kind, example) in PART_EXAMPLES.items():
             part = getattr(self, name, None)
+            # no `require`: its message would print all arrays of each likelihood that is made
             if not (part is None or isinstance(part, kind)):
                 raise InputError(
                     f"`{name}` of {type(self).__name__} is {part!r}. Give an object, such as "

@@ -64,7 +64,7 @@ def run_pages(
         env=dict(environment),
         capture_output=True,
         text=True,
-        timeout=900,  # a guard; a slow machine takes 400
+        timeout=900,  # a guard; a slow machine takes over 300
         check=False,
     )
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"

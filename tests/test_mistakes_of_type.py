@@ -35,6 +35,7 @@ record = jaxid.record(t, np.sin(t), np.cos(t), inputs=("force",), outputs=("x",)
 spring, white = Spring(1.0, 0.1), jaxid.OutputError()
 free = jaxid.free(spring, "k", "c")
 MISTAKES = {
+    "channel": lambda: record["x"],
     "window": lambda: record.window(0.0, 2.0),
     "file": lambda: jaxid.estimate(spring, free, "run.csv", white),
     "files": lambda: jaxid.close_loop(spring, free, white, train=["run.csv"]),
@@ -58,6 +59,7 @@ for name, mistake in MISTAKES.items():
 print(json.dumps(messages))
 """
 WORDS = {
+    "channel": ["numbers of its cases", "`record.channel('x')`"],
     "key": ("key is 0", "jax.random.key(0)"),
     "coefficient": ("CD is 0.03", "'1': 0.03"),
     "window": ("takes rows", "searchsorted"),

@@ -23,6 +23,16 @@ def test_one_command_line_installs_and_tests():
     )
 
 
+def test_every_row_of_the_verification_names_a_test():
+    names = re.findall(r"^\|.*`(test_\w+)` \|$", README, re.MULTILINE)
+    sources = [
+        path.read_text(encoding="utf-8") for path in Path(__file__).parent.rglob("test_*.py")
+    ]
+    defined = set(re.findall(r"^def (test_\w+)\(", "\n".join(sources), re.MULTILINE))
+    assert len(names) > 10
+    assert set(names) <= defined, set(names) - defined
+
+
 def test_the_quick_start_runs_as_printed(tmp_path, user_environment):
     """In a fresh interpreter, so that it stands by itself: imports, float64 and data included."""
     pages = {"README.md": blocks(README, "python")[:1]}

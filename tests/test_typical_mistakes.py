@@ -8,11 +8,14 @@ from small_spring import Spring
 
 import jaxid
 from jaxid import InputError, OutputError
+from jaxid.estimation import AutoregressiveNoise as Coloured
+from jaxid.estimation import InnovationForm
 
 T = 0.1 * np.arange(30)
 U, X = np.sin(T), np.cos(T)
 NAMES = {"inputs": ("force",), "outputs": ("x",)}
 MODEL = Spring(jnp.array(1.0), jnp.array(0.1))
+MISFIT = OutputError()
 
 
 def record(t=T, u=U, x=X, **options):
@@ -22,6 +25,12 @@ def record(t=T, u=U, x=X, **options):
 def changed(values, row, value):
     values = np.array(values, object if isinstance(value, str) else float)
     values[row] = value
+    return values
+
+
+def holed(values, start, stop):
+    values = np.array(values)
+    values[start:stop] = np.nan
     return values
 
 
@@ -55,6 +64,11 @@ class WithUnits(Spring):
         return {"x": "rad"}
 
 
+class InDegrees(Spring):
+    def units(self):
+        return {"x": "deg"}
+
+
 class Accelerometer(Spring):
     outputs = ("a",)
     output = jaxid.AbstractModel.output
@@ -69,10 +83,10 @@ def fit(model=MODEL, free=None, records=None, **options):
     return jaxid.estimate(model, free, records or record(), OutputError(), **options)
 
 
-def loop(effect, **options):
+def loop(effect, likelihood=MISFIT, **options):
     free = jaxid.free(MODEL, "k", "c")
     records = {"train": record(), **options}
-    return jaxid.close_loop(MODEL, free, OutputError(), **records, effects=(effect,))
+    return jaxid.close_loop(MODEL, free, likelihood, **records, effects=(effect,))
 
 
 RECORDS = {
@@ -147,6 +161,10 @@ MODELS = {
         lambda: fit(WithUnits(*[jnp.array(1.0)] * 2), records=record(units={"x": "1/min"})),
         r"'x' is in \[1/s\].*\[rad\].*'rpm'",
     ),
+    "degrees in the model": (
+        lambda: fit(InDegrees(*[jnp.array(1.0)] * 2), records=record(units={"x": "deg"})),
+        r"'x' is in \[rad\] in the records and in \[deg\] in the model.*SI units",
+    ),
     "an effect of another equation": (
         lambda: loop(jaxid.effects.DryFriction("w", "v")),
         "no equation.*'w'.*names are: x, v",
@@ -157,7 +175,27 @@ MODELS = {
     ),
     "a training record as test": (
         lambda: loop(jaxid.effects.SensorBias("x"), test=record()),
-        "test set 'test' is a training record.*not used for fitting",
+        "test set 'test'.*is a training record.*no other use",
+    ),
+    "a training record as check": (
+        lambda: loop(jaxid.effects.SensorBias("x"), check=record()),
+        "check record.*is a training record.*no other use",
+    ),
+    "a check record as test": (
+        lambda: loop(jaxid.effects.SensorBias("x"), check=record(x=2 * X), test=record(x=2 * X)),
+        "test set 'test'.*is a check record.*no other use",
+    ),
+    "a study with noise that it tries by itself": (
+        lambda: loop(jaxid.effects.SensorBias("x"), likelihood=OutputError(Coloured(1))),
+        r"tries random forces and coloured noise by itself.*OutputError\(\)",
+    ),
+    "a study with an innovation form": (
+        lambda: loop(jaxid.effects.SensorBias("x"), likelihood=InnovationForm()),
+        r"tries random forces and coloured noise by itself.*OutputError\(\)",
+    ),
+    "a window without a valid sample": (
+        lambda: jaxid.predict(MODEL, record(x=holed(X, 0, 5)), OutputError(), window=5),
+        "window has 5 samples, with 0 valid values.*at least 2 for 2 states",
     ),
     "an effect of another sensor": (
         lambda: loop(jaxid.effects.SensorBias("y")),

@@ -157,8 +157,13 @@ class Record(eqx.Module):
         Under `jit`, where its length is not known, the record keeps its padding.
 
         Raises:
-            InputError: when this is not a stack, or it has no such case.
+            InputError: when this is not a stack, it has no such case, or the index is a name.
         """
+        require(
+            not isinstance(index, str),
+            f"A stack is indexed by the numbers of its cases. `record.channel({index!r})` is the "
+            "signal of a channel.",
+        )
         index = operator.index(index)
         require(
             self.is_stack,

@@ -141,6 +141,15 @@ def is_si(text: str) -> bool:
     return text != "" and factor == 1 and offset == 0
 
 
+def are_equal(unit: str, other: str) -> bool:
+    """Return True for two units in which a quantity has the same number, as N*m and kg*m^2/s^2."""
+    try:
+        a, b = _checked_conversion(unit, ""), _checked_conversion(other, "")
+    except InputError:
+        return unit == other
+    return (a.kind, a.factor, a.offset) == (b.kind, b.factor, b.offset)
+
+
 def _affine(values: np.ndarray, factor: Fraction, offset: Fraction) -> np.ndarray:
     """Return `factor * value + offset`.
 

@@ -200,12 +200,13 @@ def check_window(model: AbstractModel, records: Record, window: int, unknown: in
         InputError: the message gives the samples needed and present.
     """
     shortest = int(np.min(np.asarray(records.samples)))
-    need = -(-unknown // len(model.outputs))
+    valid = np.sum(np.asarray(records.mask)[:, : max(window, 0)], axis=(1, 2))
+    fewest = int(np.argmin(valid))
     require(
-        need <= window < shortest,
-        f"The window has {window} samples; it needs at least {need} for {unknown} states, and must "
-        "be shorter "
-        f"than the shortest record, which has {shortest}.",
+        int(valid[fewest]) >= unknown and window < shortest,
+        f"The window has {window} samples, with {valid[fewest]} valid values of the outputs in "
+        f"record {records.names[fewest]!r}; it needs at least {unknown} for {unknown} states, and "
+        f"must be shorter than the shortest record, which has {shortest} samples.",
     )
 
 

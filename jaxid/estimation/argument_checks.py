@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
-from .._foundation.checks import InputError, require
+from .._foundation.checks import require
 from ..data.record import Record
-from ..data.units import convert, is_unit
+from ..data.units import are_equal, is_unit
 from ..models.base import AbstractModel
 from ..models.equation_shapes import check_names
 from .likelihoods import AbstractLikelihood
@@ -14,7 +14,7 @@ MOST_SHOWN = 60  # characters of a refused argument in its message (chosen)
 
 
 def check_arguments(model: Any, records: Record, likelihood: Any) -> None:
-    """Refuse a class in place of a model or a likelihood, and channels in units of another kind.
+    """Refuse a class in place of a model or a likelihood, and channels in other units than theirs.
 
     Args:
         model: the model.
@@ -36,7 +36,7 @@ def check_arguments(model: Any, records: Record, likelihood: Any) -> None:
     )
     declared, channels = model.units(), (*records.inputs, *records.outputs)
     for name, unit in zip(channels, (*records.input_units, *records.output_units), strict=True):
-        _require_kind(name, unit, declared.get(name, ""))
+        _require_unit(name, unit, declared.get(name, ""))
 
 
 def require_no_shooting(likelihood: AbstractLikelihood, function: str) -> None:
@@ -67,18 +67,15 @@ def require_records(records: Any) -> None:
     )
 
 
-def _require_kind(name: str, recorded: str, declared: str) -> None:
-    """Refuse units of different kinds, such as [1/s] and [rad/s]; unknown ones are not compared."""
-    if not (recorded and declared and is_unit(declared)):
-        return
-    try:
-        convert(0.0, recorded, declared)
-    except InputError as error:
-        raise InputError(
-            f"{name!r} is in [{recorded}] in the records and in [{declared}] in the model. Give "
-            "the unit of the recorded numbers in `units`, such as 'rpm' for revolutions per "
-            "minute, or correct the method `units` of the model."
-        ) from error
+def _require_unit(name: str, recorded: str, declared: str) -> None:
+    """Refuse a channel in another unit than the model's; unknown units are not compared."""
+    require(
+        not (recorded and is_unit(declared)) or are_equal(recorded, declared),
+        f"{name!r} is in [{recorded}] in the records and in [{declared}] in the model. Records are "
+        "in SI units, with angles in radians. Give the unit of the recorded numbers in `units`, "
+        "such as 'rpm' for revolutions per minute, and write the model and its method `units` for "
+        "the units of the records.",
+    )
 
 
 def _shown(value: Any) -> str:

@@ -234,9 +234,11 @@ def is_degenerate(fit: LoopFit, effects) -> bool:
 
 def is_noise_like(fit: LoopFit, options: LoopOptions) -> bool:
     """Return True if the past of no whitened residual predicts more of it than is allowed."""
-    mask = np.asarray(fit.problem.train.mask)
-    allowed = options.max_predictable_share + chance_level(int(np.min(np.sum(mask, axis=(0, 1)))))
-    return all(share <= allowed for share in fit.predictable.values())
+    counts = np.sum(np.asarray(fit.problem.train.mask), axis=(0, 1))
+    return all(
+        share <= options.max_predictable_share + chance_level(int(count))
+        for share, count in zip(fit.predictable.values(), counts, strict=True)
+    )
 
 
 def memory(fitted: LoopFit) -> float:

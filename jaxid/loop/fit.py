@@ -25,7 +25,7 @@ from ..estimation.spectrum_policy import Damp
 from ..models.base import AbstractModel
 from ..models.free import Free, with_values
 from ..models.noise import AbstractNoise, FixedNoise
-from .estimation_problem import Estimation, estimation_of, free_of
+from .estimation_problem import Estimation, estimation_of
 from .hypothesis import Hypothesis, RandomForces
 from .linear import Triangle
 from .linear_motion import LinearMotion
@@ -109,16 +109,12 @@ class LoopFit:
         """The declared model with the effects and the values of the fit, and its free parameters,
         those of the noise included.
         """
-        problem, names = self.problem, self.estimation.free.shared
-        columns = self.problem.columns.chosen(self.effects)
-        own = tuple(problem.columns.names[k] for k in columns)
+        problem = self.problem
+        own = tuple(problem.columns.names[k] for k in problem.columns.chosen(self.effects))
         effects = tuple(problem.effects[name] for name in self.effects)
         model = Augmented(problem.model, effects) if effects else problem.model
         model = with_values(model, own, jnp.array([self.estimates[name][0] for name in own]))
-        free = free_of(problem, self.effects)
-        if len(names) > len(own):
-            free = dataclasses.replace(self.estimation.free, shared=names)
-        return model, free
+        return model, self.estimation.free
 
     @property
     def information(self) -> Float[np.ndarray, "row parameter"]:
@@ -160,9 +156,11 @@ class LoopFit:
 
     def triangle_with(self, columns: Mapping[str, Float[np.ndarray, "case time output"]]):
         """Return the triangular factor of the free parameters and of further columns, by name."""
-        own = self.motion.chosen(self.problem.columns.chosen(self.effects))
-        S = np.concatenate([own, np.stack([*columns.values()], axis=-1)], axis=-1)
-        return self._triangle(to_device(S), (*self.estimation.free.shared, *columns))
+        chosen = self.problem.columns.chosen(self.effects)
+        names = tuple(self.problem.columns.names[k] for k in chosen)
+        S = np.stack([*columns.values()], axis=-1)
+        S = np.concatenate([self.motion.chosen(chosen), S], axis=-1)
+        return self._triangle(to_device(S), (*names, *columns))
 
     def _triangle(self, S, names: tuple[str, ...]) -> Triangle:
         white = self.whitened(self.motion.sensitivities[0], S)

@@ -4,7 +4,7 @@
 
 import abc
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
@@ -18,6 +18,7 @@ from ..estimation.autoregressive_noise import AutoregressiveNoise
 from ..estimation.filter.filter_error import FilterError
 from ..estimation.filter.noise_options import FirstOrder
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
+from ..simulation.steppers import RK4
 from .outcome import Outcome
 from .problem import LoopProblem, regular
 
@@ -53,6 +54,11 @@ class NoiseHypothesis(eqx.Module):
     def words(self) -> str:
         """The noise in the words of a verdict; by default the name of the class."""
         return type(self).__name__
+
+    @property
+    def key(self) -> Hashable:
+        """Identity of the noise in a search: by default its class with all values."""
+        return type(self), eqx.tree_pformat(self, short_arrays=False)
 
     @abc.abstractmethod
     def likelihood(self, declared: AbstractLikelihood) -> AbstractLikelihood:
@@ -139,6 +145,10 @@ class RandomForces(NoiseHypothesis):
         return f"random forces in {' and '.join(places)}"
 
     @property
+    def key(self):  # the starting values do not count
+        return type(self), self.equations, self.air
+
+    @property
     def equations(self) -> tuple[str, ...]:
         """States in whose equations the forces act."""
         return tuple(state for state, _ in self.forces)
@@ -190,7 +200,9 @@ class RandomForces(NoiseHypothesis):
     def likelihood(self, declared):
         assert isinstance(declared, OutputError), "proposed for output error alone"
         process = {name: FirstOrder(size, self.time) for name, size in self.sizes.items()}
-        return FilterError(process, hold=declared.hold)
+        # `FilterError` steps by Runge-Kutta alone.
+        stepper = declared.stepper if isinstance(declared.stepper, RK4) else RK4()
+        return FilterError(process, hold=declared.hold, stepper=stepper)
 
     def count(self, outputs):
         return 2 * (len(self.forces) + len(self.gusts))
@@ -228,7 +240,4 @@ class Hypothesis:
     @property
     def key(self) -> tuple:
         """Identity of the hypothesis; starting values of a noise do not count."""
-        noise = self.noise
-        forces = (noise.equations, noise.air) if isinstance(noise, RandomForces) else ()
-        order = noise.order if isinstance(noise, Coloured) else 0
-        return frozenset(self.effects), type(noise), forces, order
+        return frozenset(self.effects), self.noise.key

@@ -174,8 +174,9 @@ class LinearMotion:
     @property
     def is_linear(self) -> bool:
         """True if the linear model is one and the same along all records, and therefore exact."""
-        matrices = (np.asarray(matrix) for matrix in (self.linear.Phi, self.linear.C))
-        spread = ((np.ptp(matrix, axis=(0, 1)), np.max(np.abs(matrix))) for matrix in matrices)
+        rows = self.problem.recorded
+        Phi, C = np.asarray(self.linear.Phi)[rows[:, 1:]], np.asarray(self.linear.C)[rows]
+        spread = ((np.ptp(matrix, axis=0), np.max(np.abs(matrix))) for matrix in (Phi, C))
         return all(bool(np.all(part <= SAME_MATRIX * size)) for part, size in spread)
 
     def without_absent_states(self, linear: Linear) -> Linear:
@@ -188,9 +189,8 @@ class LinearMotion:
         infinite for a state that rests, and for other parameters.
         """
         known = [f"{INITIAL_STATE}.{name}" for name in self.fixed[0].model.states]
-        along = [
-            self.x[..., known.index(name)] if name in known else np.zeros(1) for name in starts
-        ]
+        x = self.x[self.problem.recorded]
+        along = [x[:, known.index(name)] if name in known else np.zeros(1) for name in starts]
         deviation = np.array([np.std(values) for values in along])
         mean = np.array([np.mean(values) for values in along])
         return to_device(np.stack([mean, np.where(deviation > 0, deviation, np.inf)]))

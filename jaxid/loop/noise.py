@@ -16,7 +16,7 @@ from ..estimation.autoregressive_noise import select_order
 from .dependence import followed_by_forces
 from .evidence import INSEPARABLE, is_drift
 from .fit import LoopFit
-from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces, White
+from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces
 from .moves import Move, MoveKind
 from .options import LoopOptions
 from .random_forces import ForceFit, fit_forces
@@ -163,8 +163,7 @@ def above_known_noise(fitted: LoopFit, level: float) -> bool:
     """Return True if the noise is given and the whitened sum of squares is larger than chi-square
     allows, with a probability of a false alarm of `level`.
     """
-    noise = fitted.estimation.problem.likelihood.noise
-    if not noise.is_known or not isinstance(fitted.hypothesis.noise, White):
+    if not fitted.estimation.problem.likelihood.noise.is_known:
         return False
     mask = np.asarray(fitted.problem.train.mask)
     squares = float(np.sum(np.where(mask, np.asarray(fitted.white_residuals), 0.0) ** 2))

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._foundation.checks import require, require_known
 from .._foundation.host import to_device
-from .._foundation.types import Array, Float
+from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..diagnosis.validation import Predictor, check_window
 from ..effects.augmented import Augmented, starts_of
@@ -19,9 +19,9 @@ from ..effects.base import Effect
 from ..effects.card import EffectCard
 from ..effects.channel_checks import check_absent
 from ..effects.library import uncertain_equations
+from ..estimation.autoregressive_noise import AutoregressiveNoise
 from ..estimation.estimate import as_stack, check_channels, check_samples, check_sampling
-from ..estimation.filter.filter_error import FilterError
-from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.likelihoods import AbstractLikelihood, OutputError
 from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel, canonical, equations_of
 from ..models.free import INITIAL_STATE, Free, all_names, leaves_at, with_values_at
@@ -84,8 +84,10 @@ class LoopProblem:
                 valid sample after the window, or a candidate occurs twice or is already present.
         """
         require(
-            not isinstance(likelihood, FilterError),
-            "A study fits by output error and tries random forces by itself. Use OutputError().",
+            isinstance(likelihood, OutputError)
+            and not isinstance(likelihood.noise, AutoregressiveNoise),
+            "A study fits by output error with white noise, and tries random forces and coloured "
+            "noise by itself. Use OutputError().",
         )
         train, check = as_stack(train), as_stack(check)
         check_channels(model, train)
@@ -261,6 +263,12 @@ class LoopProblem:
     def samples(self) -> int:
         """Number of valid measured values of the training records."""
         return int(np.sum(np.asarray(self.train.mask)))
+
+    @cached_property
+    def recorded(self) -> Bool[np.ndarray, "case time"]:
+        """True at the rows of the training records, False at their padding."""
+        rows = np.arange(self.train.t.shape[1])
+        return rows < np.asarray(self.train.samples)[:, None]
 
     @cached_property
     def longest_memory(self) -> float:

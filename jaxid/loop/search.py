@@ -116,6 +116,9 @@ class SearchTree:
         return sorted(pairs, key=lambda pair: pair[1])
 
 
+Branch = tuple[LoopFit, list[Step]]  # a fit, and the steps from the declared model to it
+
+
 def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> SearchTree:
     """Return the search tree of a problem.
 
@@ -151,9 +154,7 @@ def with_shapes(declared: LoopFit) -> LoopFit:
     for i, name in enumerate(train.outputs):
         signals[RESIDUAL + name] = left[..., i]
         signals[SIMULATED + name] = np.where(mask[..., i], z[..., i] - left[..., i], 0.0)
-    moving = np.diff(np.asarray(train.t), axis=1) > 0
-    valid = np.concatenate([np.ones((len(moving), 1), bool), moving], axis=1)  # no padding
-    samples = {name: signal[valid] for name, signal in signals.items()}
+    samples = {name: signal[problem.recorded] for name, signal in signals.items()}
     step = float(typical_step(train.t))
     library = initialise_shapes(problem.library, samples, problem.measured, step)
     return dataclasses.replace(declared, problem=dataclasses.replace(problem, library=library))
@@ -161,16 +162,11 @@ def with_shapes(declared: LoopFit) -> LoopFit:
 
 def _grow(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
     """Expand the beam until no move is accepted."""
-    beam: list[tuple[LoopFit, list[Step]]] = [(tree.declared, [])]
+    beam: list[Branch] = [(tree.declared, [])]
     expanded: set = set()
     depth = 2 * options.max_rounds  # removals count as well
     for _ in range(depth):
-        children: list[tuple[LoopFit, list[Step]]] = []
-        for parent, path in beam:
-            expanded.add(parent.hypothesis.key)
-            for step in _expand(tree, parent, path, options, progress):
-                if step.fit.hypothesis.key not in expanded:
-                    children.append((step.fit, [*path, step]))
+        children = _children(tree, beam, expanded, options, progress)
         if not children:
             return
         if len(beam) > 1:
@@ -180,6 +176,20 @@ def _grow(tree: SearchTree, options: LoopOptions, progress: Progress) -> None:
         ancestors = [tree.declared, *(step.fit for step in path)]
         if tree.best in ancestors or best.price < tree.best.price:
             tree.best, tree.path = best, path
+
+
+def _children(tree, beam: list[Branch], expanded: set, options, progress) -> list[Branch]:
+    """Return the accepted results of the moves from a beam, each hypothesis once with its lowest
+    cost, without those expanded before.
+    """
+    lowest: dict[tuple, Branch] = {}
+    for parent, path in beam:
+        expanded.add(parent.hypothesis.key)
+        for step in _expand(tree, parent, path, options, progress):
+            key, known = step.fit.hypothesis.key, lowest.get(step.fit.hypothesis.key)
+            if key not in expanded and (known is None or step.fit.cost < known[0].cost):
+                lowest[key] = step.fit, [*path, step]
+    return [*lowest.values()]
 
 
 def _is_evident(step: Step) -> bool:
@@ -384,4 +394,5 @@ def _refit_alternatives(tree: SearchTree, options: LoopOptions, progress: Progre
     steps = _refits(tree, best, moves[: options.refits], count, options, progress)
     better = [step for step in steps if step.comparison.accepted and worth(step.fit) > worth(best)]
     if better:
-        tree.best, tree.path = better[0].fit, [*tree.path, better[0]]
+        step = max(better, key=lambda step: worth(step.fit))
+        tree.best, tree.path = step.fit, [*tree.path, step]

@@ -1,10 +1,11 @@
-"""Sentences and the table of a search; no other file of the search has any."""
+"""Sentences on a search."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from ..effects.augmented import split_effects
 from .assess import Assessment, Check, Objection
+from .evidence import Decision
 from .fit import LoopFit
 from .outcome import Outcome
 from .search import SearchTree
@@ -43,19 +44,17 @@ def effect_words(best: LoopFit) -> str:
     return "; ".join(w if n == 1 else f"{w} ({n} of them)" for w, n in counts.items())
 
 
-def worse_words(test: str, channels: Sequence[str], beyond: Sequence[str]) -> str:
-    """Return a caveat for test records that are predicted worse with the effects.
+def test_words(test: str, worse: Sequence[str], beyond: Sequence[str]) -> str:
+    """Return a sentence on test records that are not predicted as well as expected; may be empty.
 
     Args:
         test: name of the set.
-        channels: outputs whose error grows.
+        worse: outputs whose error grows with the effects.
         beyond: inputs that exceed their range in the fitted records.
     """
-    outside = f", in which {', '.join(beyond)} exceeds its range in the fitted records"
-    return (
-        f"But the error on {test} grows with it ({', '.join(channels)}): it does not carry over to "
-        f"these records{outside if beyond else ''}."
-    )
+    facts = [f"it grows in {', '.join(worse)}"] * bool(worse)
+    facts += [f"{name} exceeds its range in the fitted records" for name in beyond]
+    return f"On {test} {' and '.join(facts)}." if facts else ""
 
 
 def objection_words(objection: Objection) -> str:
@@ -67,12 +66,14 @@ def objection_words(objection: Objection) -> str:
     return {
         Check.NOISE_LIKE: "The residual that remains is more than noise"
         + (f"; it depends on {names}." if names else "."),
+        Check.REFUSED: f"{names} was refused, although the cost falls significantly with it.",
         Check.ONE_FUNCTION: f"Together {names} make up one function, whose form is not settled.",
         Check.IN_PLACE: f"The residual of the declared model acts elsewhere than {names}.",
         Check.UNIT_GAIN: f"An effect that is absent or present has another gain than one: "
         f"{numbers}.",
         Check.BORNE_OUT: f"On the complete training records it is insignificant: {names}.",
-        Check.CARRIES_OVER: f"The error of test records grows, by the logarithm: {numbers}.",
+        Check.CARRIES_OVER: "The error of test records, in units of the training error, is: "
+        f"{numbers}.",
     }[objection.check]
 
 
@@ -108,8 +109,7 @@ def next_best_words(tree: SearchTree) -> str:
     elif worse > 0:
         distance = f"worse by {worse:.1f} in chi-square"
     else:
-        distance = (
-            f"better by {-worse:.1f} in chi-square, but refused: it predicts the check records "
-            "worse, or its noise depends on a signal"
-        )
+        refused = (s.comparison for s in tree.steps if s.fit is other and not s.comparison.accepted)
+        decisions = [comparison.decision for comparison in refused] or [Decision.CHECK_WORSE]
+        distance = f"better by {-worse:.1f} in chi-square, but refused ({decisions[-1].value})"
     return f"Next best: {effects} with {noise}, {distance}."

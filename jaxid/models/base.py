@@ -67,12 +67,14 @@ class AbstractModel(eqx.Module):
     # Hooks ----------------------------------------------------------------------------------------
 
     def initial_state(self, record: Record) -> Float[Array, " state"]:
-        """The state at the first sample: the measured output for states that are outputs, else
+        """The state at the first sample: for states that are outputs their first valid sample, else
         zero.
 
         A record's constants `initial_state.<state>` take precedence (`first_state`).
         """
-        first = dict(zip(self.outputs, jnp.where(record.mask[0], record.z[0], 0.0), strict=True))
+        at = jnp.argmax(record.mask, axis=0)[None]
+        valid, z = (jnp.take_along_axis(part, at, axis=0)[0] for part in (record.mask, record.z))
+        first = dict(zip(self.outputs, jnp.where(valid, z, 0.0), strict=True))
         return jnp.array([first.get(name, 0.0) for name in self.states], float)
 
     def signals(
@@ -276,7 +278,7 @@ class AbstractModel(eqx.Module):
 
     def units(self) -> dict[str, str]:
         """Units of states, inputs, outputs and parameters by name; the unit of a missing name is
-        unknown.
+        unknown. Inputs and outputs are in SI units, as in records.
         """
         return {}
 

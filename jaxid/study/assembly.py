@@ -71,9 +71,10 @@ def assemble_study(
         for predictor, fitted in zip(predicting, (declared, best), strict=True)
     )
     estimated = {effect.name: effect for effect in split_effects(after.model)[1]}
-    words = [verdict_words(tree, best, assessment)]
-    if best.effects:
-        words += caveats(before, after, records.tests, records.used)
+    words = [
+        verdict_words(tree, best, assessment),
+        *caveats(assessment, before, after, records.tests, records.used),
+    ]
     return Study(
         verdict=" ".join(words),
         outcome=assessment.outcome,
@@ -168,12 +169,13 @@ def _side(predicting: LoopFit, fitted: LoopFit, records: StudyRecords) -> Side:
         for name, prediction in predictions.items()
     }
     problem, (model, free) = fitted.problem, fitted.model_and_free
-    noise, threshold = problem.likelihood.noise, problem.solver.policy.threshold
+    threshold = problem.solver.policy.threshold
     solution = _unpadded(fitted.solution, fitted.estimation.padding)
     estimated = fitted.estimation.problem
     stochastic = not isinstance(estimated.likelihood, OutputError)
     of = estimated.model if stochastic else model
-    estimate = Estimate.of(solution, of, free, used, threshold, noise.is_known)
+    known = estimated.likelihood.noise.is_known
+    estimate = Estimate.of(solution, of, free, used, threshold, known)
     start = _declared_start(problem, estimate)
     return Side(model, dataclasses.replace(estimate, start=start), predictions, rms)
 

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..data.record import Record
-from ..diagnosis.heldout_error import difference_error, mean_log
-from ..loop.wording import worse_words
+from ..loop.assess import Assessment, Check
+from ..loop.wording import test_words
 from .study import Side
 
 # Chosen: share of an input's range by which a test record must exceed it to be named.
@@ -15,23 +15,27 @@ BEYOND_SHARE = 0.1
 
 
 def caveats(
-    before: Side, after: Side, tests: Mapping[str, Record], used: Record
-) -> tuple[str, ...]:
-    """Return a sentence for each set of test records whose error grows by more than its standard
-    error.
+    assessment: Assessment, before: Side, after: Side, tests: Mapping[str, Record], used: Record
+) -> list[str]:
+    """Return a sentence for each set of test records to which the verdict objects, with the outputs
+    whose error grows and the inputs that leave their range.
 
     Args:
+        assessment: the verdict.
         before, after: the model without the added effects and with them.
         tests: records by name of set.
         used: the records that were fitted.
     """
-    sentences = []
-    for name, old in before.tests.items():
-        new = after.tests[name]
-        if mean_log(new) - mean_log(old) > difference_error(old, new):
-            channels = [n for n, rms in after.rms[name].items() if rms > before.rms[name][n]]
-            sentences.append(worse_words(name, channels, inputs_beyond(used, tests[name])))
-    return tuple(sentences)
+    grown = {
+        name: [n for n, rms in after.rms[name].items() if rms > before.rms[name][n]]
+        for objection in assessment.objections
+        if objection.check is Check.CARRIES_OVER
+        for name in objection.names
+    }
+    words = [
+        test_words(name, worse, inputs_beyond(used, tests[name])) for name, worse in grown.items()
+    ]
+    return [sentence for sentence in words if sentence]
 
 
 def inputs_beyond(used: Record, test: Record) -> tuple[str, ...]:

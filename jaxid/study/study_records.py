@@ -49,27 +49,31 @@ def study_records(
     Args:
         train, check, test, window: arguments of `close_loop`.
     """
-    fitted, complete = as_stack(train), None
+    used = as_stack(train)
+    fitted, complete = used, None
     if check is None:
-        complete = fitted
-        fitted, check = _cut_last_third(fitted, window)
-    check = as_stack(check)
+        complete = used
+        fitted, check = _cut_last_third(used, window)
+    else:
+        check = as_stack(check)
+        _require_apart(used, check, "check record", "a training record")
     tests = _tests(test, check)
     if test is not None:
         for name, stacked in tests.items():
-            _require_apart(fitted if complete is None else complete, stacked, name)
+            _require_apart(used, stacked, f"record of the test set {name!r}", "a training record")
+            _require_apart(check, stacked, f"record of the test set {name!r}", "a check record")
     return StudyRecords(fitted, complete, check, tests, test is not None)
 
 
-def _require_apart(train: Record, test: Record, name: str) -> None:
-    """Refuse a test record that is a training record: its error is no error of prediction."""
-    fitted = {_samples(record): record.names[0] for record in unstack(train)}
-    for record in unstack(test):
-        same = fitted.get(_samples(record))
+def _require_apart(used: Record, held_out: Record, role: str, other: str) -> None:
+    """Refuse a held-out record that has another use: its error is no error of prediction."""
+    known = {_samples(record): record.names[0] for record in unstack(used)}
+    for record in unstack(held_out):
+        same = known.get(_samples(record))
         require(
             same is None,
-            f"The record {record.names[0]!r} of the test set {name!r} is a training record, "
-            f"{same!r}. Give `test` records that are not used for fitting, or leave it out.",
+            f"The {role}, {record.names[0]!r}, is {other} as well, {same!r}. Give records that "
+            "have no other use, or leave them out.",
         )
 
 

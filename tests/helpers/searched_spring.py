@@ -42,12 +42,16 @@ class Spring(AbstractModel):
         return x
 
 
-def fly(seed, *effects, size=1.0, memory=0.0, gust=0.0, gust_time=1.0):
+TRUTH = Spring(jnp.array(1.5), jnp.array(0.2))
+
+
+def fly(seed, *effects, truth=TRUTH, size=1.0, memory=0.0, gust=0.0, gust_time=1.0):
     """Return one record of the spring with some effects.
 
     Args:
         seed: of the force and the noise.
-        effects: effects of the truth.
+        effects: effects that the truth has as well.
+        truth: the model without them.
         size: factor of the force.
         memory: autocorrelation of the sensor noise from sample to sample.
         gust, gust_time: standard deviation and correlation time [s] of a force that no signal has.
@@ -55,7 +59,6 @@ def fly(seed, *effects, size=1.0, memory=0.0, gust=0.0, gust_time=1.0):
     rng = np.random.default_rng(seed)
     t = STEP * np.arange(SAMPLES)
     u = size * np.convolve(rng.normal(size=SAMPLES), np.ones(8) / 2.5, "same")
-    truth = Spring(jnp.array(1.5), jnp.array(0.2))
     model = Augmented(truth, effects) if effects else truth
     push = gust * correlated(rng, (SAMPLES, 1), np.exp(-STEP / gust_time))[:, 0]
     y = np.asarray(simulate(model, t, (u + push)[:, None], jnp.zeros(len(model.states))).y)

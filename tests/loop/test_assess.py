@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 import pytest
-from searched_spring import NOISE, fly, problem
+from searched_spring import NOISE, Spring, fly, problem
 
 from jaxid import InputError, OutputError
 from jaxid.effects import (
@@ -112,6 +112,24 @@ def test_effect_that_does_not_carry_over_is_proxy():
     assert checks(found) == [Check.CARRIES_OVER]
     assert found.assessment.objections[0].names == ("new spring",)
     assert found.outcome is Outcome.PROXIES
+
+
+class Pendulum(Spring):
+    """The spring with `k sin x` in place of `k x`."""
+
+    def rhs(self, t, x, u):
+        return jnp.stack([x[1], u[0] - self.k * jnp.sin(x[0]) - self.c * x[1]])
+
+
+def test_power_is_proxy_where_a_sine_leaves_it():
+    """Up to 1.5 rad a cubic is the sine to the noise, but at 2.3 rad it is not."""
+    truth = Pendulum(jnp.array(1.5), jnp.array(0.2))
+    given = problem(19, truth=truth, size=0.5)
+    near = search_effects(given, test={"near": fly(190, truth=truth, size=0.5)})
+    far = search_effects(given, test={"far": fly(195, truth=truth, size=1.0)})
+    assert near.effects == far.effects == ("x^3 in v",)
+    assert (near.outcome, checks(far)) == (Outcome.EXPLAINED, [Check.CARRIES_OVER])
+    assert far.outcome is Outcome.PROXIES
 
 
 def test_residual_above_given_noise_is_unexplained():

@@ -58,6 +58,16 @@ def test_chance_of_both_improvements_is_that_of_a_product(monkeypatch, declared,
     )
 
 
+def test_channel_of_few_samples_excuses_no_other(declared):
+    """Twenty samples allow a large share by chance, two hundred in the other channel do not."""
+    mask = np.array(declared.problem.train.mask)
+    mask[:, 10:, 1] = False
+    train = dataclasses.replace(declared.problem.train, mask=jnp.asarray(mask))
+    few = dataclasses.replace(declared, problem=dataclasses.replace(declared.problem, train=train))
+    assert few.predictable["x"] > 0.5
+    assert not evidence.is_noise_like(few, LoopOptions())
+
+
 def test_noise_as_slow_as_a_drift_is_refused(declared):
     """Its correlation time of 50 samples is a quarter of a record."""
     slow = fit(declared.problem, Hypothesis((), Coloured(1)), declared)

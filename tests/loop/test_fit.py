@@ -156,6 +156,16 @@ def test_columns_with_linearised_steps_equal_those_of_forward_mode(monkeypatch, 
     assert np.max(np.abs(S - expected) / np.where(scale > 0, scale, 1.0)) < 1e-10
 
 
+def test_padding_of_a_shorter_record_is_no_part_of_the_motion(monkeypatch):
+    given = _problem(monkeypatch, reduced=False)
+    flown = [fly(70 + seed, samples=samples)[0] for seed, samples in enumerate((300, 60))]
+    motion = fit(given.on(flown), Hypothesis()).motion
+    assert motion.is_linear
+    x = np.concatenate([motion.x[0], motion.x[1][:60]])[:, 0]
+    usual = motion.usual(["initial_state.x"])[:, 0]
+    np.testing.assert_allclose(usual, [np.mean(x), np.std(x)], rtol=1e-12)
+
+
 def test_programs_that_are_not_waited_for_are_not_compiled(monkeypatch):
     """Refits that are passed over, or a search that ends by an error or Ctrl-C, leave no
     compilation behind.

@@ -260,6 +260,16 @@ def test_constants_of_a_record_are_its_known_initial_states():
     np.testing.assert_array_equal(first_state(model, both), [0.3, -0.1])
 
 
+def test_initial_state_is_the_first_valid_sample_of_each_output():
+    t, z = 0.1 * np.arange(30), np.arange(60.0).reshape(30, 2)
+    z[:3, 1] = np.nan
+    names = {"inputs": ("elevator",), "outputs": ("alpha", "q")}
+    given = record(t, np.ones((30, 1)), z, **names)
+    A, B = np.eye(2), np.ones((2, 1))
+    model = LinearModel(A, B, A, 0 * B, states=names["outputs"], **names)
+    np.testing.assert_array_equal(model.initial_state(given), [0.0, 7.0])
+
+
 def test_known_initial_state_is_not_estimated_and_starts_the_simulation():
     """`q = q(0) + gain t`: the line through the known q(0), and the free line."""
     zero, one = np.zeros((1, 1)), np.ones((1, 1))

@@ -34,6 +34,15 @@ def excitation(kind, rng):
     return u
 
 
+class Both(Spring):
+    """The spring with its speed measured as well."""
+
+    outputs = ("x", "v")
+
+    def output(self, t, x, u):
+        return x
+
+
 KINDS = ("noise", "held", "3-2-1-1", "sweep", "multisine")
 
 
@@ -277,6 +286,17 @@ def test_angles_in_degrees_are_found():
     assert [finding.names for finding in found.of(FindingKind.DEGREES)] == [("force",)]
     found = advice(made(t, u, 57.3 * z, units={"x": "rad"}), TORSION)
     assert [finding.names for finding in found.of(FindingKind.DEGREES)] == [("x",)]
+
+
+def test_output_without_a_sample_in_the_longest_piece_is_named():
+    t, u, z = measure()
+    both = np.stack([z, z], axis=1)
+    both[100:, 1] = np.nan
+    holed = np.where(np.arange(SAMPLES) < 100, t, t + 20.0)
+    given = jaxid.record(holed, u, both, inputs=("force",), outputs=("x", "v"))
+    model = Both(jnp.array(1.0), jnp.array(0.2))
+    missing = advice(given, model).of(FindingKind.MISSING)
+    assert [finding.names for finding in missing] == [("v",)]
 
 
 def test_other_units_than_the_models_are_found():

@@ -105,7 +105,7 @@ def test_uneven_times_with_band_limited_input_raise_error():
     band_limited = jaxid.OutputError(hold=jaxid.hold.BandLimited())
     with pytest.raises(InputError, match="uniform sampling"):
         jaxid.close_loop(
-            model, free, band_limited, train=even, check=even, test=uneven, effects=(SQUARE,)
+            model, free, band_limited, train=even, check=fly(1)[0], test=uneven, effects=(SQUARE,)
         )
 
 

@@ -85,6 +85,8 @@ def single_channels(record: Measured) -> Iterator[Finding]:
     for name, values in zip(record.outputs, record.z.T, strict=True):
         yield from missing(record, name, values)
         valid = values[np.isfinite(values)]
+        if not valid.size:
+            continue
         stopped = list(constant(record, name, valid))
         yield from stopped
         if not stopped:

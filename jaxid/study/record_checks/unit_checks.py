@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...data.units import are_equal
 from .channels import Measured
 from .findings import Finding, FindingKind
 from .response import Response
@@ -27,7 +28,7 @@ def units_of_channels(
     """
     for name in (*record.inputs, *record.outputs):
         unit, expected = record.units[name], declared.get(name, "")
-        if unit and expected and unit != expected:
+        if unit and expected and not are_equal(unit, expected):
             yield Finding(FindingKind.UNIT, record.name, (name,), {}, (unit, expected))
         elif (unit or expected) in ANGLES:
             yield from degrees(record, name, unit or expected, model)

@@ -316,6 +316,6 @@ def neighbours(best: LoopFit) -> dict[str, float]:
     columns = {name: best.motion.response(shape.terms) for name, (_, shape) in pairs.items()}
     triangle, worse = best.triangle_with(columns), {}
     for name, (effect, _) in pairs.items():
-        reduced = reduce(triangle, triangle.at(problem.columns.own[effect.name]))
+        reduced = reduce(triangle, triangle.at(problem.columns.of_effect[effect.name]))
         worse[name] = -float(falls(reduced, np.array([triangle.at([name])]))[0])
     return worse

@@ -17,8 +17,8 @@ class Columns:
         declared: number of the declared parameters.
         names: dotted, the declared parameters first.
         index: the column of each name.
-        own: names of the parameters of each effect that are estimated when it is in the model, its
-            gain first.
+        of_effect: names of the estimated parameters of each effect, its gain first
+            (`own_parameters`).
         owners: the effect of each column that belongs to one, by the column's name.
 
     Args:
@@ -28,14 +28,14 @@ class Columns:
 
     def __init__(self, free: Free, effects: Sequence[Effect]):
         self.declared = len(free.shared)
-        self.own = {effect.name: own_parameters(effect) for effect in effects}
-        self.owners = {own: effect for effect, names in self.own.items() for own in names}
+        self.of_effect = {effect.name: own_parameters(effect) for effect in effects}
+        self.owners = {own: name for name, names in self.of_effect.items() for own in names}
         self.names = (*free.shared, *self.owners)
         self.index = {name: column for column, name in enumerate(self.names)}
 
     def chosen(self, effects: Collection[str]) -> list[int]:
         """Return the columns of the declared parameters and of the parameters of `effects`."""
-        own = [self.index[name] for effect in effects for name in self.own[effect]]
+        own = [self.index[name] for effect in effects for name in self.of_effect[effect]]
         return [*range(self.declared), *own]
 
 

@@ -184,7 +184,7 @@ def inflation(fit: LoopFit, effects) -> float:
     larger by this factor.
     """
     columns = fit.problem.columns
-    at = [fit.estimation.free.shared.index(name) for e in effects for name in columns.own[e]]
+    at = [fit.estimation.free.shared.index(name) for e in effects for name in columns.of_effect[e]]
     robust, plain = (
         np.diagonal(np.asarray(matrix))[at]
         for matrix in (fit.solution.robust_covariance, fit.solution.covariance)
@@ -223,7 +223,7 @@ def is_degenerate(fit: LoopFit, effects) -> bool:
     at_bound = np.asarray(fit.solution.shared_on_bound)
     variance = np.diagonal(np.asarray(fit.solution.covariance))
     for effect in effects:
-        own = [names.index(name) for name in problem.columns.own[effect]]
+        own = [names.index(name) for name in problem.columns.of_effect[effect]]
         if np.any(np.isinf(variance[own]) & ~at_bound[own]):
             return True
         fields = problem.effects[effect].card.degenerate_at_bounds

@@ -148,7 +148,7 @@ class LoopFit:
         return self._triangle(self.motion.sensitivities[1], self.problem.columns.names)
 
     @cached_property
-    def own_triangle(self) -> Triangle:
+    def free_triangle(self) -> Triangle:
         """Triangular factor of the sensitivities to the free parameters, and of the residual."""
         names = self.estimation.free.shared
         factor = np.asarray(self.solution.information.factor)
@@ -187,7 +187,7 @@ class LoopFit:
         """
         chosen, columns = set(self.estimation.free.shared), self.problem.columns
         free = np.array([name in chosen for name in names])
-        gains = {f"{effect}.gain" for effect in columns.own}
+        gains = {f"{effect}.gain" for effect in columns.of_effect}
         values = [self.values[columns.index[n]] if n in gains else 0.0 for n in names]
         return Triangle(names, factor, free, np.array(values))
 
@@ -287,7 +287,7 @@ def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None,
     values = (problem.initial_values if parent is None else parent.values).copy()
     estimates = {} if parent is None else parent.estimates
     known = {name: value for name, (value, _) in estimates.items()} | dict(start)
-    index, absent = problem.columns.index, set(problem.columns.own) - set(hypothesis.effects)
+    index, absent = problem.columns.index, set(problem.columns.of_effect) - set(hypothesis.effects)
     for name in set(known) & set(index):
         values[index[name]] = known[name]
     values[[index[f"{name}.gain"] for name in absent]] = 0.0

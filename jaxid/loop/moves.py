@@ -86,9 +86,9 @@ class Proposals:
         """Return removals of effects that have become insignificant, the least harmful first; they
         need no sensitivities to the candidates.
         """
-        moves, triangle = [], self.fit.own_triangle
+        moves, triangle = [], self.fit.free_triangle
         for name in self._removable():
-            reduced = reduce(triangle, triangle.at(self.problem.columns.own[name]))
+            reduced = reduce(triangle, triangle.at(self.problem.columns.of_effect[name]))
             if reduced.base > -self.threshold:
                 moves.append(self._move(MoveKind.DROP, (), (name,), reduced.base, reduced))
         return sorted(moves, key=lambda move: -move.expected)
@@ -191,7 +191,7 @@ class Proposals:
 
     def _without(self, out: tuple[str, ...]) -> Reduced:
         """Return the linear model without some effects of the fit."""
-        own = [name for effect in out for name in self.problem.columns.own[effect]]
+        own = [name for effect in out for name in self.problem.columns.of_effect[effect]]
         return reduce(self.fit.triangle, self.fit.triangle.at(own))
 
     def _falls(self, reduced: Reduced, sets) -> Float[np.ndarray, " set"]:
@@ -232,7 +232,9 @@ class Proposals:
         start = {f"{name}.gain": cards[name].initial_gain for name in into}
         for name, other in itertools.product(into, out):
             if cards[other].family == cards[name].refines:
-                fields = (own.removeprefix(f"{name}.") for own in self.problem.columns.own[name])
+                fields = (
+                    own.removeprefix(f"{name}.") for own in self.problem.columns.of_effect[name]
+                )
                 common = (field for field in fields if f"{other}.{field}" in known)
                 start |= {f"{name}.{field}": known[f"{other}.{field}"][0] for field in common}
         estimated = {

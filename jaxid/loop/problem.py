@@ -312,7 +312,7 @@ class LoopProblem:
 
     def has_shape(self, name: str) -> bool:
         """Return True if an effect has estimated parameters besides its gain."""
-        return len(self.columns.own[name]) > 1
+        return len(self.columns.of_effect[name]) > 1
 
     def is_evident(self, name: str) -> bool:
         """Return True if the records show an effect without a model."""

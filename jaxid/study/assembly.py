@@ -63,7 +63,7 @@ def assemble_study(
         assessment = without(assessment, best.effects, dropped)
         last = dataclasses.replace(rounds[-1], dropped=(*rounds[-1].dropped, *dropped))
         rounds = (*rounds[:-1], last)
-        if records.own_tests or dropped:
+        if records.has_tests or dropped:
             predicting = declared, best
     progress("prediction of the test records")
     before, after = (

@@ -95,7 +95,7 @@ def close_loop(
         window=window,
         solver=solver or SEARCH_SOLVER,
     )
-    tests = records.tests if records.own_tests else {}
+    tests = records.tests if records.has_tests else {}
     with text_progress(progress) as show:
         result = search_effects(problem, test=tests, options=options, progress=show)
         return assemble_study(result, records, options, show)

@@ -23,14 +23,14 @@ class StudyRecords(NamedTuple):
         complete: the complete training records, if their last third is the check; else None.
         check: records that decide, a stack.
         tests: records that are reported, by name.
-        own_tests: False if the check records are reported.
+        has_tests: False if the check records are reported.
     """
 
     fitted: Record
     complete: Record | None
     check: Record
     tests: dict[str, Record]
-    own_tests: bool
+    has_tests: bool
 
     @property
     def used(self) -> Record:

@@ -48,7 +48,7 @@ FORCE, SENSOR_X, SENSOR_A = (
     (Location(LocationKind.SENSOR, "a"),),
 )
 CONSTANT = ("1 in v", "bias of x")  # not distinguishable for a spring with a free initial state
-KINK = ("dead band of v in v",)  # a narrow dead band equals friction
+KINK = ("dead band of v in v", "smooth sign(v) in v")  # a narrow dead band equals friction
 
 
 class Spring(AbstractModel):

@@ -19,6 +19,8 @@ from .shape_initialisation import level_in
 # decay rate times sample interval (chosen below 2.78, the stability limit of the classical
 # Runge-Kutta method)
 MAX_RATE_TIMES_STEP = 2.0
+# lower bound of a width of friction [unit of the speed] (chosen: the sign itself)
+LEAST_WIDTH = 1e-9
 
 
 class Term(Effect):
@@ -67,28 +69,45 @@ class DryFriction(Effect):
     """Dry (Coulomb) friction: `d(state)/dt += gain * tanh(speed / width)`, a smoothed sign.
 
     The width is one hundredth of the largest speed in the training records: small enough for nearly
-    constant friction, and large enough for fixed integration steps.
+    constant friction, and large enough for fixed integration steps. With a free width it is
+    estimated from there; this effect refines the one with a fixed width.
 
     Args:
         state: the equation.
         speed: the signal whose sign acts.
+        free_width: estimate the width.
     """
 
     state: str = eqx.field(static=True)
     speed: str = eqx.field(static=True)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
     width: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.ones(()))
+    free_width: bool = eqx.field(static=True, default=False)
 
     @property
     def card(self):
-        return EffectCard(
-            name=f"sign({self.speed}) in {self.state}",
+        name = f"sign({self.speed}) in {self.state}"
+        simple = EffectCard(
+            name=name,
             description=f"dry (Coulomb) friction: the sign of {self.speed} in the equation of "
             f"{self.state}",
             location=Location(LocationKind.EQUATION, self.state),
             signals=(self.speed,),
             complexity=2,  # equal to drag: neither is simpler a priori
             fixed=("width",),
+        )
+        if not self.free_width:
+            return simple
+        return dataclasses.replace(
+            simple,
+            name=f"smooth {name}",
+            family=f"smooth {name}",
+            description=f"{simple.description}, over a range of {self.speed}",
+            complexity=3,
+            fixed=(),
+            refines=name,
+            bounds={"width": (LEAST_WIDTH, np.inf)},
+            degenerate_at_bounds=("width",),
         )
 
     def initialise_shape(self, signals, measured, step):

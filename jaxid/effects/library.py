@@ -116,7 +116,8 @@ def _of_state(name: str, equations: tuple[str, ...]) -> list[Effect]:
     """Return the friction and the overflow of a state in its equation."""
     others = (into for into in equations if into != name)
     effects: list[Effect] = []
-    effects += [DryFriction(name, name), QuadraticDrag(name, name)]
+    effects += [DryFriction(name, name, free_width=free) for free in (False, True)]
+    effects += [QuadraticDrag(name, name)]
     return effects + [StateLimit(name, into, start) for into in others for start in LEVELS]
 
 
@@ -149,7 +150,8 @@ def _of_differences(model: AbstractModel, equations: tuple[str, ...]) -> list[Ef
             QuadraticDrag(state, signal),
         ]
         if len(pairs) <= MOST_DIFFERENCES_FOR_SHAPES:
-            effects += [DryFriction(state, signal), DeadBand(Placement.equation(state), signal)]
+            effects += [DryFriction(state, signal, free_width=free) for free in (False, True)]
+            effects += [DeadBand(Placement.equation(state), signal)]
     return effects
 
 

@@ -243,10 +243,14 @@ def alternative(tree: SearchTree) -> Objection | None:
 
 def _is_as_simple(best: LoopFit, other: LoopFit) -> bool:
     """Return True if a fit has no more parameters than the best one, or with the same noise no more
-    effects; the price of its parameters counts already.
+    effects, none of them a refinement of the best one's; the price of its parameters counts
+    already.
     """
+    cards = best.problem.cards
+    families = {cards[name].family for name in best.effects}
     same_noise = other.hypothesis.noise.key == best.hypothesis.noise.key
-    fewer_effects = len(other.effects) <= len(best.effects)
+    refines = any(cards[name].refines in families for name in other.effects)
+    fewer_effects = len(other.effects) <= len(best.effects) and not refines
     return other.count <= best.count or (same_noise and fewer_effects)
 
 

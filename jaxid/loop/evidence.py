@@ -151,12 +151,15 @@ def improvement_chance(old: LoopFit, new: LoopFit, fall: float, check_fall: floa
 def _tolerated_loss(old: LoopFit, new: LoopFit, options: LoopOptions) -> float:
     """Return the largest rise of the check records' error, in its logarithm.
 
-    An effect that the records show without a model, and a swap, may raise it by its scatter.
+    An effect that the records show without a model, a swap, and a removal may raise it by its
+    scatter.
     """
     if _is_swap(old, new):
         return uncertainty(new.check_prediction)
     evident = any(map(new.problem.is_evident, set(new.effects) - set(old.effects)))
-    scatter = difference_error(old.check_prediction, new.check_prediction) if evident else 0.0
+    if not (evident or set(new.effects) < set(old.effects)):
+        return options.max_check_loss
+    scatter = difference_error(old.check_prediction, new.check_prediction)
     return max(options.max_check_loss, scatter)
 
 

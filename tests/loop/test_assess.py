@@ -114,6 +114,28 @@ def test_effect_that_does_not_carry_over_is_proxy():
     assert found.outcome is Outcome.PROXIES
 
 
+FRICTION = (
+    *(DryFriction("v", "v", free_width=free) for free in (False, True)),
+    *(QuadraticDrag("v", "v"), Term("v", "v^3"), Term("v", "x^3")),
+)
+
+
+def test_width_of_friction_is_estimated_where_the_records_show_it():
+    wide = DryFriction("v", "v", jnp.array(-0.3), width=jnp.array(0.4))
+    found = search_effects(problem(20, wide, library=FRICTION))
+    assert (found.effects, found.outcome) == (("smooth sign(v) in v",), Outcome.EXPLAINED)
+    value, error = found.estimates["smooth sign(v) in v.width"]
+    assert abs(value - 0.4) < 4 * error < 0.1
+
+
+def test_refinement_is_no_alternative_to_the_effect_that_it_refines():
+    """Narrow friction is fitted as well with a free width, which the records do not show."""
+    narrow = DryFriction("v", "v", jnp.array(-0.15), width=jnp.array(0.02))
+    found = search_effects(problem(21, narrow, library=FRICTION))
+    assert (found.effects, found.outcome) == (("sign(v) in v",), Outcome.EXPLAINED)
+    assert any(fit.effects == ("smooth sign(v) in v",) for fit in found.tree.fits())
+
+
 class Pendulum(Spring):
     """The spring with `k sin x` in place of `k x`."""
 

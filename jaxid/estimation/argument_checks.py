@@ -14,7 +14,7 @@ MOST_SHOWN = 60  # characters of a refused argument in its message (chosen)
 
 
 def check_arguments(model: Any, records: Record, likelihood: Any) -> None:
-    """Refuse a class in place of a model or a likelihood, and channels in other units than theirs.
+    """Refuse a class in place of a model or a likelihood, and channels in other units.
 
     Args:
         model: the model.

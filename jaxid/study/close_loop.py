@@ -69,9 +69,10 @@ def close_loop(
         search gives a study of the best hypothesis so far.
 
     Raises:
-        InputError: if channels differ, a test record is a training record, a record is too short to
-            be cut or for the window, an effect's name occurs twice, its gain is not zero or the
-            model holds it already, the check records have no valid sample, or JAX is in 32 bit.
+        InputError: if channels or their units differ, a record has two uses or is too short to be
+            cut or for the window, an effect's name occurs twice, its gain is not zero or the model
+            holds it already, the likelihood is not output error with white noise, the check records
+            have no valid sample, or JAX is in 32 bit.
     """
     require_float64()
     options = options or LoopOptions()

@@ -48,7 +48,8 @@ FORCE, SENSOR_X, SENSOR_A = (
     (Location(LocationKind.SENSOR, "a"),),
 )
 CONSTANT = ("1 in v", "bias of x")  # not distinguishable for a spring with a free initial state
-KINK = ("dead band of v in v", "smooth sign(v) in v")  # a narrow dead band equals friction
+# A narrow dead band equals friction, and friction with a free width contains it.
+KINK = ("dead band of v in v", "smooth sign(v) in v")
 
 
 class Spring(AbstractModel):

@@ -45,8 +45,8 @@ UNIT_GAIN_DEVIATION = 3.0
 # Chosen: share of an effect's fall of chi-square within which another function of the same signals
 # at the same place is the same to the records, so that both name one cause.
 SAME_SHARE = 0.01
-# Chosen: ratio of the error of test records to that of training records which errors of parameters
-# explain. Of 74 effects found in simulated records each predicts within 1.05 of the true model.
+# Chosen: ratio of the error of test records to the error of training records, up to which errors of
+# the parameters explain it. Each of 74 true effects predicts within 1.05 of the true model.
 WORSE = 1.2
 
 

@@ -44,7 +44,7 @@ def effect_words(best: LoopFit) -> str:
     return "; ".join(w if n == 1 else f"{w} ({n} of them)" for w, n in counts.items())
 
 
-def test_words(test: str, worse: Sequence[str], beyond: Sequence[str]) -> str:
+def held_out_words(test: str, worse: Sequence[str], beyond: Sequence[str]) -> str:
     """Return a sentence on test records that are not predicted as well as expected; may be empty.
 
     Args:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..data.record import Record
 from ..loop.assess import Assessment, Check
-from ..loop.wording import test_words
+from ..loop.wording import held_out_words
 from .study import Side
 
 # Chosen: share of an input's range by which a test record must exceed it to be named.
@@ -32,9 +32,10 @@ def caveats(
         if objection.check is Check.CARRIES_OVER
         for name in objection.names
     }
-    words = [
-        test_words(name, worse, inputs_beyond(used, tests[name])) for name, worse in grown.items()
-    ]
+    words = (
+        held_out_words(name, worse, inputs_beyond(used, tests[name]))
+        for name, worse in grown.items()
+    )
     return [sentence for sentence in words if sentence]
 
 

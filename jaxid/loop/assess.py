@@ -28,7 +28,7 @@ from .moves import MoveKind
 from .noise import above_known_noise, stands_out
 from .options import LoopOptions
 from .outcome import Outcome
-from .search import SearchTree
+from .search_tree import SearchTree
 
 # Derived: the misfits of shapes in equal steps grow as squares, 0, 1, 4. Where the truth is one
 # step to the other side and would fit better by SETTLED, the next shape fits worse by three times

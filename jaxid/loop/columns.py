@@ -1,13 +1,21 @@
 """`Columns`: the parameters that a search can estimate, one column for each: the declared free
-parameters and those of its effects.
+parameters and those of its effects; `Padding`: further columns without effect.
 """
 
 from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import equinox as eqx
+import numpy as np
 
 from ..effects.base import Effect
 from ..models.free import Free
+
+# Chosen: parameters of effects are padded to multiples of this, so that few widths are compiled.
+# More padding costs arithmetic, less costs compilations.
+COLUMN_BLOCK = 8
+# The same for the initial values of states that effects add (chosen).
+ROW_BLOCK = 2
 
 
 class Columns:
@@ -47,3 +55,50 @@ def own_parameters(effect: Effect) -> tuple[str, ...]:
     shape = [name for name in effect.__dataclass_fields__ if name not in known]
     shape = [name for name in shape if eqx.is_inexact_array(getattr(effect, name))]
     return tuple(f"{effect.name}.{field}" for field in ("gain", *shape))
+
+
+class Padding(NamedTuple):
+    """Numbers of parameters of a problem, and of its program, in which the padding stands last, so
+    that hypotheses of similar size share a program.
+
+    Attributes:
+        own: number of per-record parameters.
+        own_width: the same with padding.
+        shared: number of shared parameters.
+        shared_width: the same with padding.
+    """
+
+    own: int
+    own_width: int
+    shared: int
+    shared_width: int
+
+    @classmethod
+    def none(cls, own: int, shared: int) -> "Padding":
+        """Return the padding of a program without any."""
+        return cls(own, own, shared, shared)
+
+    def padded_own(self, values, fill: int | float = 0) -> np.ndarray:
+        """Return values of the per-record parameters, along the last axis, with padding."""
+        return _filled(values, self.own_width - self.own, fill)
+
+    def padded_shared(self, values, fill: int | float = 0) -> np.ndarray:
+        """Return values of the shared parameters, along the last axis, with padding."""
+        return _filled(values, self.shared_width - self.shared, fill)
+
+    def padded_columns(self, columns) -> np.ndarray:
+        """Return columns of all parameters, the per-record ones first, with columns of zeros."""
+        own, shared = np.split(np.asarray(columns), [self.own], axis=-1)
+        return np.concatenate([self.padded_own(own), self.padded_shared(shared)], axis=-1)
+
+
+def padded_number(number: int, block: int, least: int = 1) -> int:
+    """Return a number rounded up to a multiple of a block, at least `least` blocks."""
+    return block * max(least, -(-number // block))
+
+
+def _filled(values, number: int, fill: int | float) -> np.ndarray:
+    """Return values with a number of others behind the last."""
+    values = np.asarray(values)
+    widths = [(0, 0)] * (values.ndim - 1) + [(0, number)]
+    return np.pad(values, widths, constant_values=fill)

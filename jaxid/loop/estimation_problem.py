@@ -14,8 +14,8 @@ from ..estimation.limits import Limits
 from ..estimation.problem import Problem
 from ..models.base import as_float, canonical
 from ..models.free import Free, Parameters, Positions, initial_parameters, with_values
+from .columns import Padding
 from .hypothesis import Hypothesis
-from .padding import Padding
 from .problem import LoopProblem
 
 

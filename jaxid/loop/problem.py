@@ -27,8 +27,7 @@ from ..models.base import AbstractModel, canonical, equations_of
 from ..models.free import INITIAL_STATE, Free, all_names, leaves_at, with_values_at
 from ..models.names import flat_vector
 from ..simulation.steppers import rate
-from .columns import Columns
-from .padding import COLUMN_BLOCK, ROW_BLOCK, Padding, padded_number
+from .columns import COLUMN_BLOCK, ROW_BLOCK, Columns, Padding, padded_number
 
 # The tolerance is in standard errors; a decision needs no smaller one. Most fits converge in some
 # twenty steps, and one that has not in forty continues with another policy (`fit`).

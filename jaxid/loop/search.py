@@ -2,12 +2,10 @@
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import cached_property
 
 import numpy as np
 
 from .._foundation.grid import typical_step
-from ..diagnosis.localise import LocalisationResult
 from ..effects.library import initialise_shapes
 from ..effects.shape_initialisation import RESIDUAL, SIMULATED
 from ..estimation.estimate import divergence
@@ -17,7 +15,6 @@ from .dependence import followed_signals
 from .evidence import (
     INSEPARABLE,
     SETTLED,
-    Comparison,
     Decision,
     best_of_families,
     compare,
@@ -31,91 +28,17 @@ from .moves import Move, MoveKind, Proposals, localise_fit
 from .noise import noise_moves
 from .options import LoopOptions
 from .problem import LoopProblem
+from .search_tree import SearchTree, Step
 
 # Chosen: share of the expected fall; a refit that brings less starts again from the estimated gain.
 STALLED = 0.25
-# Chosen: share of the best fall; a candidate without a shape that scores less cannot compete.
-HOPELESS_SHARE = 0.05
+# Chosen: share of the expected fall of an accepted move; an addition without a shape that should
+# bring less waits for the next round.
+HOPELESS_SHARE = 0.3
 # Chosen: rise of the cost above its parent's, and above the lowest of the moves that compete with
 # it, beyond which a refit is not continued; no change of hypothesis is made at such a rise.
 NEAR_LOWEST = 25.0
 Progress = Callable[[str], None]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Step:
-    """A move from one fit to another, and the comparison of both."""
-
-    parent: LoopFit
-    move: Move
-    fit: LoopFit
-    comparison: Comparison
-
-
-@dataclasses.dataclass(eq=False)
-class SearchTree:
-    """All fits of a search.
-
-    Attributes:
-        declared: fit of the declared model, whose problem has the shapes set from it.
-        best: fit of the best hypothesis.
-        steps: all refits, in order.
-        path: accepted steps from the declared model to the best hypothesis.
-        followed: candidates and signals that refused noises depend on.
-        interrupted: True if the user stopped the search.
-    """
-
-    declared: LoopFit
-    best: LoopFit
-    steps: list[Step] = dataclasses.field(default_factory=list)
-    path: list[Step] = dataclasses.field(default_factory=list)
-    followed: tuple[str, ...] = ()
-    interrupted: bool = False
-
-    @property
-    def problem(self) -> LoopProblem:
-        """The problem of the search."""
-        return self.declared.problem
-
-    def note_followed(self, names: Iterable[str]) -> None:
-        """Add candidates and signals that a refused noise depends on."""
-        self.followed = tuple(dict.fromkeys((*self.followed, *names)))
-
-    @cached_property
-    def where(self) -> LocalisationResult:
-        """Location of the residual of the declared model."""
-        return localise_fit(self.declared)
-
-    @cached_property
-    def where_after(self) -> LocalisationResult:
-        """Location of the residual of the best hypothesis, once the search has ended."""
-        return localise_fit(self.best, self.where.splines)
-
-    def fits(self) -> list[LoopFit]:
-        """Return all different fits, the declared one first."""
-        by_key = {self.declared.hypothesis.key: self.declared}
-        for step in self.steps:
-            known = by_key.get(step.fit.hypothesis.key)
-            if known is None or step.fit.cost < known.cost:
-                by_key[step.fit.hypothesis.key] = step.fit
-        return list(by_key.values())
-
-    def alternatives(self) -> list[tuple[LoopFit, float]]:
-        """Return the fits that lack an effect or the noise of the best one, and by how much worse
-        each is in chi-square, priced by parameters; the nearest first.
-        """
-        best = self.best
-        others = [
-            other
-            for other in self.fits()
-            if not set(best.effects) <= set(other.effects)
-            or type(other.hypothesis.noise) is not type(best.hypothesis.noise)
-        ]
-        worse = [other.price - best.price for other in others]
-        pairs = [(o, w) for o, w in zip(others, worse, strict=True) if np.isfinite(w)]
-        return sorted(pairs, key=lambda pair: pair[1])
-
-
 Branch = tuple[LoopFit, list[Step]]  # a fit, and the steps from the declared model to it
 
 
@@ -286,13 +209,14 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
 
 
 def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> list[Step]:
-    """Return the refits of moves, without candidates that cannot compete with the best so far."""
+    """Return the refits of moves, without those that cannot compete with an accepted one."""
     steps: list[Step] = []
     best, lowest = 0.0, parent.cost
     ordered = sorted(moves, key=lambda move: -move.expected)
     with compiled_ahead(tree.problem, [move.hypothesis for move in ordered]) as wait_for:
         for move in ordered:
-            simple = move.kind is MoveKind.ADD and not tree.problem.has_shape(move.into[0])
+            addition = move.kind in (MoveKind.ADD, MoveKind.GROUP)
+            simple = addition and not _has_shape(tree.problem, move)
             if simple and move.expected < HOPELESS_SHARE * best:
                 continue
             progress(f"refit with {move.hypothesis}")
@@ -301,9 +225,14 @@ def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> l
             steps.append(step)
             tree.steps.append(step)
             if step.comparison.accepted:
-                best = max(best, step.comparison.fall)
+                best = max(best, move.expected)
                 lowest = min(lowest, step.fit.cost)
     return steps
+
+
+def _has_shape(problem: LoopProblem, move: Move) -> bool:
+    """Return True if a move adds an effect with parameters besides its gain."""
+    return any(map(problem.has_shape, move.into))
 
 
 def _step(
@@ -330,13 +259,15 @@ def _without_dependence(tree: SearchTree, step: Step, options: LoopOptions) -> S
 def refit(parent: LoopFit, move: Move, target: float = np.inf) -> LoopFit:
     """Return the fit of a move: from the parent's values, and if it stalls from others.
 
-    A refit that brings much less than the linear model predicts, or does not converge, is repeated
-    from the gain that the linear model predicts, and from the declared values. One that cannot
-    reach its target is not continued.
+    A refit that does not converge is repeated from the gain that the linear model predicts, and
+    from the declared values; one with a shape that brings much less than predicted from the first
+    of them. Without a shape the first step goes to that gain. A refit that cannot reach its target
+    is not continued.
     """
     first = fit(parent.problem, move.hypothesis, parent, move.start, target)
     others: list[tuple[LoopFit | None, Mapping[str, float]]] = []
-    stalled = 2.0 * (parent.cost - first.cost) < STALLED * move.expected
+    low = 2.0 * (parent.cost - first.cost) < STALLED * move.expected
+    stalled = low and _has_shape(parent.problem, move)
     if move.kind is MoveKind.NOISE:
         if not (move.start and first.converged):  # forces start at their most probable values
             others.append((None, move.start))

@@ -14,7 +14,8 @@ from .hypothesis import Hypothesis
 from .options import LoopOptions
 from .outcome import Outcome
 from .problem import LoopProblem
-from .search import SearchTree, search
+from .search import search
+from .search_tree import SearchTree
 from .wording import next_best_words, verdict_words
 
 

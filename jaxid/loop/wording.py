@@ -8,7 +8,7 @@ from .assess import Assessment, Check, Objection
 from .evidence import Decision
 from .fit import LoopFit
 from .outcome import Outcome
-from .search import SearchTree
+from .search_tree import SearchTree
 
 # Chosen: difference of chi-square below which two fits are equal; a fit is iterated no further.
 EQUAL = 0.1

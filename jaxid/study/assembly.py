@@ -17,15 +17,15 @@ from ..estimation.estimate import Fit
 from ..estimation.likelihoods import OutputError
 from ..estimation.result import Estimate
 from ..loop.assess import Assessment, Check, Objection
+from ..loop.columns import Padding
 from ..loop.evidence import INSEPARABLE, compare
 from ..loop.fit import LoopFit, fit
 from ..loop.moves import Proposals
 from ..loop.options import LoopOptions
 from ..loop.outcome import Outcome
-from ..loop.padding import Padding
 from ..loop.problem import LoopProblem
-from ..loop.search import SearchTree
 from ..loop.search_effects import EffectSearch
+from ..loop.search_tree import SearchTree
 from ..loop.wording import next_best_words, verdict_words
 from ..models.free import Parameters
 from ..sensitivity.information import Information, OwnBlock, Profile

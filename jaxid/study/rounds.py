@@ -11,7 +11,7 @@ from ..loop.evidence import Decision
 from ..loop.fit import LoopFit
 from ..loop.moves import MoveKind, Proposals
 from ..loop.options import LoopOptions
-from ..loop.search import SearchTree, Step
+from ..loop.search_tree import SearchTree, Step
 from ..models.base import AbstractModel
 from ..models.free import Free
 from .second_opinion import Refusal, SecondOpinion, second_opinion

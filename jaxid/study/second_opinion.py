@@ -34,7 +34,7 @@ from ..loop.evidence import is_noise_like
 from ..loop.fit import LoopFit
 from ..loop.linear import basis, largest_falls
 from ..loop.moves import Move, MoveKind, Proposals
-from ..loop.search import Step
+from ..loop.search_tree import Step
 
 # Chosen: number of blocks in all records. Fewer keep a longer memory, but the variance of a score
 # is less certain (20 % with 50). Measured, share of records with nothing missing that have

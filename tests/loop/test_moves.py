@@ -13,7 +13,8 @@ from jaxid.loop.evidence import Comparison, Decision, compare
 from jaxid.loop.fit import fit
 from jaxid.loop.moves import Move, MoveKind, Proposals
 from jaxid.loop.noise import noise_moves
-from jaxid.loop.search import SearchTree, Step, _new, refit, second_steps, with_shapes
+from jaxid.loop.search import _new, refit, second_steps, with_shapes
+from jaxid.loop.search_tree import SearchTree, Step
 
 OPTIONS = LoopOptions()
 SQUARE, CUBIC = Term("v", "x^2", jnp.array(0.1)), Term("v", "x^3", jnp.array(-0.1))
@@ -56,6 +57,20 @@ def test_best_candidate_of_every_place_is_proposed():
     moves = Proposals(fit(given, Hypothesis()), LoopOptions(refits=1)).additions()
     places = {given.effects[move.into[0]].card.location for move in moves}
     assert len(places) > 1
+
+
+def test_addition_that_cannot_compete_waits_for_the_next_round():
+    """A bias whose score is a small part of the fall by a cubic is refitted after the cubic."""
+    given = problem(24, Term("v", "x^3", jnp.array(-0.3)), SensorBias("v", jnp.array(0.05)))
+    tree = search_effects(given).tree
+    first, second = (
+        {step.move.into for step in tree.steps if step.parent is parent}
+        for parent in (tree.declared, tree.path[0].fit)
+    )
+    proposals = Proposals(tree.declared, OPTIONS)
+    assert proposals.score("bias of v") > proposals.threshold
+    assert ("bias of v",) in second - first
+    assert set(tree.best.effects) == {"x^3 in v", "bias of v"}
 
 
 def test_noise_is_proposed_where_it_explains_the_residual():

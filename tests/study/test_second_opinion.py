@@ -15,7 +15,7 @@ from jaxid.loop import Coloured, Hypothesis, LoopOptions, LoopProblem
 from jaxid.loop.evidence import compare
 from jaxid.loop.fit import fit
 from jaxid.loop.moves import Move, MoveKind, Proposals
-from jaxid.loop.search import Step
+from jaxid.loop.search_tree import Step
 from jaxid.study import Refusal, SecondOpinion
 from jaxid.study.second_opinion import (
     block_products,

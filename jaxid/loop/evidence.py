@@ -25,6 +25,8 @@ INSEPARABLE = 6.0
 # Derived: chi-square of five standard errors, the convention for a discovery. An effect is
 # called the cause only if the nearest alternative fits worse by at least this.
 SETTLED = 25.0
+# Chosen: factor by which a fall, or the gain on the check records, may exceed what is expected.
+OPTIMISM = 10.0
 # Chosen: standard errors by which a gain must differ from zero to be determined.
 DETERMINED = 2.0
 
@@ -237,11 +239,33 @@ def is_degenerate(fit: LoopFit, effects) -> bool:
 
 def is_noise_like(fit: LoopFit, options: LoopOptions) -> bool:
     """Return True if the past of no whitened residual predicts more of it than is allowed."""
-    counts = np.sum(np.asarray(fit.problem.train.mask), axis=(0, 1))
-    return all(
-        share <= options.max_predictable_share + chance_level(int(count))
+    return all(share <= allowed for share, allowed, _ in _predictable(fit, options))
+
+
+def _predictable(fit: LoopFit, options: LoopOptions) -> list[tuple[float, float, int]]:
+    """Return for each output the predictable share of its residual, the share that is allowed, and
+    the number of its samples.
+    """
+    counts = np.sum(np.asarray(fit.problem.train.mask), axis=(0, 1)).tolist()
+    return [
+        (share, options.max_predictable_share + chance_level(count), count)
         for share, count in zip(fit.predictable.values(), counts, strict=True)
-    )
+    ]
+
+
+def least_expected_fall(fit: LoopFit, options: LoopOptions) -> float:
+    """Return the fall of chi-square below which an addition to a fit cannot be accepted.
+
+    While the residual is predictable, an addition is accepted if it ends that, or if the error on
+    the check records falls by `min_check_gain`. With `n` samples of each output, a fall `d` of the
+    training records' mean logarithmic error is one of `2 n d` of chi-square for each output. To end
+    a share `s` that the past predicts takes `-n log(1 - s)`. A fall may exceed what is expected by
+    the factor `OPTIMISM`.
+    """
+    known = _predictable(fit, options)
+    excess = max(-n * np.log1p(min(allowed - share, 0.0)) for share, allowed, n in known)
+    gain = 2.0 * options.min_check_gain * sum(n for *_, n in known)
+    return float(min(excess, gain)) / OPTIMISM
 
 
 def memory(fitted: LoopFit) -> float:

@@ -13,6 +13,7 @@ from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from .._foundation.types import Float
 from ..diagnosis.localise import LocalisationResult, localise, resolution
+from .evidence import least_expected_fall
 from .fit import LoopFit
 from .hypothesis import Hypothesis
 from .linear import Reduced, falls, gains, reduce
@@ -113,7 +114,7 @@ class Proposals:
         """Return the candidates to be refitted, each once."""
         refits, cards = self.options.refits, self.problem.cards
         distinct = self._distinct(sorted(self.candidates, key=lambda name: -self.score(name)))
-        significant = [name for name in distinct if self.score(name) > self.threshold]
+        significant = [name for name in distinct if self.score(name) > self._least_score(name)]
         best_of_place: dict = {}
         for name in significant:
             best_of_place.setdefault(cards[name].location, name)
@@ -123,6 +124,16 @@ class Proposals:
         chosen = [*significant[:refits], *best_of_place.values()]
         chosen += [*shaped[: -(-refits // 2)], *blind[:refits]]
         return [*dict.fromkeys(chosen)]
+
+    def _least_score(self, name: str) -> float:
+        """Return the score below which a candidate cannot be accepted; one with a shape has a score
+        at a guess of the shape.
+        """
+        return self.threshold if self.problem.has_shape(name) else self._least_fall
+
+    @cached_property
+    def _least_fall(self) -> float:
+        return max(self.threshold, least_expected_fall(self.fit, self.options))
 
     def groups(self) -> list[Move]:
         """Return sets of terms of one signal in one place that are significant only together."""

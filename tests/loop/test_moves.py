@@ -9,7 +9,7 @@ from searched_spring import problem
 
 from jaxid.effects import InputDelay, SensorBias, Term
 from jaxid.loop import Coloured, Hypothesis, LoopOptions, search_effects
-from jaxid.loop.evidence import Comparison, Decision, compare
+from jaxid.loop.evidence import Comparison, Decision, compare, least_expected_fall
 from jaxid.loop.fit import fit
 from jaxid.loop.moves import Move, MoveKind, Proposals
 from jaxid.loop.noise import noise_moves
@@ -71,6 +71,22 @@ def test_addition_that_cannot_compete_waits_for_the_next_round():
     assert proposals.score("bias of v") > proposals.threshold
     assert ("bias of v",) in second - first
     assert set(tree.best.effects) == {"x^3 in v", "bias of v"}
+
+
+def test_addition_that_cannot_be_accepted_is_not_refitted():
+    """While the residual is coloured, a small fall of the cost neither ends that nor can lower the
+    error on the check records as much as is asked for.
+    """
+    coloured, strict = fit(problem(25, memory=0.8), Hypothesis()), LoopOptions(min_check_gain=0.5)
+    few, many = (
+        {move.into[0]: move for move in Proposals(coloured, options).additions()}
+        for options in (strict, OPTIONS)
+    )
+    left = set(many) - set(few)
+    assert left
+    for name in left:
+        assert not compare(coloured, refit(coloured, many[name]), strict, 9).accepted
+    assert least_expected_fall(fit(problem(25), Hypothesis()), strict) == 0.0
 
 
 def test_noise_is_proposed_where_it_explains_the_residual():

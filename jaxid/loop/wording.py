@@ -52,7 +52,7 @@ def held_out_words(test: str, worse: Sequence[str], beyond: Sequence[str]) -> st
         worse: outputs whose error grows with the effects.
         beyond: inputs that exceed their range in the fitted records.
     """
-    facts = [f"it grows in {', '.join(worse)}"] * bool(worse)
+    facts = [f"the error grows in {', '.join(worse)}"] * bool(worse)
     facts += [f"{name} exceeds its range in the fitted records" for name in beyond]
     return f"On {test} {' and '.join(facts)}." if facts else ""
 

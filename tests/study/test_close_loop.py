@@ -133,7 +133,7 @@ def test_caveat_names_test_records_with_worse_prediction():
     result = closed([*(fly(2000 + index, cubic)[0] for index in range(5)), *others])
     assert result.effects == ("x^3 in v",)
     assert result.after.rms["test"]["x"] > result.before.rms["test"]["x"]
-    assert "On test it grows in x" in result.verdict
+    assert "On test the error grows in x" in result.verdict
     well = study(cubic, seed=2)
     assert "grows" not in well.verdict
     used, pushed = as_stack(others), dataclasses.replace(others[0], u=1.5 * others[0].u)

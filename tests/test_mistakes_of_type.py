@@ -48,6 +48,8 @@ MISTAKES = {
     "save": lambda: jaxid.save("x.json", record),
     "load": lambda: jaxid.load("x.json", like=Spring),
     "key": lambda: jaxid.uncertainty.posterior(None, record, white, key=0),
+    "free": lambda: jaxid.estimate(spring, ("k", "c"), record, white),
+    "smoothed": lambda: jaxid.smooth_states(spring, record, white),
     "coefficient": lambda: jaxid.aircraft.LiftDragAerodynamics({"CD": 0.03}),
 }
 messages = {}
@@ -73,6 +75,8 @@ WORDS = {
     "effect": ("'Friction' is not an effect", "DryFriction"),
     "save": ("Record", "save(path, fit)"),
     "load": ("Spring", "class with values"),
+    "free": ("('k', 'c')", "`jaxid.free(model, ...)`"),
+    "smoothed": ("OutputError", "`FilterError(...)`"),
 }
 
 

@@ -7,7 +7,7 @@ import scipy.io
 from small_spring import Spring
 
 import jaxid
-from jaxid import InputError, OutputError
+from jaxid import FilterError, FixedNoise, FullNoise, InputError, OutputError
 from jaxid.estimation import AutoregressiveNoise as Coloured
 from jaxid.estimation import InnovationForm
 
@@ -16,6 +16,7 @@ U, X = np.sin(T), np.cos(T)
 NAMES = {"inputs": ("force",), "outputs": ("x",)}
 MODEL = Spring(jnp.array(1.0), jnp.array(0.1))
 MISFIT = OutputError()
+KNOWN = OutputError(FixedNoise(jnp.array([1e-4])))
 
 
 def record(t=T, u=U, x=X, **options):
@@ -78,9 +79,15 @@ def other(inputs=("force",), outputs=("x",)):
     return jaxid.record(T, U, X, inputs=inputs, outputs=outputs)
 
 
-def fit(model=MODEL, free=None, records=None, **options):
+def fit(model=MODEL, free=None, records=None, likelihood=MISFIT, **options):
     free = jaxid.free(model, "k", "c") if free is None else free
-    return jaxid.estimate(model, free, records or record(), OutputError(), **options)
+    return jaxid.estimate(model, free, records or record(), likelihood, **options)
+
+
+def with_noises():
+    """The model as a fit by `FilterError` returns it, with its own noises."""
+    free, records = jaxid.free(MODEL, "k"), jaxid.stack([record()])
+    return FilterError({"v": 0.1}).prepared(MODEL, free, records)[0]
 
 
 def loop(effect, likelihood=MISFIT, **options):
@@ -181,6 +188,10 @@ MODELS = {
         lambda: loop(jaxid.effects.SensorBias("x"), check=record()),
         "check record.*is a training record.*no other use",
     ),
+    "a part of a training record as test": (
+        lambda: loop(jaxid.effects.SensorBias("x"), test=record().window(3)),
+        "test set 'test'.*a part of one.*no other use",
+    ),
     "a check record as test": (
         lambda: loop(jaxid.effects.SensorBias("x"), check=record(x=2 * X), test=record(x=2 * X)),
         "test set 'test'.*is a check record.*no other use",
@@ -192,6 +203,56 @@ MODELS = {
     "a study with an innovation form": (
         lambda: loop(jaxid.effects.SensorBias("x"), likelihood=InnovationForm()),
         r"tries random forces and coloured noise by itself.*OutputError\(\)",
+    ),
+    "a starting value that is no number": (
+        lambda: jaxid.free(Spring(jnp.array(jnp.nan), jnp.array(0.1)), "k"),
+        "value of 'k' is nan.*Give a number",
+    ),
+    "a prior without a mean": (
+        lambda: jaxid.free(MODEL, "k", prior={"k": (np.nan, 1.0)}),
+        "prior mean of 'k' is nan",
+    ),
+    "a record without any error": (
+        lambda: fit(
+            records=record(u=0 * U, x=0 * X), likelihood=OutputError(FullNoise()), throw=True
+        ),
+        "simulation is finite.*covariance of the residuals is singular.*FixedNoise",
+    ),
+    "new noises for a model that has its own": (
+        lambda: fit(with_noises(), likelihood=FilterError({"v": 0.5})),
+        r"own noises.*starting values of process\.v would be ignored.*`fit\.model\.model`",
+    ),
+    "unknown noises for a model that has its own": (
+        lambda: fit(with_noises(), likelihood=FilterError({"gust": 0.5})),
+        r"process\.gust is none of them",
+    ),
+    "times that stand still": (
+        lambda: jaxid.simulate(MODEL, changed(T, 5, T[4]), U[:, None], jnp.zeros(2)),
+        "case 0 do not increase at row 5: 0.4 s after 0.4 s.*Sort",
+    ),
+    "a single sample time": (
+        lambda: jaxid.simulate(MODEL, T[:1], U[:1, None], jnp.zeros(2)),
+        "one sample time.*two or more",
+    ),
+    "information of several records": (
+        lambda: jaxid.design.information_of(
+            MODEL, jaxid.free(MODEL, "k"), jaxid.stack([record(), record()]), KNOWN
+        ),
+        r"planned for one record, and these are 2.*`stack\[i\]`.*`earlier`",
+    ),
+    "chi-square of a comparison with unknown noise": (
+        lambda: jaxid.design.expected_chi_square(
+            *[(MODEL, jaxid.free(MODEL, "k"))] * 2, record(), MISFIT
+        ),
+        "noise",
+    ),
+    "a misspelt signal of a centre": (
+        lambda: jaxid.structure.columns(("x",), {"x": X}, {"y": 0.3}),
+        "no signal \\(in `centre`\\) 'y'",
+    ),
+    "a level above one": (
+        lambda: jaxid.consistency(MODEL, record(), level=5.0),
+        "level is 5.0; it is a probability",
     ),
     "a window without a valid sample": (
         lambda: jaxid.predict(MODEL, record(x=holed(X, 0, 5)), OutputError(), window=5),

@@ -50,10 +50,12 @@ def holes(t: Float[np.ndarray, "*case time"], longest: float = HOLE) -> list[Hol
 def strictly_increasing(t: Float[Array, " time"]) -> Float[Array, " time"]:
     """Return the grid with its padding (repeated times) replaced by steps of the first length.
 
-    Interpolation needs distinct knots; no query ever falls into the padding.
+    Interpolation needs distinct knots; no query ever falls into the padding. The other times stay
+    the same bit for bit, so that a sample belongs to its own knot.
     """
-    step = jnp.diff(t)
-    return jnp.concatenate([t[:1], t[0] + jnp.cumsum(jnp.where(step > 0, step, step[0]))])
+    step, row = jnp.diff(t), jnp.arange(t.size)
+    last = jnp.sum(step > 0)
+    return jnp.where(row <= last, t, t[last] + step[0] * (row - last))
 
 
 @eqx.filter_jit
@@ -64,15 +66,25 @@ def typical_step(t: Float[Array, "*case time"]) -> Float[Array, ""]:
 
 
 def is_uniform(t: Float[np.ndarray, "*case time"], tolerance: float = 1e-6) -> bool:
-    """Whether all real steps are equal, up to a relative tolerance that covers the rounding of
-    logged time stamps.
+    """Whether all real steps are equal, up to a tolerance relative to them and the rounding of the
+    times.
     """
     step = np.diff(np.asarray(t), axis=-1)
     real: Bool[np.ndarray, "*case time"] = step > 0
     typical = np.median(step[real])
-    return bool(
-        np.all(
-            np.abs(step[real] - typical)
-            <= tolerance * max(typical, float(np.max(np.abs(t))) * 1e-9 / tolerance)
-        )
-    )
+    rounding = 4.0 * np.finfo(float).eps * float(np.max(np.abs(t)))
+    return bool(np.all(np.abs(step[real] - typical) <= tolerance * typical + rounding))
+
+
+def standing_row(t: Float[np.ndarray, "*case time"]) -> tuple[int, int] | None:
+    """Return the case and row of the first time that is not after the one before it, padding at the
+    end left out; None if all are.
+    """
+    for case, times in enumerate(np.reshape(t, (-1, t.shape[-1]))):
+        step = np.diff(times)
+        moving = np.flatnonzero(step != 0)
+        real = step[: moving[-1] + 1] if moving.size else step
+        wrong = np.flatnonzero(~(real > 0))
+        if wrong.size:
+            return case, int(wrong[0]) + 1
+    return None

@@ -5,8 +5,9 @@ training, check and test sets.
 import dataclasses
 import itertools
 import math
+import operator
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, SupportsIndex
 
 import numpy as np
 
@@ -79,16 +80,32 @@ def _padded_stack(records: tuple[Record, ...], rows: int) -> Record:
     )
 
 
+def require_single(record: Record, use: str) -> None:
+    """Refuse a stack, and several records.
+
+    Args:
+        record: the record.
+        use: participle for the message, such as "cut".
+
+    Raises:
+        InputError: unless it is a single record.
+    """
+    require(
+        isinstance(record, Record) and not record.is_stack,
+        f"Only a single record can be {use}, and this is a stack or a list. Take `stack[i]`.",
+    )
+
+
 def unstack(record: Record) -> list[Record]:
     """Return the records of a stack without their padding, the inverse of `stack`.
 
     A single record gives a list that holds only this record.
     """
-    return list(record)
+    return list(record) if record.is_stack else [record]
 
 
 def split(
-    records: Sequence[Record],
+    records: Record | Sequence[Record],
     *,
     train: Iterable[str | int],
     check: Iterable[str | int] = (),
@@ -97,7 +114,7 @@ def split(
     """Divide records into a training, a check and a test set.
 
     Args:
-        records: single records.
+        records: single records, or a stack.
         train: names or indices of the records to fit.
         check: names or indices of the records that decide which effects a model keeps.
         test: names or indices of the records that are only reported.
@@ -109,6 +126,7 @@ def split(
         InputError: when a record is unknown, in two sets, or shares its name with another record,
             or when the training set is empty.
     """
+    records = unstack(records) if isinstance(records, Record) else records
     chosen = {
         "train": _indices(records, train, "train"),
         "check": _indices(records, check, "check"),
@@ -130,15 +148,15 @@ def split(
     return Split(**{part: tuple(records[i] for i in indices) for part, indices in chosen.items()})
 
 
-def split_at(record: Record, where: float | int) -> tuple[Record, Record]:
+def split_at(record: Record, where: float | SupportsIndex) -> tuple[Record, Record]:
     """Cut a single record in two.
 
     With `split_at(record, 2 / 3)` the last third can be the check record.
 
     Args:
         record: a single record.
-        where: fraction of the samples that stay in the first part, between 0 and 1; or, as an
-            `int`, the first row of the second part.
+        where: fraction of the samples that stay in the first part, between 0 and 1; or, as a
+            whole number, the first row of the second part.
 
     Returns:
         The two parts; time continues in the second part.
@@ -146,12 +164,9 @@ def split_at(record: Record, where: float | int) -> tuple[Record, Record]:
     Raises:
         InputError: when the record is a stack, or a part would have fewer than 2 samples.
     """
-    require(
-        not record.is_stack,
-        "Only a single record can be cut, and this is a stack. Take `stack[i]`.",
-    )
+    require_single(record, "cut")
     rows = record.t.shape[0]
-    row = where if isinstance(where, int) else round(where * rows)
+    row = operator.index(where) if isinstance(where, SupportsIndex) else round(where * rows)
     require(
         2 <= row <= rows - 2,
         f"Record {record.names[0]!r}: a cut at {where!r} leaves parts of {row} and {rows - row} "
@@ -185,10 +200,7 @@ def segment(record: Record, seconds: float | int) -> tuple[Record, ...]:
         InputError: when the record is a stack, `seconds` is not positive, or a piece would have
             fewer than 2 samples.
     """
-    require(
-        not record.is_stack,
-        "Only a single record can be cut, and this is a stack. Take `stack[i]`.",
-    )
+    require_single(record, "cut")
     require(
         seconds > 0, f"The length of the pieces is {seconds} s. Give a positive number of seconds."
     )

@@ -11,7 +11,7 @@ import numpy as np
 from .._foundation.checks import InputError, require
 
 # Derived SI units in the order in which they are printed: a torque is N*m.
-_DERIVED_UNITS = ("N", "Pa", "J", "W", "V", "ohm", "F", "C", "T", "H", "Wb", "Hz")
+_DERIVED_UNITS = ("N", "Pa", "J", "W", "V", "ohm", "farad", "coulomb", "T", "H", "Wb", "Hz")
 _BASE_SYMBOLS = {
     "kilogram": "kg",
     "ampere": "A",
@@ -25,7 +25,22 @@ _NO_UNIT = ("", "-", "1", "dimensionless")
 # Units of the field that pint does not know (`kias`), or that it parses as another unit (`Nm`, with
 # the prefix nano).
 _ALIASES = {"psf": "lbf/ft**2", "gee": "standard_gravity", "Nm": "newton*meter"}
+_ALIASES |= {"pct": "percent", "Pct": "percent", "PCT": "percent", "mb": "millibar"}
 _ALIASES |= dict.fromkeys(("kias", "kcas", "keas", "ktas", "KIAS", "KCAS", "KEAS", "KTAS"), "knot")
+_GRAVITY = "Write 'g0' for the acceleration of gravity"
+# Units of pint that usually stand for another unit in flight data, with the remedy.
+_AMBIGUOUS = {
+    "g": f"{_GRAVITY}, 'gram' for the mass.",
+    "G": f"{_GRAVITY}, 'gauss' for the magnetic flux density.",
+    "Gs": f"{_GRAVITY}, 'gigasecond' for the time.",
+    "U": "'U' is a revolution (Umdrehung) in German, and the enzyme unit in biochemistry. Write "
+    "'rpm' for revolutions in a minute.",
+    "C": "Write 'degC' for the temperature, 'coulomb' for the charge.",
+    "F": "Write 'degF' for the temperature, 'farad' for the capacitance.",
+    "R": "Write 'degR' for the temperature; 'R' is the gas constant as well.",
+    "M": "Give a Mach number no unit (''); write 'molar' for the concentration.",
+    "nm": "Write 'nmi' for nautical miles, 'nanometer' for the length.",
+}
 _COMMON_UNITS = [
     "deg",
     "deg/s",
@@ -172,16 +187,11 @@ def _checked_conversion(unit: str, channel: str) -> _Conversion:
         InputError: when the unit is unknown, ambiguous or not linear.
     """
     text = unit.strip()
-    require(
-        not re.search(r"(?<![A-Za-z_])g(?![A-Za-z_0-9])", text),
-        f"{_subject(channel)}the unit {unit!r} is ambiguous. Write 'g0' for the acceleration of "
-        "gravity, 'gram' for the mass.",
-    )
-    require(
-        not re.search(r"(?<![A-Za-z_])U(?![A-Za-z_0-9])", text),
-        f"{_subject(channel)}the unit {unit!r} is ambiguous: 'U' is a revolution (Umdrehung) in "
-        "German, and the enzyme unit in biochemistry. Write 'rpm' for revolutions in a minute.",
-    )
+    for word in re.findall(r"[A-Za-z_]+[0-9]*", text):
+        require(
+            word not in _AMBIGUOUS,
+            f"{_subject(channel)}the unit {unit!r} is ambiguous. {_AMBIGUOUS.get(word)}",
+        )
     prefixed = _prefixed_angle(text)
     require(
         not prefixed,

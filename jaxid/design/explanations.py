@@ -10,11 +10,12 @@ from .._foundation.checks import require
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Float, Numbers
 from ..data.record import Record
+from ..data.stack import require_single
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, as_float, canonical
 from ..models.free import Free, first_state
 from ..models.names import flatten
-from .information import prior_rows
+from .information import prior_rows, require_known_noise
 from .objectives import Discrimination, Hypothesis, InformationObjective, MutualDiscrimination
 from .optimisation import Task
 
@@ -60,7 +61,13 @@ def expected_chi_square(
         likelihood: the likelihood with known noise.
         initial_state: state at the first sample, to which further states of a model are added as
             zero; by default each model reads it from the record.
+
+    Raises:
+        InputError: when the record is a stack, or the noise is unknown.
     """
+    require_single(record, "planned with")
+    likelihood = canonical(likelihood)
+    require_known_noise(likelihood)
     rival = as_explanation(wrong)
 
     def hypothesis(model: AbstractModel, free: Free) -> Hypothesis:
@@ -72,7 +79,7 @@ def expected_chi_square(
         true=first,
         wrong=second,
         earlier=known_information(rival.free, rival.earlier),
-        likelihood=canonical(likelihood),
+        likelihood=likelihood,
     )
     return float(_chi_square(objective, record.t, record.u))
 

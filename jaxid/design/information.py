@@ -139,6 +139,17 @@ def planned_record(
     )
 
 
+def stack_of_one(record: Record) -> Record:
+    """Return a record as a stack of one case; several records are refused."""
+    records = as_stack(record)
+    require(
+        records.n_cases == 1,
+        f"Information is planned for one record, and these are {records.n_cases}. Take `stack[i]`, "
+        "and give the information of one as `earlier` for the next.",
+    )
+    return records
+
+
 def information_of(
     model: AbstractModel,
     free: Free,
@@ -163,7 +174,7 @@ def information_of(
         InputError: when channels differ, the noise is unknown, or JAX is in 32 bit.
     """
     require_float64()
-    records = as_stack(record)
+    records = stack_of_one(record)
     check_channels(model, records)
     require_known_noise(likelihood)
     likelihood.check(model, records)

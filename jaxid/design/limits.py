@@ -108,9 +108,10 @@ class Ratios(eqx.Module):
             largest: function that returns the maximum over time, smooth or exact.
         """
         moved = deviation[:, jnp.array(self.axes, int)]
-        step = t[1] - t[0]
+        step = jnp.diff(t)[:, None]
         rate = jnp.abs(jnp.diff(moved, axis=0)) / step / self.rate[None]
-        energy = jnp.sum(moved**2) * step / self.energy
+        # Each sample is held for the step behind it, the last one for the step before it.
+        energy = jnp.sum(moved**2 * jnp.concatenate([step, step[-1:]])) / self.energy
         away = quantities - self.trim[None]
         sides = jnp.stack([-away / self.room[:, 0][None], away / self.room[:, 1][None]], axis=-1)
         return jnp.concatenate(

@@ -10,11 +10,11 @@ from .._foundation.checks import require, require_float64, require_known
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Float, Numbers
 from ..data.record import Record
-from ..estimation.estimate import as_stack, check_channels
+from ..estimation.estimate import check_channels
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free, flat_vectors
-from .information import prior_rows, require_known_noise, whitened_sensitivities
+from .information import prior_rows, require_known_noise, stack_of_one, whitened_sensitivities
 from .measures import AbstractMeasure
 
 
@@ -68,7 +68,7 @@ def sensor_sets(
             cost is not positive, or all sensors together do not determine the parameters.
     """
     require_float64()
-    records = as_stack(record)
+    records = stack_of_one(record)
     check_channels(model, records)
     require_known_noise(likelihood)
     require_known("output", costs or {}, model.outputs)

@@ -271,7 +271,8 @@ def conventional_inputs(
     axes = tuple(inputs) if axes is None else tuple(axes)
     require_known("input", axes, inputs)
     low, high = band
-    part = float(t[-1]) / len(axes)
+    elapsed = t - t[0]
+    part = float(elapsed[-1]) / len(axes)
     width = MULTISTEP_WIDTH / (2.0 * math.pi * frequency)
     doublet_width = DOUBLET_WIDTH / (2.0 * math.pi * frequency)
     shapes = {
@@ -287,7 +288,9 @@ def conventional_inputs(
     signals = {}
     for name, shape in shapes.items():
         columns = {
-            axis: jnp.where((t >= k * part) & (t <= (k + 1) * part), shape(t - k * part), 0.0)
+            axis: jnp.where(
+                (elapsed >= k * part) & (elapsed <= (k + 1) * part), shape(elapsed - k * part), 0.0
+            )
             for k, axis in enumerate(axes)
         }
         signals[name] = combine(t, columns, inputs, name=name)

@@ -146,7 +146,9 @@ class ResidualTests(eqx.Module):
 
     @property
     def white(self) -> Bool[Array, " output"]:
-        """True for each channel whose residual is white (Bonferroni over the channels)."""
+        """True for each channel whose residual is white (Bonferroni over the channels); False if a
+        valid sample is not finite.
+        """
         return self.whiteness.p_value >= self.level / len(self.outputs)
 
     @property
@@ -183,8 +185,9 @@ class ResidualTests(eqx.Module):
                 for k, lag in enumerate(np.asarray(self.cross_lag)[j])
                 if bool(follows[k])
             ]
-            verdict = "yes" if bool(white) else "no"
-            numbers = (f"{float(Q):.4g}", f"{float(p):.2g}", verdict)
+            numbers = (f"{float(Q):.4g}", f"{float(p):.2g}", "yes" if bool(white) else "no")
+            if float(self.autocorrelation[j, 0]) == 0:  # no sample, or no residual at all
+                numbers = ("-", "-", "-")
             lines.append((name, *numbers, ", ".join(correlations) or nothing))
         heads = ("residual", "Ljung-Box", "p", "white", "follows (correlation, lag)")
         return Table(heads, (8, 10, 9, 6), tuple(lines))
@@ -361,5 +364,5 @@ def _mean_square(x, mask):
 
 
 def _ratio(a, b):
-    """`a / b`, zero where b is zero."""
-    return jnp.where(b > 0, a / jnp.where(b > 0, b, 1.0), 0.0)
+    """`a / b`, zero where b is zero, and not a number where one of them is not."""
+    return jnp.where(b == 0, 0.0, a / jnp.where(b == 0, 1.0, b))

@@ -8,6 +8,7 @@ from ..data.record import Record
 from ..data.units import are_equal, is_unit
 from ..models.base import AbstractModel
 from ..models.equation_shapes import check_names
+from ..models.free import Free
 from .likelihoods import AbstractLikelihood
 
 MOST_SHOWN = 60  # characters of a refused argument in its message (chosen)
@@ -37,6 +38,18 @@ def check_arguments(model: Any, records: Record, likelihood: Any) -> None:
     declared, channels = model.units(), (*records.inputs, *records.outputs)
     for name, unit in zip(channels, (*records.input_units, *records.output_units), strict=True):
         _require_unit(name, unit, declared.get(name, ""))
+
+
+def check_free(free: Any) -> None:
+    """Refuse names in place of the selection of the free parameters.
+
+    Raises:
+        InputError: with the remedy.
+    """
+    require(
+        isinstance(free, Free),
+        f"The free parameters are {_shown(free)}. Give `jaxid.free(model, ...)` with their names.",
+    )
 
 
 def require_no_shooting(likelihood: AbstractLikelihood, function: str) -> None:

@@ -21,10 +21,11 @@ from ..models.base import AbstractModel, canonical
 from ..models.equation_shapes import check_equations
 from ..models.free import Free, Parameters, initial_parameters
 from ..sensitivity.information import Information, OwnBlock
+from ..sensitivity.own_covariance import own_covariance
 from ..sensitivity.spectrum import Spectrum, spectrum
 from ..simulation.simulate import explain_divergence
 from ..simulation.solution import Solution
-from .argument_checks import check_arguments, require_records
+from .argument_checks import check_arguments, check_free, require_records
 from .coloured_errors import coloured_variances
 from .likelihoods import AbstractLikelihood, OutputError
 from .minimiser import State
@@ -32,6 +33,12 @@ from .problem import Problem
 from .result import Estimate
 from .shooting import shot
 from .solver import GaussNewton, minimise
+
+INFINITE_LIKELIHOOD = (
+    "The simulation is finite at the starting values, and its likelihood is not: the covariance of "
+    "the residuals is singular. Leave out one of two equal channels, or give the noise, as in "
+    "`OutputError(FixedNoise(R))`, where the model fits a channel without any error."
+)
 
 
 class Fit(eqx.Module):
@@ -147,6 +154,7 @@ def checked_case(
     require_float64()
     records = as_stack(records)
     check_arguments(model, records, likelihood)
+    check_free(free)
     check_channels(model, records)
     model, free = canonical(model), canonical(free)
     check_known(model, records, likelihood)
@@ -215,9 +223,7 @@ def fit_of(problem: Problem, parameters: Parameters, state: State, solver: Gauss
         information=information,
         spectrum=svd,
         covariance=covariance,
-        own_covariance=information.own.covariance(
-            jnp.where(jnp.isfinite(covariance), covariance, 0.0)
-        ),
+        own_covariance=own_covariance(information.own, svd, covariance, policy.threshold),
         robust_covariance=robust.covariance,
         robust_dof=robust.dof,
         robust_own=robust.own,
@@ -366,13 +372,16 @@ def failure(problem: Problem, fit: Fit, result: Estimate) -> InputError:
 def divergence(
     model: AbstractModel, free: Free, records: Record, likelihood: AbstractLikelihood
 ) -> InputError:
-    """Return the error for a model whose simulation diverges at its initial parameters.
+    """Return the error for a model whose simulation, or else its likelihood, is not finite at the
+    initial parameters.
 
     It contains the record, the time, the state and the parameters.
     """
     problem = Problem.of(model, free, records, likelihood)
     begin = initial_parameters(model, problem.positions, records)
     solution = _solved(problem, begin)
+    if bool(jnp.all(solution.finite)):
+        return InputError(INFINITE_LIKELIHOOD)
     case = int(np.argmin(solution.finite))
     message = explain_divergence(
         jax.tree.map(lambda leaf: leaf[case], solution), model, f"record {case}"

@@ -110,10 +110,23 @@ def _starts(rows: Float[Array, "piece own"], cases: int) -> Float[Array, "joined
 
 
 def _free_of_piece(model: AbstractModel, free: Free) -> Free:
-    """Return the free parameters with all initial states among the parameters of each record."""
+    """Return the free parameters with all initial states among the parameters of each record.
+
+    Bounds and typical sizes of an initial state are of the start of the record, not of its pieces.
+    """
     states = tuple(f"{INITIAL_STATE}.{name}" for name in model.states)
     others = tuple(name for name in free.per_record if name not in states)
-    return dataclasses.replace(free, per_record=(*states, *others))
+
+    def of_all_pieces(option):
+        return {name: value for name, value in option.items() if name not in states}
+
+    return dataclasses.replace(
+        free,
+        per_record=(*states, *others),
+        lower=of_all_pieces(free.lower),
+        upper=of_all_pieces(free.upper),
+        scale=of_all_pieces(free.scale),
+    )
 
 
 @fast_compile_jit

@@ -25,7 +25,7 @@ INSEPARABLE = 6.0
 # Derived: chi-square of five standard errors, the convention for a discovery. An effect is
 # called the cause only if the nearest alternative fits worse by at least this.
 SETTLED = 25.0
-# Chosen: factor by which a fall, or the gain on the check records, may exceed what is expected.
+# Chosen: factor by which a fall, or the gain on the check records, may exceed the expected one.
 OPTIMISM = 10.0
 # Chosen: standard errors by which a gain must differ from zero to be determined.
 DETERMINED = 2.0
@@ -259,7 +259,7 @@ def least_expected_fall(fit: LoopFit, options: LoopOptions) -> float:
     While the residual is predictable, an addition is accepted if it ends that, or if the error on
     the check records falls by `min_check_gain`. With `n` samples of each output, a fall `d` of the
     training records' mean logarithmic error is one of `2 n d` of chi-square for each output. To end
-    a share `s` that the past predicts takes `-n log(1 - s)`. A fall may exceed what is expected by
+    a share `s` that the past predicts takes `-n log(1 - s)`. A fall may exceed the expected one by
     the factor `OPTIMISM`.
     """
     known = _predictable(fit, options)

@@ -132,8 +132,8 @@ def free(
 
     Raises:
         InputError: for a name that does not exist (the message lists the existing names) or is
-            given twice, bounds that are empty or exclude the model's value, a scale or standard
-            deviation that is not positive.
+            given twice, a starting value or prior mean that is not finite, bounds that are empty or
+            exclude the model's value, a scale or standard deviation that is not positive.
     """
     require(
         isinstance(model, AbstractModel),
@@ -152,6 +152,8 @@ def free(
     scale, prior = dict(scale or {}), dict(prior or {})
     _require_positive("scale", scale, shared + rows)
     _require_positive("prior", {name: deviation for name, (_, deviation) in prior.items()}, shared)
+    for name, (mean, _) in prior.items():
+        require(bool(np.isfinite(mean)), f"The prior mean of {name!r} is {mean}; give a number.")
     return Free(shared, rows, lower, upper, canonical(scale), canonical(prior))
 
 
@@ -304,6 +306,12 @@ def _checked_bounds(model: AbstractModel, bounds: Mapping, names: tuple[str, ...
     require_known("free parameter (in `bounds`)", bounds, names)
     values = [np.ravel(leaf) for leaf in array_leaves(canonical(model))]
     current = dict(zip(parameter_names(model), np.concatenate([*values, np.zeros(0)]), strict=True))
+    for name in (name for name in names if name in current):
+        require(
+            bool(np.isfinite(current[name])),
+            f"The model's value of {name!r} is {current[name]}, and the estimate starts from it. "
+            "Give a number.",
+        )
     lower: dict[str, Array] = {}
     upper: dict[str, Array] = {}
     for name, (low, high) in bounds.items():

@@ -271,11 +271,11 @@ def _bars(ax: Axes, study: Study, name: str, unit: str, with_labels: bool) -> No
     values = [*(bar.value for bar in bars), noise]
     scale_name, left, right = _bar_axis([value for value in values if _is_length(value)])
     ax.set(xscale=scale_name, xlim=(left, right), ylim=(len(tests) - 0.5, -0.5))
-    for value, row, colour in bars:
+    for value, row, colour, without in bars:
         length = value if _is_length(value) else left
         ax.barh(row, length - left, left=left, height=BAR, color=colour)
         ax.annotate(
-            number(value, 3) if np.isfinite(value) else "diverged",
+            number(value, 3) if np.isfinite(value) else without,
             (max(length, noise), row),
             (3, 0),
             textcoords="offset points",
@@ -292,17 +292,29 @@ def _bars(ax: Axes, study: Study, name: str, unit: str, with_labels: bool) -> No
 
 
 class _Bar(NamedTuple):
+    """An error as a bar, or as a word where there is none.
+
+    Attributes:
+        value: the error.
+        row: position.
+        colour: colour.
+        without: word for an error that is not finite.
+    """
+
     value: float
     row: float
     colour: str
+    without: str
 
 
 def _pairs_of_bars(study: Study, name: str, scale: float) -> list[_Bar]:
     """Return the errors of one channel before and after, for each test set in turn."""
-    bars = []
+    bars, channel = [], study.outputs.index(name)
     for row, test in enumerate(study.before.rms):
-        bars.append(_Bar(study.before.rms[test][name] * scale, row - BAR / 2, BEFORE))
-        bars.append(_Bar(study.after.rms[test][name] * scale, row + BAR / 2, AFTER))
+        measured = np.any(np.asarray(study.before.tests[test].scored)[..., channel])
+        without = "diverged" if measured else "not measured"
+        bars.append(_Bar(study.before.rms[test][name] * scale, row - BAR / 2, BEFORE, without))
+        bars.append(_Bar(study.after.rms[test][name] * scale, row + BAR / 2, AFTER, without))
     return bars
 
 

@@ -110,7 +110,11 @@ def _decompose(xp, triangle, rhs, scale):
     length = xp.linalg.norm(triangle, axis=0)
     length = xp.where(length > 0, length, 1.0)
     if scale is not None:
-        length = xp.where(xp.isnan(scale), length, 1.0 / scale)
+        # Where only some have a size, these are brought to the length of the others, one.
+        given = ~xp.isnan(scale)
+        largest = xp.max(xp.where(given, length * scale, 0.0), initial=0.0)
+        largest = xp.where(xp.all(given) | (largest == 0), 1.0, largest)
+        length = xp.where(given, largest / scale, length)
     scaled = triangle / length[None]
     if xp is np and not np.all(np.isfinite(scaled)):  # NumPy raises an error, JAX returns NaN
         count = min(scaled.shape)

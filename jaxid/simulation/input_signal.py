@@ -146,9 +146,8 @@ class SteppedSignal(AbstractInputSignal):
     end: Float[Array, ""]
 
     def __call__(self, t):
-        index = jax.vmap(lambda delay: jnp.searchsorted(self.knots, t - delay, side="right") - 1)(
-            self.delay
-        )
+        late = t - self.delay + 1e-9 * (self.knots[1] - self.knots[0])  # a delayed jump is rounded
+        index = jnp.searchsorted(self.knots, late, side="right") - 1
         return jnp.take_along_axis(self.values, jnp.clip(index, 0)[None, :], axis=0)[0]
 
     def stages(self, t, substeps):

@@ -10,6 +10,7 @@ from jax.core import Tracer
 
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.grid import standing_row
 from .._foundation.types import Array, Float, Numbers
 from ..models.base import AbstractModel, as_float, canonical
 from ..models.equation_shapes import check_equations
@@ -49,8 +50,9 @@ def simulate(
 
     Raises:
         InputError: when a shape does not fit the model's channels, `rhs` or `output` does not
-            return one number for each of its channels or cannot be traced, the hold or the stepper
-            cannot serve the sample times (`RK4` refuses holes), or JAX is not in 64 bit.
+            return one number for each of its channels or cannot be traced, the sample times do not
+            increase, the hold or the stepper cannot serve them (`RK4` refuses holes), or JAX is not
+            in 64 bit.
     """
     require_float64()
     between, integrator = canonical(hold or Linear()), canonical(stepper or RK4())
@@ -77,11 +79,24 @@ def simulate(
             "Give each case its own row of t, u and initial_state.",
         )
     if not isinstance(t, Tracer):
+        _check_times(np.asarray(t))
         between.check(t)
         if model.states:
             integrator.check(t)
     check_equations(model)
     return _cases(model, t, u, initial_state, between, integrator)
+
+
+def _check_times(t: Float[np.ndarray, "*case time"]) -> None:
+    """Refuse times that do not increase."""
+    require(t.shape[-1] > 1, "There is one sample time. A simulation needs two or more.")
+    row = standing_row(t)
+    if row is not None:
+        now, before = t.reshape(-1, t.shape[-1])[row[0], [row[1], row[1] - 1]]
+        raise InputError(
+            f"The sample times of case {row[0]} do not increase at row {row[1]}: {now:.10g} s "
+            f"after {before:.10g} s. Sort them, and leave out repeated ones."
+        )
 
 
 @fast_compile_jit

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .._foundation.checks import require, require_float64, require_unique
+from .._foundation.checks import require, require_float64, require_known, require_unique
 from .._foundation.types import Float, Numbers
 from ..models.polynomial import monomials, monomials_of_samples, signals_in
 
@@ -33,6 +33,7 @@ def columns(
     require_float64()
     terms = tuple(terms)
     require_unique("term", terms)
+    require_known("signal (in `centre`)", centre or {}, signals)
     needed = signals_in(terms)
     used = {name: np.asarray(signals[name], float) for name in needed if name in signals}
     about = {name: np.asarray(value, float) for name, value in (centre or {}).items()}

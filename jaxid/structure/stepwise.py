@@ -86,6 +86,8 @@ def stepwise_each(
         InputError: see `stepwise` and `columns`; and for a response without candidates.
     """
     require_known("list of candidates for response", responses, candidates)
+    if not isinstance(options, SubsetOptions):
+        require_known("response (in `options`)", options, responses)
     terms = tuple(dict.fromkeys(term for name in responses for term in candidates[name]))
     X = columns(terms, signals, centre)
     selections = {}

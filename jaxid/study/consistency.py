@@ -81,6 +81,11 @@ def consistency(
     Source: V. Klein, E. A. Morelli, Aircraft System Identification, AIAA 2006, chapter 10; S. Holm,
     Scandinavian Journal of Statistics 6, 1979.
     """
+    require(
+        0 < level < 1,
+        f"The level is {level}; it is a probability of false alarm: choose one such as 0.01.",
+    )
+    require(skip >= 0, f"`skip` is {skip:g} s; it must not be negative.")
     names = _names(model, errors)
     shared = tuple(name for name in names if name not in per_record)
     prepared = _prepared(model, records, skip, per_record)

@@ -166,3 +166,12 @@ def test_segment_of_invalid_length_or_stack_is_refused():
         segment(r, 1)
     with pytest.raises(InputError, match=r"stack\[i\]"):
         segment(stack([r]), 2.0)
+
+
+def test_single_record_and_stack_serve_as_lists():
+    r = flight("a", rows=9)
+    assert unstack(r) == [r]
+    parts = split(stack([r, flight("b", rows=9)]), train=["a"], test=[1])
+    assert [part[0].names for part in (parts.train, parts.test)] == [("a",), ("b",)]
+    row = np.searchsorted(np.asarray(r.t), 4.0)  # a NumPy integer
+    assert [part.t.shape[0] for part in split_at(r, row)] == [4, 5]

@@ -69,12 +69,30 @@ def test_temperatures_have_offset_and_temperature_differences_have_none():
     assert to_si(3.0, "W/degC", "loss") == (3.0, "W/K")
 
 
+def test_percent_and_millibar_are_read_by_their_usual_names():
+    """pint parses `pct` as pico-ton and `mb` as millibarn."""
+    assert to_si(50.0, "pct", "throttle") == (0.5, "")
+    assert to_si(1013.25, "mb", "p0") == (101325.0, "Pa")
+
+
+def test_units_of_electricity_are_printed_as_they_are_read():
+    for unit in ("coulomb", "farad"):
+        assert to_si(1.0, unit, "q") == (1.0, unit)
+        assert to_si(*to_si(1.0, f"milli{unit}", "q"), "q") == (0.001, unit)
+
+
 @pytest.mark.parametrize(
     ("unit", "words"),
     [
         ("knts", ["'speed'", "'knts'", "'kt'", "products as 'kg*m^2'"]),
         ("g", ["'speed'", "ambiguous", "'g0'", "'gram'"]),
         ("U/min", ["'speed'", "ambiguous", "'rpm'"]),
+        ("G", ["ambiguous", "'g0'", "'gauss'"]),
+        ("W/C", ["ambiguous", "'degC'", "'coulomb'"]),
+        ("F", ["ambiguous", "'degF'", "'farad'"]),
+        ("R", ["ambiguous", "'degR'"]),
+        ("M", ["ambiguous", "Mach number"]),
+        ("nm", ["ambiguous", "'nmi'", "'nanometer'"]),
         ("m/g", ["'speed'", "'g0'"]),
         ("dB", ["'speed'", "'dB'", "not linear"]),
         ("((", ["'speed'", "'(('", "Examples: deg"]),

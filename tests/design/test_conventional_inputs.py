@@ -68,3 +68,12 @@ def test_impossible_signals_are_refused():
         signals.sample_times(0.1, 0.1)
     with pytest.raises(InputError, match="no input 'flaps'"):
         signals.combine(T, {"flaps": T}, ("flap",))
+
+
+def test_inputs_of_a_late_start_are_the_same(inputs):
+    late = signals.conventional_inputs(
+        T + 100.0, 0.5, (0.1, 2.0), (*AXES, "flap"), axes=AXES, start=0.5
+    )
+    for name in ("doublet", "3-2-1-1", "step", "sweep"):
+        changed = np.any(np.abs(np.asarray(late[name].u - inputs[name].u)) > 1e-6, axis=1)
+        assert np.sum(changed) <= 8  # a jump between two samples is rounded to one of them

@@ -31,7 +31,7 @@ from jaxid.design import (
     square_wave,
 )
 from jaxid.design.input_design import task_of
-from jaxid.design.limits import PARTS, SHARPNESS, smooth_maxima
+from jaxid.design.limits import PARTS, SHARPNESS, exact_maximum, ratios, smooth_maxima
 from jaxid.design.objectives import Hypothesis
 from jaxid.design.optimisation import optimise, within_limits
 
@@ -270,3 +270,21 @@ def test_nearest_signal_of_shape(shape):
     p = np.random.default_rng(4).normal(size=shape.count)
     np.testing.assert_allclose(shape.nearest(np.asarray(shape.samples(p))), p, rtol=1e-8)
     assert square_wave(T, 3).nearest(np.ones(T.size)) is None
+
+
+def test_rate_and_energy_are_of_the_times_of_the_samples():
+    """A pulse of one sample in uneven times, against the sums by hand."""
+    t = np.array([0.0, 0.2, 0.25, 0.3, 0.35])
+    u = np.array([0.0, 0.0, 1.0, 1.0, 0.0])
+    limits = Limits({"force": 1.0}, rate={"force": 10.0}, energy=0.5)
+    model = Spring(jnp.array(1.0), jnp.array(0.1))
+    given = ratios(limits, model, ("force",), jnp.zeros(2), jnp.zeros(1))
+    used = dict(
+        zip(
+            given.labels(),
+            given.of(jnp.asarray(t), jnp.asarray(u)[:, None], jnp.zeros((5, 0)), exact_maximum),
+            strict=True,
+        )
+    )
+    np.testing.assert_allclose(used["force, rate"], 1.0 / 0.05 / 10.0)
+    np.testing.assert_allclose(used["energy"], 2 * 0.05 / 0.5)

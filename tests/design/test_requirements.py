@@ -348,5 +348,5 @@ def test_unknown_noise_and_stacks_are_refused(pulses):
         check_input(SPRING, CHOSEN, pulses, OutputError(), Requirements())
     stacked = jax.tree.map(lambda leaf: leaf[None], pulses)
     stacked = dataclasses.replace(stacked, names=("plan",))
-    with pytest.raises(InputError, match="one record, not a stack"):
+    with pytest.raises(InputError, match="Only a single record can be checked"):
         checked(stacked)

@@ -239,3 +239,17 @@ def test_residuals_that_are_no_stack_are_refused(given, shape):
     words = rf"residuals have the shape {shape} and `mask` {shape}.*record, sample, output"
     with pytest.raises(InputError, match=words):
         residuals._channels(given, np.ones(np.shape(given), bool), ("q",))
+
+
+def test_residual_with_a_sample_that_is_no_number_does_not_pass(key):
+    v = jax.random.normal(key, (1, 400, 2))
+    tests = residual_tests(v.at[0, 7, 0].set(jnp.nan), whole(v), outputs=("x", "y"))
+    np.testing.assert_array_equal(tests.white, [False, True])
+    assert not tests.passed
+
+
+def test_channel_without_a_sample_has_no_verdict(key):
+    v = jax.random.normal(key, (1, 400, 2))
+    tests = residual_tests(v, whole(v).at[..., 1].set(False), outputs=("x", "dead"))
+    (line,) = [line for line in str(tests).splitlines() if line.startswith("dead")]
+    assert line.split() == ["dead", "-", "-", "-", "no", "signals", "were", "given"]

@@ -223,3 +223,38 @@ def test_value_within_rounding_of_bound_is_set_to_bound(edge):
     assert bool(jnp.isfinite(problem.project(inside, information, 1e-9).shared[0]))
     away = Parameters(jnp.array([edge + 0.5]), jnp.zeros((1, 0)))
     assert float(problem.project(away, off, 1e-9).shared[0]) == edge + 0.5
+
+
+def test_size_of_one_parameter_hides_no_other(seed):
+    """A size, 1e5 standard errors long here, brings one column to the length of the others."""
+    data, model = lag_record(seed), Lag(p=1.0, b=1.0)
+    precise = OutputError(noise=FixedNoise([(1e-4 * SIGMA) ** 2]))
+    plain = estimate(model, free(model, "p", "b"), data, precise)
+    sized = estimate(model, free(model, "p", "b", scale={"p": 1.5}), data, precise)
+    np.testing.assert_allclose(sized.values, plain.values, rtol=1e-6)
+    np.testing.assert_allclose(sized.standard_errors, plain.standard_errors, rtol=1e-6)
+
+
+class TwoOffsets(Lag):
+    """Only the sum of an offset of all records and of one of each is measured."""
+
+    shared: jnp.ndarray = eqx.field(default_factory=lambda: jnp.zeros(()))
+    own: jnp.ndarray = eqx.field(default_factory=lambda: jnp.zeros(()))
+
+    def output(self, t, x, u):
+        return x + self.shared + self.own
+
+
+def test_own_parameter_that_shared_ones_leave_open_has_no_error(seed):
+    """With a prior on the shared offset its error is that of the prior, and without one infinite;
+    the error of the initial state, known apart from both, stays finite.
+    """
+    model, data = TwoOffsets(p=1.5, b=2.0), [lag_record(seed), lag_record(seed + 1)]
+    for prior, expected in (({"shared": (0.0, 0.5)}, 0.5), ({}, np.inf)):
+        chosen = free(model, "b", "shared", per_record=("own",), prior=prior)
+        result = estimate(model, chosen, data, KNOWN)
+        np.testing.assert_allclose(result.own_errors[:, 0], expected, rtol=1e-2)
+        np.testing.assert_allclose(result.corrected_own_errors[:, 0], expected, rtol=0.2)
+    chosen = free(model, "b", "shared", per_record=("own", "initial_state"))
+    errors = np.asarray(estimate(model, chosen, data, KNOWN).own_errors)
+    np.testing.assert_array_equal(np.isfinite(errors), [[False, True]] * 2)

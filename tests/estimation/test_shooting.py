@@ -1,5 +1,7 @@
 """Multiple shooting: unstable and unequal records from far starts, and refusals."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -102,6 +104,19 @@ def test_known_initial_state_stays_known():
     near = jaxid.estimate(fit.model, jaxid.free(start, *FREE), records, OutputError())
     assert bool(fit.successful)
     assert fit.own.shape == (1, 0)
+    np.testing.assert_allclose(fit.values, near.values, rtol=1e-5)
+
+
+def test_bounds_of_the_initial_state_are_not_those_of_its_pieces():
+    records, start = [flight(200, 3)], model(0.9)
+    narrow = {"initial_state.alpha": (-0.03, 0.03), "initial_state.q": (-0.03, 0.03)}
+    chosen = jaxid.free(start, *FREE, per_record=("initial_state",), bounds=narrow)
+    noise = jaxid.FixedNoise([NOISE**2, NOISE**2])
+    likelihood = OutputError(noise, jaxid.hold.ZeroOrder(), jaxid.RK4(4, unrolled=False))
+    pieces = dataclasses.replace(likelihood, shooting=20)
+    fit = jaxid.estimate(start, chosen, records, pieces)
+    near = jaxid.estimate(fit.model, chosen, records, likelihood)
+    assert bool(fit.successful)
     np.testing.assert_allclose(fit.values, near.values, rtol=1e-5)
 
 

@@ -263,6 +263,14 @@ def test_errors_figure_has_panel_per_channel_and_logarithmic_axis_for_large_rati
     figure = figures.errors(far)
     assert {ax.get_xscale() for ax in figure.axes} == {"log"}
     assert "diverged" in [text.get_text() for text in figure.axes[0].texts]
+    tests = {
+        name: eqx.tree_at(lambda p: p.scored, one, one.scored.at[..., 1].set(False))
+        for name, one in far.before.tests.items()
+    }
+    figure = figures.errors(
+        dataclasses.replace(far, before=dataclasses.replace(far.before, tests=tests))
+    )
+    assert "not measured" in [text.get_text() for text in figure.axes[1].texts]
 
 
 def test_ranking_figure_marks_added_candidate(study):

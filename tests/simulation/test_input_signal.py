@@ -8,6 +8,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from jaxid._foundation.checks import InputError
+from jaxid._foundation.grid import is_uniform
 from jaxid.effects import Augmented, InputBetweenSamples, InputDelay
 from jaxid.models import LinearModel
 from jaxid.simulation import RK4, BandLimited, Cubic, Linear, ZeroOrder, simulate
@@ -264,3 +265,23 @@ def test_two_effects_on_one_input_commute(seed):
     np.testing.assert_array_equal(first, second)
     plain = simulate(Augmented(oscillator(), (delay,)), t, u, np.zeros(2)).y
     assert np.abs(plain - first).max() > 1e-4
+
+
+@pytest.mark.parametrize("first", [0, 30, 333, 1000])
+def test_held_sample_belongs_to_its_own_time(first):
+    """Also on a grid that begins late, and delayed by whole steps: to the last bit the times of a
+    signal are those of the samples.
+    """
+    t = jnp.asarray(0.01 * np.arange(first, first + 500))
+    u = jnp.arange(500.0)[:, None]
+    path = path_of(ZeroOrder(), t, u)
+    np.testing.assert_array_equal(values(path, t), u)
+    late = np.asarray(values(path.delayed(0, jnp.array(0.05)), t))
+    np.testing.assert_array_equal(late[5:], u[:-5])
+
+
+def test_uneven_times_are_uneven_at_any_epoch():
+    uneven = 0.05 * np.arange(40) + 0.01 * np.sin(np.arange(40.0))
+    for start in (0.0, 86400.0, 1.7e9):
+        assert not is_uniform(start + uneven)
+        assert is_uniform(start + 0.05 * np.arange(400))

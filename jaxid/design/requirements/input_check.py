@@ -15,6 +15,7 @@ from ..._foundation.compiler import fast_compile_jit
 from ..._foundation.types import Float, Numbers
 from ...data.excitation import INFLATION, share_above, variance_inflation
 from ...data.record import Record
+from ...data.stack import require_single
 from ...estimation.estimate import as_stack, check_channels
 from ...estimation.likelihoods import AbstractLikelihood
 from ...estimation.spectrum_policy import SPREAD
@@ -102,7 +103,7 @@ def check_input(
             exclude the trim, or unknown noise.
     """
     require_float64()
-    require(not record.is_stack, "The checks are for one record, not a stack. Take `stack[i]`.")
+    require_single(record, "checked")
     model = canonical(model)
     check_channels(model, as_stack(record))
     require_known_noise(likelihood)

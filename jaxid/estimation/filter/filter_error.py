@@ -35,7 +35,7 @@ from .kalman import (
 )
 from .noise_identifiability import check_noise_identifiable
 from .noise_options import FirstOrder, Number, number, sensor_parts
-from .noise_parameters import check_names, check_values, with_noise_parameters
+from .noise_parameters import check_kept, check_names, check_values, with_noise_parameters
 
 
 class FilterError(AbstractLikelihood):
@@ -142,6 +142,7 @@ class FilterError(AbstractLikelihood):
         self, model: AbstractModel, free: Free, records: Record
     ) -> tuple[AbstractModel, Free]:
         if isinstance(model, StochasticModel):
+            check_kept(model, free, self.process, self.sensors, self.initial, self.coloured)
             return model, free
         sensors = (*self.sensors, *self.coloured)
         check_names(model, free, self.process, sensors, self.initial)

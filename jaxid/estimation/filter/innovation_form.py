@@ -78,6 +78,7 @@ class InnovationForm(AbstractLikelihood):
         self, model: AbstractModel, free: Free, records: Record
     ) -> tuple[AbstractModel, Free]:
         if isinstance(model, InnovationModel):
+            _check_kept(_names(self.gains or {}), _names(model.gain))
             return model, free
         gains = self.gains
         if gains is None:
@@ -86,8 +87,7 @@ class InnovationForm(AbstractLikelihood):
         require_known("state (in `gains`)", gains, model.states)
         for state, outputs in gains.items():
             require_known(f"output (in `gains` of {state!r})", outputs, model.outputs)
-        names = [f"gain.{state}.{output}" for state, row in gains.items() for output in row]
-        chosen = dataclasses.replace(free, shared=(*free.shared, *names))
+        chosen = dataclasses.replace(free, shared=(*free.shared, *_names(gains)))
         return InnovationModel(model, gains), chosen
 
     def solve(self, model, record, initial_state):
@@ -136,3 +136,18 @@ def _starts(outputs: Iterable[str] | Mapping[str, float]) -> dict[str, Float[Arr
     """Return the starts of the gains of one state, zero where no number is given."""
     numbers = outputs if isinstance(outputs, Mapping) else dict.fromkeys(outputs, 0.0)
     return {name: as_float(value) for name, value in numbers.items()}
+
+
+def _names(gains: Mapping[str, Iterable[str]]) -> list[str]:
+    """Return the names of the parameters of gains by state and output."""
+    return [f"gain.{state}.{output}" for state, row in gains.items() for output in row]
+
+
+def _check_kept(given: list[str], own: list[str]) -> None:
+    """Refuse gains for a model that has its own, from an earlier estimate, and would keep them."""
+    new = [name for name in given if name not in own]
+    require(
+        not new,
+        f"The model has its own gains, from an earlier estimate, and {', '.join(new)} is none of "
+        "them. Give the model without gains, `fit.model.model`.",
+    )

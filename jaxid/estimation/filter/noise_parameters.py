@@ -1,6 +1,7 @@
 """Noise parameters of a filter: from the user's options to a `StochasticModel` and its `Free`."""
 
 from collections.abc import Collection, Mapping
+from typing import Any
 
 from ..._foundation.checks import require, require_known
 from ..._foundation.host import on_host
@@ -147,6 +148,39 @@ def check_values(
 def _check_memory(option: FirstOrder, name: str) -> None:
     check_number(option.deviation, f"The deviation of {name}", zero=True)
     check_number(option.correlation_time, f"The correlation time of {name}", zero=False)
+
+
+def check_kept(
+    model: StochasticModel,
+    free: Free,
+    process: Process,
+    sensors: Mapping[str, Number],
+    initial: Mapping[str, Number],
+    coloured: Coloured,
+) -> None:
+    """Refuse noises for a model that has its own, from an earlier estimate, and would keep them."""
+    parts = {name: part for one in coloured.values() for name, part in one.items()}
+    given = _by_parameter({**process, **parts}, sensors, initial)
+    own = _by_parameter(model.process, model.sensor, model.initial)
+    remedy = "Give the model without noises, `fit.model.model`, or the parameters of the fit, "
+    unknown = ", ".join(name for name in given if name not in own)
+    require(
+        not unknown,
+        f"The model has its own noises, from an earlier estimate, and {unknown} is none of them. "
+        f"{remedy}`fit.free`, with its likelihood.",
+    )
+    estimated = ", ".join(name for name, option in given.items() if not isinstance(option, Fixed))
+    require(
+        not (estimated and free.shared) or bool(own.keys() & set(free.shared)),
+        f"The model has its own noises, from an earlier estimate, and none of them is free: the "
+        f"starting values of {estimated} would be ignored. {remedy}`fit.free`.",
+    )
+
+
+def _by_parameter(process: Mapping, sensors: Mapping, initial: Mapping) -> dict[str, Any]:
+    """Return noises by the names of their parameters."""
+    groups = {"process": process, "sensor": sensors, "initial": initial}
+    return {f"{kind}.{name}": one for kind, part in groups.items() for name, one in part.items()}
 
 
 def check_names(

@@ -13,7 +13,7 @@ from ...data.record import Record
 from ...models.base import AbstractModel, canonical
 from ...models.free import Free, Parameters
 from ...models.free_model import FreeModel
-from ..estimate import as_stack, check_channels
+from ..estimate import as_stack, check_channels, check_sampling
 from ..problem import Problem
 from ..result import Estimate
 from .backward_pass import smooth_filtered
@@ -68,10 +68,15 @@ def smooth_states(
         is extrapolated.
 
     Raises:
-        InputError: if channels differ, or the estimate has per-record parameters of another number
-            of records.
+        InputError: if channels differ, the likelihood is no filter or cannot use the sample times,
+            or the estimate has per-record parameters of another number of records.
     """
     require_float64()
+    require(
+        isinstance(likelihood, FilterError),
+        f"The states are smoothed by the filter, and the likelihood is {type(likelihood).__name__}."
+        " Give the `FilterError(...)` of the estimate.",
+    )
     records = as_stack(records)
     free, parameters = Free(()), Parameters(jnp.zeros(0), jnp.zeros((records.n_cases, 0)))
     if isinstance(model, Estimate):
@@ -87,6 +92,7 @@ def smooth_states(
         model = model.model
     check_channels(model, records)
     likelihood.check(model, records)
+    check_sampling(model, records, likelihood)
     prepared, _ = likelihood.prepared(canonical(model), free, records)
     problem = Problem.of(prepared, free, records, likelihood)
     values, factor = smooth_stack(problem, parameters)

@@ -12,8 +12,8 @@ from ..data.record import Record
 from ..data.stack import split_at, stack, unstack
 from ..estimation.estimate import as_stack
 
-# Chosen: share of the different samples of a held-out record above which it is a part of another
-# record. Two records of rest and of the same few levels have some in common.
+# Chosen: share of the changing samples of a held-out record above which it is a part of another
+# record.
 SAME_ROWS = 0.5
 Records = Record | Sequence[Record]
 
@@ -84,9 +84,13 @@ def _require_apart(used: Record, held_out: Record, role: str, other: str) -> Non
 
 
 def _samples(record: Record) -> set[bytes]:
-    """Return the different samples of a record."""
+    """Return the samples of a record with their times, where a channel changes: records of rest
+    and of coarse steps agree in the others.
+    """
     u, z, mask = (np.asarray(part) for part in (record.u, record.z, record.mask))
-    rows = np.column_stack([u, np.where(mask, z, 0.0), mask])[mask.any(axis=-1)]
+    values = np.column_stack([u, np.where(mask, z, 0.0), mask])
+    changes = np.any(np.diff(values, axis=0, prepend=np.nan) != 0, axis=1)
+    rows = np.column_stack([np.asarray(record.t), values])[changes & mask.any(axis=-1)]
     return {row.tobytes() for row in rows}
 
 

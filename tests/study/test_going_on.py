@@ -94,12 +94,12 @@ def _gain(effect):
 def test_uneven_times_with_band_limited_input_raise_error():
     model = Spring(1.5, 0.2)
     free = jaxid.free(model, "k", "c", per_record=STATES)
-    even = fly(0)[0]
+    even, other = fly(0)[0], fly(2)[0]
     uneven = eqx.tree_at(
-        lambda node: node.t, even, even.t + 0.02 * jnp.sin(jnp.arange(even.t.size))
+        lambda node: node.t, other, other.t + 0.02 * jnp.sin(jnp.arange(other.t.size))
     )
     names = [
-        {effect.name for effect in candidates(model, free, even, other)} for other in (even, uneven)
+        {effect.name for effect in candidates(model, free, even, held)} for held in (even, uneven)
     ]
     assert names[0] - names[1] == {"force between samples"}
     band_limited = jaxid.OutputError(hold=jaxid.hold.BandLimited())

@@ -9,6 +9,7 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import equinox as eqx
 import html5lib
 import numpy as np
 import pytest

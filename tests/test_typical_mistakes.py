@@ -252,7 +252,7 @@ MODELS = {
     ),
     "a level above one": (
         lambda: jaxid.consistency(MODEL, record(), level=5.0),
-        "level is 5.0; it is a probability",
+        "level is 5.0; a probability lies between",
     ),
     "a window without a valid sample": (
         lambda: jaxid.predict(MODEL, record(x=holed(X, 0, 5)), OutputError(), window=5),

@@ -26,6 +26,18 @@ def require(condition: bool, message: str) -> None:
         raise InputError(message)
 
 
+def require_level(level: float, example: float) -> None:
+    """Refuse a level that is no probability; the message has an example.
+
+    Raises:
+        InputError: when the level is not between 0 and 1.
+    """
+    require(
+        0 < level < 1,
+        f"The level is {level}; a probability lies between 0 and 1, such as {example:g}.",
+    )
+
+
 def require_float64() -> None:
     """Refuse to work in single precision, in which information matrices lose their weak directions.
 

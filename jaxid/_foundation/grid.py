@@ -80,11 +80,9 @@ def standing_row(t: Float[np.ndarray, "*case time"]) -> tuple[int, int] | None:
     """Return the case and row of the first time that is not after the one before it, padding at the
     end left out; None if all are.
     """
-    for case, times in enumerate(np.reshape(t, (-1, t.shape[-1]))):
-        step = np.diff(times)
-        moving = np.flatnonzero(step != 0)
-        real = step[: moving[-1] + 1] if moving.size else step
-        wrong = np.flatnonzero(~(real > 0))
-        if wrong.size:
-            return case, int(wrong[0]) + 1
-    return None
+    step = np.diff(np.reshape(t, (-1, t.shape[-1])))
+    moving = step != 0
+    padding = ~np.logical_or.accumulate(moving[:, ::-1], axis=1)[:, ::-1]
+    padding &= np.any(moving, axis=1, keepdims=True)
+    wrong = np.argwhere(~(step > 0) & ~padding)
+    return (int(wrong[0, 0]), int(wrong[0, 1]) + 1) if wrong.size else None

@@ -187,7 +187,7 @@ def _checked_conversion(unit: str, channel: str) -> _Conversion:
         InputError: when the unit is unknown, ambiguous or not linear.
     """
     text = unit.strip()
-    for word in re.findall(r"[A-Za-z_]+[0-9]*", text):
+    for word in re.findall(r"°?[^\W\d]\w*", text):
         require(
             word not in _AMBIGUOUS,
             f"{_subject(channel)}the unit {unit!r} is ambiguous. {_AMBIGUOUS.get(word)}",

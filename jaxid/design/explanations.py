@@ -65,7 +65,7 @@ def expected_chi_square(
     Raises:
         InputError: when the record is a stack, or the noise is unknown.
     """
-    require_single(record, "planned with")
+    require_single(record, "compared on")
     likelihood = canonical(likelihood)
     require_known_noise(likelihood)
     rival = as_explanation(wrong)

@@ -9,7 +9,7 @@ import numpy as np
 from jax.scipy.special import gammaincc
 from jax.scipy.stats import norm
 
-from .._foundation.checks import InputError, require
+from .._foundation.checks import InputError, require, require_level
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.notebook import Table
 from .._foundation.types import Array, Bool, Float, Int, Numbers
@@ -231,10 +231,7 @@ def residual_tests(
     residuals, mask, names = _channels(residuals, mask, outputs)
     by_name = _signals(signals, residuals.shape[:2])
     rows, channels = residuals.shape[1:]
-    require(
-        0 < level < 1,
-        f"The level is {level}; it is a probability of false alarm: choose one such as 0.01.",
-    )
+    require_level(level, 0.01)
     require(lags >= 1, f"lags is {lags}; choose 1 or more.")
     s = (
         jnp.stack([jnp.asarray(x, float) for x in by_name.values()], -1)

@@ -21,7 +21,6 @@ from ..models.base import AbstractModel, canonical
 from ..models.equation_shapes import check_equations
 from ..models.free import Free, Parameters, initial_parameters
 from ..sensitivity.information import Information, OwnBlock
-from ..sensitivity.own_covariance import own_covariance
 from ..sensitivity.spectrum import Spectrum, spectrum
 from ..simulation.simulate import explain_divergence
 from ..simulation.solution import Solution
@@ -223,7 +222,7 @@ def fit_of(problem: Problem, parameters: Parameters, state: State, solver: Gauss
         information=information,
         spectrum=svd,
         covariance=covariance,
-        own_covariance=own_covariance(information.own, svd, covariance, policy.threshold),
+        own_covariance=information.own.covariance(covariance, svd, policy.threshold),
         robust_covariance=robust.covariance,
         robust_dof=robust.dof,
         robust_own=robust.own,

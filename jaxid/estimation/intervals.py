@@ -3,7 +3,7 @@
 import numpy as np
 import scipy
 
-from .._foundation.checks import require
+from .._foundation.checks import require_level
 from .._foundation.host import on_host
 from .._foundation.types import Float
 
@@ -17,10 +17,7 @@ def upper_probability(level: float) -> float:
     Raises:
         InputError: when the level is not between 0 and 1.
     """
-    require(
-        0 < level < 1,
-        f"The level is {level}; a probability lies between 0 and 1, such as 0.95.",
-    )
+    require_level(level, 0.95)
     return 0.5 * (1.0 + level)
 
 

@@ -302,15 +302,17 @@ def _require_positive(option: str, values: Mapping[str, float], names: tuple[str
 
 
 def _checked_bounds(model: AbstractModel, bounds: Mapping, names: tuple[str, ...]):
-    """Bounds as two dictionaries; empty bounds or bounds without the model's value are refused."""
+    """Bounds as two dictionaries; values that are not finite, empty bounds and bounds without the
+    model's value are refused.
+    """
     require_known("free parameter (in `bounds`)", bounds, names)
     values = [np.ravel(leaf) for leaf in array_leaves(canonical(model))]
     current = dict(zip(parameter_names(model), np.concatenate([*values, np.zeros(0)]), strict=True))
-    for name in (name for name in names if name in current):
+    for name in names:
         require(
-            bool(np.isfinite(current[name])),
-            f"The model's value of {name!r} is {current[name]}, and the estimate starts from it. "
-            "Give a number.",
+            bool(np.isfinite(current.get(name, 0.0))),
+            f"The model's value of {name!r} is {current.get(name)}, and the estimate starts from "
+            "it. Give a number.",
         )
     lower: dict[str, Array] = {}
     upper: dict[str, Array] = {}

@@ -13,6 +13,11 @@ import jax.numpy as jnp
 
 from .._foundation.linalg import stack_factors, triangle
 from .._foundation.types import Array, Bool, Float
+from .spectrum import SHARE, Spectrum
+
+# Chosen: move of an unknown by one standard error of the shared parameters, over its own standard
+# error, below which the move is rounding.
+ROUNDED_MOVE = 1e-6
 
 RANK_TOLERANCE = (
     # relative to the largest singular value of a block with columns of unit length; some 500 times
@@ -49,17 +54,41 @@ class OwnBlock(eqx.Module):
         return jnp.squeeze(self.inverse @ remainder[..., None], -1)
 
     def covariance(
-        self, shared: Float[Array, "parameter parameter"]
+        self, shared: Float[Array, "parameter parameter"], decomposition: Spectrum, threshold: float
     ) -> Float[Array, "*case own own"]:
-        """Return the covariance of the record's own unknowns, including that of the shared ones.
+        """Return the covariance of the record's own unknowns, which includes the covariance of the
+        shared ones.
 
-        The variance of an undetermined unknown is infinite.
+            P_own = A^-1 (I + C P C') A^-T,    A = jacobian, C = coupling, P = shared
+
+        The variance of an unknown that the record does not determine is infinite, and so is the
+        variance of one that moves with an undetermined direction of the shared parameters.
+
+        Args:
+            shared: covariance of the shared parameters, shape (parameter, parameter).
+            decomposition: of their information, for the undetermined directions.
+            threshold: eigenvalues below this share of the largest are undetermined [-].
         """
         eye = jnp.eye(self.rhs.shape[-1])[None]
+        known = jnp.where(jnp.isfinite(shared), shared, 0.0)
         covariance = (
-            self.inverse @ (eye + self.coupling @ shared @ self.coupling.mT) @ self.inverse.mT
+            self.inverse @ (eye + self.coupling @ known @ self.coupling.mT) @ self.inverse.mT
         )
-        return covariance + jnp.where(self.undetermined, jnp.inf, 0.0)[..., None] * eye
+        lost = self.undetermined
+        if shared.size:
+            lost = lost | self._moves_with_weak(decomposition, threshold)
+        return covariance + jnp.where(lost, jnp.inf, 0.0)[..., None] * eye
+
+    def _moves_with_weak(
+        self, decomposition: Spectrum, threshold: float
+    ) -> Bool[Array, "*case own"]:
+        """Return which unknowns move with an undetermined direction of the shared parameters."""
+        moved = self.inverse @ self.coupling
+        share = decomposition.weak_share(moved.reshape(-1, moved.shape[-1]), threshold)
+        by_shared = jnp.linalg.norm(moved / decomposition.scale[None, None], axis=-1)
+        alone = jnp.linalg.norm(self.inverse, axis=-1)
+        # Rounding moves an unknown that is independent of the shared parameters.
+        return (share.reshape(alone.shape) > SHARE) & (by_shared > ROUNDED_MOVE * alone)
 
     def joint_covariance(
         self, shared: Float[Array, "parameter parameter"]

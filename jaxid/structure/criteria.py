@@ -8,7 +8,7 @@ the number of fitted values including the constant, and `dof = samples - fitted`
 import numpy as np
 import scipy
 
-from .._foundation.checks import require
+from .._foundation.checks import require_level
 
 
 def r_squared(SSE: float, SST: float) -> float:
@@ -104,9 +104,7 @@ def critical_F(level: float, dof: int, terms: int = 1) -> float:
     Raises:
         InputError: if the level is not between 0 and 1.
     """
-    require(
-        0 < level < 1, f"The level is {level}; a probability lies between 0 and 1, such as 0.01."
-    )
+    require_level(level, 0.01)
     # Imported here because the import adds a warning filter, and importing jaxid must not.
     z = float(scipy.special.betaincinv(dof / 2, terms / 2, level))
     return dof * (1.0 / z - 1.0) / terms

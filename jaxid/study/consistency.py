@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import require, require_unique
+from .._foundation.checks import require, require_level, require_unique
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from ..data.stack import stack
@@ -81,10 +81,7 @@ def consistency(
     Source: V. Klein, E. A. Morelli, Aircraft System Identification, AIAA 2006, chapter 10; S. Holm,
     Scandinavian Journal of Statistics 6, 1979.
     """
-    require(
-        0 < level < 1,
-        f"The level is {level}; it is a probability of false alarm: choose one such as 0.01.",
-    )
+    require_level(level, 0.01)
     require(skip >= 0, f"`skip` is {skip:g} s; it must not be negative.")
     names = _names(model, errors)
     shared = tuple(name for name in names if name not in per_record)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from .._foundation.checks import require, require_key
+from .._foundation.checks import require, require_key, require_level
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
 from ..estimation.estimate import fit_problem
@@ -65,10 +65,7 @@ class Bootstrap(eqx.Module):
         Raises:
             InputError: when the level is not between 0 and 1.
         """
-        require(
-            0 < level < 1,
-            f"The level is {level}; a probability lies between 0 and 1, such as 0.95.",
-        )
+        require_level(level, 0.95)
         used = self._used()
         below = np.mean(used < np.asarray(self.values)[None], axis=0)
         z0 = scipy.special.ndtri(np.clip(below, 0.5 / len(used), 1 - 0.5 / len(used)))

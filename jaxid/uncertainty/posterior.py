@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import InputError, require, require_key
+from .._foundation.checks import InputError, require, require_key, require_level
 from .._foundation.notebook import Table
 from .._foundation.types import Array, Bool, Float
 from ..data.record import Record
@@ -71,7 +71,7 @@ class Posterior(eqx.Module):
         Raises:
             InputError: when the level is not between 0 and 1.
         """
-        require(0 < level < 1, f"The level is {level}; a probability lies between 0 and 1.")
+        require_level(level, 0.95)
         shares = jnp.array([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
         return jnp.quantile(self.draws.reshape(-1, len(self.names)), shares, axis=0).T
 

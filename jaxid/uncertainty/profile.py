@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from .._foundation.checks import require, require_known
+from .._foundation.checks import require_known, require_level
 from .._foundation.notebook import preformatted
 from .._foundation.types import Array, Float
 from ..data.record import Record
@@ -100,7 +100,7 @@ def profile_likelihood(
     """
     records = stack_of_estimate(estimate, records, likelihood)
     require_known("free parameter", [name], estimate.names)
-    require(0 < level < 1, f"The level is {level}; a probability lies between 0 and 1.")
+    require_level(level, 0.95)
     problem = Problem.of(estimate.model, estimate.free, records, likelihood)
     index, upper = estimate.names.index(name), 0.5 * (1.0 + level)
     if estimate.noise_known:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from jax.flatten_util import ravel_pytree
 
-from .._foundation.checks import require, require_key
+from .._foundation.checks import require, require_key, require_level
 from .._foundation.notebook import Table
 from .._foundation.traced_errors import plain_errors
 from .._foundation.types import Array, Float
@@ -56,10 +56,7 @@ class Propagated(eqx.Module):
         Raises:
             InputError: when the level is not between 0 and 1.
         """
-        require(
-            0 < level < 1,
-            f"The level is {level}; a probability lies between 0 and 1, such as 0.95.",
-        )
+        require_level(level, 0.95)
         ends = np.array([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
         if self.draws is not None:
             return jax.tree.map(

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from .._foundation.checks import require
+from .._foundation.checks import require, require_level
 from .._foundation.notebook import Table
 from .._foundation.types import Array, Float
 from ..data.record import Record
@@ -58,7 +58,7 @@ class Sandwich(eqx.Module):
         Raises:
             InputError: when the level is not between 0 and 1.
         """
-        require(0 < level < 1, f"The level is {level}; a probability lies between 0 and 1.")
+        require_level(level, 0.95)
         quantile = float(scipy.special.stdtrit(self.groups - 1.0, 0.5 * (1.0 + level)))
         width = quantile * self.standard_errors
         return jnp.stack([self.values - width, self.values + width], axis=-1)

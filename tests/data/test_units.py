@@ -67,6 +67,8 @@ def test_temperatures_have_offset_and_temperature_differences_have_none():
     np.testing.assert_allclose(to_si([32.0, 212.0], "degF", "T")[0], [273.15, 373.15], rtol=1e-15)
     np.testing.assert_allclose(convert(50.0, "degF", "degC"), 10.0, rtol=1e-13)
     assert to_si(3.0, "W/degC", "loss") == (3.0, "W/K")
+    assert to_si(15.0, "°C", "T") == (288.15, "K")  # C alone is ambiguous
+    np.testing.assert_allclose(to_si(212.0, "°F", "T")[0], 373.15, rtol=1e-15)
 
 
 def test_percent_and_millibar_are_read_by_their_usual_names():

@@ -246,7 +246,7 @@ class TwoOffsets(Lag):
 
 
 def test_own_parameter_that_shared_ones_leave_open_has_no_error(seed):
-    """With a prior on the shared offset its error is that of the prior, and without one infinite;
+    """With a prior on the shared offset its error is the prior's, and without one infinite;
     the error of the initial state, known apart from both, stays finite.
     """
     model, data = TwoOffsets(p=1.5, b=2.0), [lag_record(seed), lag_record(seed + 1)]

@@ -75,7 +75,7 @@ def test_addition_that_cannot_compete_waits_for_the_next_round():
 
 def test_addition_that_cannot_be_accepted_is_not_refitted():
     """While the residual is coloured, a small fall of the cost neither ends that nor can lower the
-    error on the check records as much as is asked for.
+    error on the check records by the least gain.
     """
     coloured, strict = fit(problem(25, memory=0.8), Hypothesis()), LoopOptions(min_check_gain=0.5)
     few, many = (

@@ -269,8 +269,8 @@ def test_two_effects_on_one_input_commute(seed):
 
 @pytest.mark.parametrize("first", [0, 30, 333, 1000])
 def test_held_sample_belongs_to_its_own_time(first):
-    """Also on a grid that begins late, and delayed by whole steps: to the last bit the times of a
-    signal are those of the samples.
+    """Also on a grid that begins late, and delayed by whole steps: the knots of a signal are
+    the sample times to the last bit.
     """
     t = jnp.asarray(0.01 * np.arange(first, first + 500))
     u = jnp.arange(500.0)[:, None]

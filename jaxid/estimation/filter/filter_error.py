@@ -35,7 +35,13 @@ from .kalman import (
 )
 from .noise_identifiability import check_noise_identifiable
 from .noise_options import FirstOrder, Number, number, sensor_parts
-from .noise_parameters import check_kept, check_names, check_values, with_noise_parameters
+from .noise_parameters import (
+    by_parameter,
+    check_kept,
+    check_names,
+    check_values,
+    with_noise_parameters,
+)
 
 
 class FilterError(AbstractLikelihood):
@@ -141,14 +147,13 @@ class FilterError(AbstractLikelihood):
     def prepared(
         self, model: AbstractModel, free: Free, records: Record
     ) -> tuple[AbstractModel, Free]:
+        noises = self.process, self.sensors, self.initial, self.coloured
         if isinstance(model, StochasticModel):
-            check_kept(model, free, self.process, self.sensors, self.initial, self.coloured)
+            check_kept(model, free, by_parameter(*noises))
             return model, free
         sensors = (*self.sensors, *self.coloured)
         check_names(model, free, self.process, sensors, self.initial)
-        stochastic, chosen = with_noise_parameters(
-            model, free, records, self.process, self.sensors, self.initial, self.coloured
-        )
+        stochastic, chosen = with_noise_parameters(model, free, records, *noises)
         check_noise_identifiable(stochastic, chosen, records)
         return stochastic, chosen
 

@@ -1,7 +1,6 @@
 """Noise parameters of a filter: from the user's options to a `StochasticModel` and its `Free`."""
 
 from collections.abc import Collection, Mapping
-from typing import Any
 
 from ..._foundation.checks import require, require_known
 from ..._foundation.host import on_host
@@ -17,6 +16,7 @@ LOWEST_SHARE, HIGHEST_SHARE = 1e-4, 1e4
 # Chosen: start of a sensor's deviation where its record shows no noise, relative to its range.
 LEAST_NOISE = 1e-3
 
+NOISE_GROUPS = ("process", "correlation_time", "sensor", "initial")  # of the parameters of noises
 Process = Mapping[str, Number | FirstOrder]
 Coloured = Mapping[str, Mapping[str, FirstOrder]]
 
@@ -46,19 +46,9 @@ def with_noise_parameters(
     if any(name not in model.states for name in process):
         wide = model.with_disturbance_inputs()
     on_outputs = tuple((name, output) for output, parts in coloured.items() for name in parts)
-    for parts in coloured.values():
-        process = {**process, **parts}
-    options: dict[str, Number] = {}
-    for name, start in zip(model.outputs, _split(sensor_starts(records)), strict=True):
-        options[f"sensor.{name}"] = sensors.get(name, start)
-    for name, option in initial.items():
-        options[f"initial.{name}"] = option
-    for name, option in process.items():
-        deviation = option.deviation if isinstance(option, FirstOrder) else option
-        options[f"process.{name}"] = deviation
-    for name, option in process.items():
-        if isinstance(option, FirstOrder):
-            options[f"correlation_time.{name}"] = option.correlation_time
+    first = zip(model.outputs, _split(sensor_starts(records)), strict=True)
+    options: dict[str, Number] = {f"sensor.{name}": start for name, start in first}
+    options |= by_parameter(process, sensors, initial, coloured)
 
     def group(kind: str) -> dict[str, Array]:
         mark = f"{kind}."
@@ -87,6 +77,27 @@ def with_noise_parameters(
         free.scale,
         free.prior,
     )
+
+
+def by_parameter(
+    process: Process,
+    sensors: Mapping[str, Number],
+    initial: Mapping[str, Number],
+    coloured: Coloured,
+) -> dict[str, Number]:
+    """Return noises by the names of their parameters, as `process.v`."""
+    driving = dict(process)
+    for parts in coloured.values():
+        driving |= parts
+    options = {f"sensor.{name}": option for name, option in sensors.items()}
+    options |= {f"initial.{name}": option for name, option in initial.items()}
+    times = {}
+    for name, option in driving.items():
+        if isinstance(option, FirstOrder):
+            times[f"correlation_time.{name}"] = option.correlation_time
+            option = option.deviation
+        options[f"process.{name}"] = option
+    return options | times
 
 
 @on_host
@@ -150,18 +161,15 @@ def _check_memory(option: FirstOrder, name: str) -> None:
     check_number(option.correlation_time, f"The correlation time of {name}", zero=False)
 
 
-def check_kept(
-    model: StochasticModel,
-    free: Free,
-    process: Process,
-    sensors: Mapping[str, Number],
-    initial: Mapping[str, Number],
-    coloured: Coloured,
-) -> None:
-    """Refuse noises for a model that has its own, from an earlier estimate, and would keep them."""
-    parts = {name: part for one in coloured.values() for name, part in one.items()}
-    given = _by_parameter({**process, **parts}, sensors, initial)
-    own = _by_parameter(model.process, model.sensor, model.initial)
+def check_kept(model: StochasticModel, free: Free, given: Mapping[str, Number]) -> None:
+    """Refuse noises for a model that has its own, from an earlier estimate, and would keep them.
+
+    Args:
+        model: the model with its noises.
+        free: its free parameters.
+        given: noises by the names of their parameters (`by_parameter`).
+    """
+    own = [f"{kind}.{name}" for kind in NOISE_GROUPS for name in getattr(model, kind)]
     remedy = "Give the model without noises, `fit.model.model`, or the parameters of the fit, "
     unknown = ", ".join(name for name in given if name not in own)
     require(
@@ -171,16 +179,10 @@ def check_kept(
     )
     estimated = ", ".join(name for name, option in given.items() if not isinstance(option, Fixed))
     require(
-        not (estimated and free.shared) or bool(own.keys() & set(free.shared)),
+        not (estimated and free.shared) or any(name in own for name in free.shared),
         f"The model has its own noises, from an earlier estimate, and none of them is free: the "
         f"starting values of {estimated} would be ignored. {remedy}`fit.free`.",
     )
-
-
-def _by_parameter(process: Mapping, sensors: Mapping, initial: Mapping) -> dict[str, Any]:
-    """Return noises by the names of their parameters."""
-    groups = {"process": process, "sensor": sensors, "initial": initial}
-    return {f"{kind}.{name}": one for kind, part in groups.items() for name, one in part.items()}
 
 
 def check_names(

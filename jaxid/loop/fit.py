@@ -21,7 +21,7 @@ from ..estimation.host_iteration import fit_by_steps
 from ..estimation.likelihoods import OutputError
 from ..estimation.model_programs import PROGRAMS, FlatProblem
 from ..estimation.solver import GaussNewton
-from ..estimation.spectrum_policy import Damp
+from ..estimation.spectrum_policy import AbstractPolicy, Damp
 from ..models.base import AbstractModel
 from ..models.free import Free, with_values
 from ..models.noise import AbstractNoise, FixedNoise
@@ -41,8 +41,7 @@ MIN_COST_FALL = 0.5
 # Second policy (chosen). Shortened steps creep in the curved valley of a gain times a time
 # constant, where damped ones need a tenth of the evaluations. Damped steps creep where the declared
 # model is far from the records: on the benchmark's F-4 whose lift bends over they do not reach in
-# 400 evaluations what shortened ones reach in 18. Filters have several minima, as with a variance
-# near zero, and either has missed the lowest.
+# 400 evaluations what shortened ones reach in 18.
 SECOND_POLICY = Damp()
 # Chosen: share of the fall of all continuations so far below which a fit is not continued. Stops
 # fits that creep along an undetermined direction.
@@ -252,13 +251,13 @@ def fit(
     values, known = _start(problem, hypothesis, parent, start or {})
     rows = {} if parent is None else parent.rows
     S, costs = None, []
-    solvers = problem.solver, dataclasses.replace(problem.solver, policy=SECOND_POLICY)
+    policies = problem.solver.policy, SECOND_POLICY
     while True:
         estimation = estimation_of(problem, hypothesis, values, known, rows)
         if not costs:  # a continuation starts elsewhere
             S = _known_sensitivities(parent, estimation, hypothesis, values)
-        turn = len(costs) % len(solvers)
-        solution = _run(estimation, (*solvers[turn:], *solvers[:turn]), S)
+        solver = _solver(estimation, problem.solver, policies[len(costs) % len(policies)])
+        solution = fit_by_steps(estimation.problem, estimation.parameters, solver, S)
         costs, S = [*costs, float(solution.cost)], None
         fitted = LoopFit(problem, hypothesis, estimation, solution)
         if solution.result != RESULTS.steps_exhausted or not worth_continuing(costs, target):
@@ -270,16 +269,12 @@ def fit(
         values[chosen] = shared[: len(chosen)]
 
 
-def _run(estimation: Estimation, solvers: tuple[GaussNewton, ...], S: Array | None) -> Fit:
-    """Return the fit by the first solver; of a filter the lowest by all, without the chord method,
-    as its rows are no residuals.
+def _solver(estimation: Estimation, solver: GaussNewton, policy: AbstractPolicy) -> GaussNewton:
+    """Return the solver with a policy, for a filter without the chord method, as its rows are no
+    residuals.
     """
-    problem, parameters = estimation.problem, estimation.parameters
-    if isinstance(problem.likelihood, OutputError):
-        return fit_by_steps(problem, parameters, solvers[0], S)
-    different = dict.fromkeys(dataclasses.replace(solver, chord=False) for solver in solvers)
-    fits = [fit_by_steps(problem, parameters, solver) for solver in different]
-    return min(fits, key=lambda one: np.nan_to_num(float(one.cost), nan=np.inf))
+    simple = isinstance(estimation.problem.likelihood, OutputError)
+    return dataclasses.replace(solver, policy=policy, chord=solver.chord and simple)
 
 
 def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None, start):

@@ -4,7 +4,7 @@ Noise has no drift, depends on no signal, and is not in one place more than chan
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import scipy
@@ -16,7 +16,7 @@ from ..estimation.autoregressive_noise import select_order
 from .dependence import followed_by_forces
 from .evidence import INSEPARABLE, is_drift
 from .fit import LoopFit
-from .hypothesis import Coloured, Hypothesis, NoiseHypothesis, RandomForces
+from .hypothesis import Coloured, ForceNoise, Hypothesis, NoiseHypothesis, RandomForces
 from .moves import Move, MoveKind
 from .options import LoopOptions
 from .random_forces import ForceFit, fit_forces
@@ -34,35 +34,39 @@ def noise_moves(
     declared: LoopFit,
     where: LocalisationResult | None,
     options: LoopOptions,
-) -> tuple[list[Move], tuple[str, ...]]:
-    """Return the noise models that should explain the residual of a fit with white noise.
+) -> Iterator[tuple[list[Move], tuple[str, ...]]]:
+    """Yield in stages the noise models that should explain the residual of a fit with white noise.
 
     Autoregressive noise of order p should lower twice the cost of channel j by `-N_j log(1 - r_j)`,
     with r the share of the residual that its past explains; it and the noises of the user are
     proposed with the effects of the fit and without any. Random forces are estimated by the filter
     along the motion without them (`fit_forces`), and proposed without effects: if they are better
-    together with the effects of the fit, neither is the cause.
+    together with the effects of the fit, neither is the cause. The first stage has the noises of
+    the sensors and the best random forces; the next best forces follow one by one.
 
     Args:
         where: location of the residual; None without random forces.
 
-    Returns:
+    Yields:
         The changes of hypothesis, and the candidates and signals that forces without effects would
         follow; such forces are not random, and are not proposed.
     """
     noises, sets = _sensor_noises(fit, options), dict.fromkeys((fit.effects, ()))
-    moves = [_move(Hypothesis(one, noise), fall) for noise, fall in noises for one in sets]
-    followed: dict[str, None] = {}
-    for noise in _places_of_forces(fit, where):
-        noise, best = _without_negligible(declared, noise)
+    every = [_move(Hypothesis(one, noise), fall) for noise, fall in noises for one in sets]
+    moves = [move for move in every if _worth(fit, move) > INSEPARABLE]
+    for noise, begun in _begun(fit, declared, _places_of_forces(fit, where)):
+        noise, best = _without_negligible(noise, fit_forces(begun.motion, noise, begun.noise))
         move = _forces_alone(fit, noise, best)
         if _worth(fit, move) <= INSEPARABLE or _better_with_effects(fit, noise, move):
             continue
-        names = followed_by_forces(declared, best, noise, options.level)
-        followed |= dict.fromkeys(names)
-        if not names and not is_drift(declared, float(np.max(np.asarray(best.noise.time)))):
-            moves.append(move)
-    return [move for move in moves if _worth(fit, move) > INSEPARABLE], tuple(followed)
+        followed = followed_by_forces(declared, best, noise, options.level)
+        if followed:
+            yield [], followed
+        elif not is_drift(declared, float(np.max(np.asarray(best.noise.time)))):
+            yield [*moves, move], ()
+            moves = []
+    if moves:
+        yield moves, ()
 
 
 def _sensor_noises(fit: LoopFit, options: LoopOptions) -> list[tuple[NoiseHypothesis, float]]:
@@ -106,30 +110,42 @@ def _places_of_forces(fit: LoopFit, where: LocalisationResult | None) -> list[Ra
     return [noise for noise in noises if noise.places]
 
 
-def _without_negligible(declared: LoopFit, noise: RandomForces) -> tuple[RandomForces, ForceFit]:
+def _begun(
+    fit: LoopFit, declared: LoopFit, noises: list[RandomForces]
+) -> list[tuple[RandomForces, ForceFit]]:
+    """Return random forces after the first steps, without effects, those with the most evidence
+    first.
+
+    The declared fit may have taken the forces for other parameters, so that they are estimated from
+    the declared values as well, and the better of both starts is returned.
+    """
+    motion = declared.motion
+    begin = dataclasses.replace(motion, values=declared.problem.initial_values)
+
+    def better(noise: RandomForces) -> ForceFit:
+        first = noise.initial(declared.noise_covariance)
+        starts = (fit_forces(start, noise, first, FIRST_STEPS) for start in (motion, begin))
+        return min(starts, key=lambda one: one.cost)
+
+    begun = [(noise, better(noise)) for noise in noises]
+    return sorted(begun, key=lambda one: -_worth(fit, _forces_alone(fit, *one)))
+
+
+def _without_negligible(noise: RandomForces, best: ForceFit) -> tuple[RandomForces, ForceFit]:
     """Return random forces and their most probable values, negligible gusts left out: the
     correlation time of a gust that is none is not determined.
     """
-    best = _most_probable(declared, noise)
-    sizes = dict(zip(noise.sizes, np.asarray(best.noise.deviation).tolist(), strict=True))
-    gusts = {name: sizes[name] for name in noise.air}
-    kept = {n: s for n, s in gusts.items() if s > NEGLIGIBLE_GUST * max(gusts.values())}
-    if len(kept) == len(gusts):
+    deviation = np.asarray(best.noise.deviation)
+    in_air = np.isin([*noise.sizes], noise.air)
+    kept = ~in_air | (deviation > NEGLIGIBLE_GUST * np.max(deviation[in_air], initial=0.0))
+    if np.all(kept):
         return noise, best
-    return _without_negligible(declared, RandomForces(dict(noise.forces), kept, noise.time))
-
-
-def _most_probable(declared: LoopFit, noise: RandomForces) -> ForceFit:
-    """Return the most probable forces without effects.
-
-    The declared fit may have taken the forces for other parameters, so that they are estimated from
-    the declared values as well, and the better of both starts is continued.
-    """
-    motion, first = declared.motion, noise.initial(declared.noise_covariance)
-    begin = dataclasses.replace(motion, values=declared.problem.initial_values)
-    fits = [fit_forces(start, noise, first, FIRST_STEPS) for start in (motion, begin)]
-    best = min(fits, key=lambda one: one.cost)
-    return fit_forces(best.motion, noise, best.noise)
+    left = {name for name, one in zip(noise.sizes, kept, strict=True) if one}
+    gusts = {name: size for name, size in noise.gusts if name in left}
+    smaller = RandomForces(dict(noise.forces), gusts, noise.time)
+    deviation, time, sensors = best.noise
+    first = ForceNoise(deviation[kept], time[kept], sensors)
+    return _without_negligible(smaller, fit_forces(best.motion, smaller, first))
 
 
 def _forces_alone(fit: LoopFit, noise: RandomForces, best: ForceFit) -> Move:

@@ -47,9 +47,9 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
 
     From each hypothesis of the beam the moves are refitted in stages: removals; additions, groups
     and profitable swaps; pairs, also of the best refused addition; swaps where there are two
-    effects; noise models. The first stage with an accepted move ends the expansion, and the best
-    `beam_width` results of all expansions are the next beam. The search stops when no move is
-    accepted. Ctrl-C ends it with the best hypothesis so far.
+    effects; noise models; the next best random forces. The first stage with an accepted move ends
+    the expansion, and the best `beam_width` results of all expansions are the next beam. The search
+    stops when no move is accepted. Ctrl-C ends it with the best hypothesis so far.
     """
     progress("compilation of the model with its candidates")
     compile_programs(problem)
@@ -168,7 +168,8 @@ def _stages(
     yield [*proposals.pairs(), *second], count * (count - 1) // 2
     if len(proposals.fit.effects) > 1:
         yield proposals.swaps(np.inf)[: options.swap_limit], count
-    yield _noises(tree, proposals.fit, options, progress), 1
+    for moves in _noises(tree, proposals.fit, options, progress):
+        yield moves, 1
 
 
 def second_steps(tree: SearchTree, parent: LoopFit, options: LoopOptions) -> list[Move]:
@@ -195,17 +196,17 @@ def second_steps(tree: SearchTree, parent: LoopFit, options: LoopOptions) -> lis
     ]
 
 
-def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> list[Move]:
-    """Return noise models; random forces only if the residual is not white."""
+def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> Iterator[list[Move]]:
+    """Yield noise models in stages; random forces only if the residual is not white."""
     if not isinstance(parent.hypothesis.noise, White):
-        return []
+        return
     where = None
     if not is_noise_like(parent, options) and tree.problem.equations:
         progress("location of the residual")
         where = tree.where if parent is tree.declared else localise_fit(parent, tree.where.splines)
-    moves, followed = noise_moves(parent, tree.declared, where, options)
-    tree.note_followed(followed)
-    return moves
+    for moves, followed in noise_moves(parent, tree.declared, where, options):
+        tree.note_followed(followed)
+        yield moves
 
 
 def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> list[Step]:

@@ -91,8 +91,8 @@ def test_addition_that_cannot_be_accepted_is_not_refitted():
 
 def test_noise_is_proposed_where_it_explains_the_residual():
     white, coloured = (fit(problem(25, memory=m), Hypothesis()) for m in (0.0, 0.8))
-    assert noise_moves(white, white, None, OPTIONS)[0] == []
-    ((move,), _) = noise_moves(coloured, coloured, None, OPTIONS)
+    assert list(noise_moves(white, white, None, OPTIONS)) == []
+    (((move,), _),) = noise_moves(coloured, coloured, None, OPTIONS)
     assert isinstance(move.hypothesis.noise, Coloured)
     new = fit(coloured.problem, move.hypothesis, coloured)
     assert 2.0 * (coloured.cost - new.cost) == pytest.approx(move.expected, rel=0.1)

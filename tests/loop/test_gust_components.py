@@ -71,6 +71,8 @@ def test_all_gusts_that_blow_are_found_and_no_other(sizes, found):
     noise = search.tree.best.hypothesis.noise
     assert isinstance(noise, RandomForces)
     assert noise.air == found
+    refitted = [step.move.hypothesis.noise for step in search.tree.steps]
+    assert sum(isinstance(one, RandomForces) for one in refitted) == 1  # the best, and no other
     blown = np.sqrt(np.mean(np.square(gusts[:2]), axis=(0, 1)))
     for name, size in zip(found, blown, strict=False):
         estimate, error = search.estimates[f"process.{name}"]

@@ -85,7 +85,7 @@ def test_a_study_file_runs_as_the_guide_prints_it(tmp_path):
     figures = json.loads((tmp_path / "out.json").read_text())
     assert (figures["outcome"], figures["effects"]) == ("explained", ["x^3 in v"])
     # no terminal: a log of lines
-    assert re.search(r"^ +\d+ s  round 1: refit with x\^3 in v$", done.stderr, re.M)
+    assert re.search(r"^ +\d+ s  round 1: refit with x\^3 in v \(1/\d+\)$", done.stderr, re.M)
     assert "soft stop" in [one["name"] for one in figures["rounds"][0]["candidates"]]
     # 10 mm of noise in 380 scored samples, within 12 %: three standard deviations of its RMS.
     assert figures["after"]["x"] == pytest.approx(0.01, rel=0.12)

@@ -54,8 +54,8 @@ def noise_moves(
     noises, sets = _sensor_noises(fit, options), dict.fromkeys((fit.effects, ()))
     every = [_move(Hypothesis(one, noise), fall) for noise, fall in noises for one in sets]
     moves = [move for move in every if _worth(fit, move) > INSEPARABLE]
-    for noise, begun in _begun(fit, declared, _places_of_forces(fit, where)):
-        noise, best = _without_negligible(noise, fit_forces(begun.motion, noise, begun.noise))
+    for noise, rough in _rough_fits(fit, declared, _places_of_forces(fit, where)):
+        noise, best = _without_negligible(noise, fit_forces(rough.motion, noise, rough.noise))
         move = _forces_alone(fit, noise, best)
         if _worth(fit, move) <= INSEPARABLE or _better_with_effects(fit, noise, move):
             continue
@@ -110,7 +110,7 @@ def _places_of_forces(fit: LoopFit, where: LocalisationResult | None) -> list[Ra
     return [noise for noise in noises if noise.places]
 
 
-def _begun(
+def _rough_fits(
     fit: LoopFit, declared: LoopFit, noises: list[RandomForces]
 ) -> list[tuple[RandomForces, ForceFit]]:
     """Return random forces after the first steps, without effects, those with the most evidence
@@ -127,8 +127,8 @@ def _begun(
         starts = (fit_forces(start, noise, first, FIRST_STEPS) for start in (motion, begin))
         return min(starts, key=lambda one: one.cost)
 
-    begun = [(noise, better(noise)) for noise in noises]
-    return sorted(begun, key=lambda one: -_worth(fit, _forces_alone(fit, *one)))
+    fits = [(noise, better(noise)) for noise in noises]
+    return sorted(fits, key=lambda one: -_worth(fit, _forces_alone(fit, *one)))
 
 
 def _without_negligible(noise: RandomForces, best: ForceFit) -> tuple[RandomForces, ForceFit]:

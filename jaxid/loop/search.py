@@ -1,6 +1,7 @@
 """`search`: beam search over hypotheses, from the declared model."""
 
 import dataclasses
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
@@ -212,15 +213,16 @@ def _noises(tree: SearchTree, parent: LoopFit, options, progress) -> Iterator[li
 def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> list[Step]:
     """Return the refits of moves, without those that cannot compete with an accepted one."""
     steps: list[Step] = []
-    best, lowest = 0.0, parent.cost
+    best, lowest, begin = 0.0, parent.cost, time.monotonic()
     ordered = sorted(moves, key=lambda move: -move.expected)
     with compiled_ahead(tree.problem, [move.hypothesis for move in ordered]) as wait_for:
-        for move in ordered:
+        for number, move in enumerate(ordered):
             addition = move.kind in (MoveKind.ADD, MoveKind.GROUP)
             simple = addition and not _has_shape(tree.problem, move)
             if simple and move.expected < HOPELESS_SHARE * best:
                 continue
-            progress(f"refit with {move.hypothesis}")
+            place = _place(number, len(ordered), time.monotonic() - begin)
+            progress(f"refit with {move.hypothesis} ({place})")
             wait_for(move.hypothesis)
             step = _step(tree, parent, move, count, options, lowest + NEAR_LOWEST)
             steps.append(step)
@@ -229,6 +231,18 @@ def _refits(tree: SearchTree, parent, moves, count: int, options, progress) -> l
                 best = max(best, move.expected)
                 lowest = min(lowest, step.fit.cost)
     return steps
+
+
+def _place(number: int, count: int, seconds: float) -> str:
+    """Return the place of a refit among the refits of its stage, and how long the rest may take.
+
+    Args:
+        number: number of the refits before it, with those left out.
+        count: number of all refits.
+        seconds: time of those before it [s].
+    """
+    place = f"{number + 1}/{count}"
+    return f"{place}, about {seconds / number * (count - number):.0f} s left" if number else place
 
 
 def _has_shape(problem: LoopProblem, move: Move) -> bool:

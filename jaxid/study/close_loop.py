@@ -61,8 +61,8 @@ def close_loop(
         options: levels and limits.
         solver: the Gauss-Newton solver; a fit that it does not finish continues with damped steps
             (`jaxid.spectrum.Damp`) and by turns.
-        progress: True shows the step on a terminal or in a notebook; False does not; or a function
-            that receives a short text at every step.
+        progress: True shows the step on a terminal or in a notebook, with the time that its refits
+            may still take; False does not; or a function that receives a short text at every step.
 
     Returns:
         The study: verdict, effects, rounds, and the model before and after. Ctrl-C during the

@@ -1,5 +1,7 @@
 """The search over hypotheses on a spring: effects, pairs and noise models, each planted."""
 
+import re
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -59,9 +61,12 @@ def test_error_of_a_sensor_is_named(effect):
 
 
 def test_two_effects_are_named():
-    found = search_effects(problem(5, CUBIC, BIASED))
+    texts: list[str] = []
+    found = search_effects(problem(5, CUBIC, BIASED), progress=texts.append)
     assert found.outcome is Outcome.EXPLAINED
     assert set(found.effects) == {CUBIC.name, BIASED.name}
+    assert any(re.search(r"^round 1: refit with .* \(1/\d+\)$", text) for text in texts)
+    assert any(re.search(r"^round \d: .* \(2/\d+, about \d+ s left\)$", text) for text in texts)
 
 
 def test_coloured_noise_of_sensors_is_told():

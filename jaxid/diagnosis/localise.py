@@ -13,6 +13,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from .._foundation.checks import require, require_known
 from .._foundation.compiler import fast_compile_jit
@@ -87,6 +88,24 @@ class LocalisationResult(NamedTuple):
         """Return the first place and all places whose share is less than `within` below its."""
         first, *others = self.places
         return (first, *(place for place in others if place.share > first.share - within))
+
+    def is_significant(self, level: float = 0.01) -> bool:
+        """Return True if a free-form disturbance at a place explains more than chance would.
+
+        Args:
+            level: probability of a false alarm over all places.
+        """
+        places = [place for place in self.places if place.dof]
+        chances = [float(scipy.stats.chi2.sf(place.score, place.dof)) for place in places]
+        return min(chances, default=1.0) < level / max(len(chances), 1)
+
+    def significant(self, level: float = 0.01) -> tuple[Place, ...]:
+        """Return the places near the best one, none if it explains no more than chance would.
+
+        Args:
+            level: probability of a false alarm over all places.
+        """
+        return self.near_best() if self.is_significant(level) else ()
 
     def explained_by(self, place: Place) -> tuple[tuple[str, float], ...]:
         """Return the R^2 of a cubic regression of the disturbance on each variable, largest first.

@@ -4,6 +4,8 @@ In the equations below, `scalar` is the quantity that a `Placement` adds to equa
 effect with zero gain is absent.
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -18,6 +20,9 @@ from .shape_initialisation import longest_record, max_deviation, misfit_peak, ti
 # width before `initialise_shape` sets it (chosen): wider than any signal in SI units, so that z is
 # constant
 UNSET_WIDTH = 1e6
+WIDTHS = 1e-9, float("inf")  # derived: a width is positive
+# Chosen: beyond it the bend is a corner; below one the slope is infinite at z = 0.
+EXPONENTS = 1.0, 20.0
 # least initial lag in sample intervals (chosen): with a shorter lag, integration is inaccurate
 MIN_LAG_STEPS = 2.0
 # phase change per sample interval [rad], derived: at this frequency a Runge-Kutta step of one
@@ -176,14 +181,16 @@ class Resonance(ScalarEffect):
 
 
 class Hysteresis(ScalarEffect):
-    """Bouc-Wen hysteresis in a signal, in normalised form with exponent two.
+    """Bouc-Wen hysteresis in a signal, in normalised form.
 
-        width dz/dt = ds/dt - (|ds/dt| |z| z + ds/dt z^2) / 2,    scalar += gain z
+        width dz/dt = ds/dt - |z|^n (b |ds/dt| sign(z) + (1 - b) ds/dt),    scalar += gain z
 
-    Here `s` is the signal. If s rises from zero, with z zero at first, `z = tanh(s / width)`, which
-    tends to one. After s reverses, z follows a straight line of slope `1 / width` until it changes
-    sign, so that a cycle encloses an area. As the width tends to zero, the effect becomes dry
-    friction, `gain sign(ds/dt)`. The signal must be a function of states.
+    Here `s` is the signal. With exponent n = 2 and reversal b = 1/2, if s rises from zero, with z
+    zero at first, `z = tanh(s / width)`, which tends to one. After s reverses, z follows a straight
+    line of slope `1 / width` until it changes sign, so that a cycle encloses an area. As the width
+    tends to zero, the effect becomes dry friction, `gain sign(ds/dt)`. The signal must be a
+    function of states. With a free shape n and b are estimated from there; this effect refines the
+    one with a fixed shape.
 
     Args:
         placement: equations in which the scalar acts.
@@ -191,10 +198,11 @@ class Hysteresis(ScalarEffect):
         fraction: initial width, as a fraction of the signal's largest deviation from its centre.
         gain: half the height of the loop [unit of the scalar].
         width: `dz/ds` at z = 0 is `1 / width` [unit of the signal].
+        exponent, reversal: n and b [-].
+        free_shape: estimate them.
 
     Source: Wen, Method for Random Vibration of Hysteretic Systems, J. Eng. Mech. Div. ASCE 102
-    (1976), pp. 249-263, with
-        A = 1, beta = gamma = 1/2, n = 2.
+    (1976), pp. 249-263, with A = 1, beta = b, gamma = 1 - b.
     """
 
     placement: Placement = eqx.field(static=True)
@@ -202,16 +210,33 @@ class Hysteresis(ScalarEffect):
     fraction: float = eqx.field(static=True, default=0.2)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
     width: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(UNSET_WIDTH))
+    exponent: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(2.0))
+    reversal: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(0.5))
+    free_shape: bool = eqx.field(static=True, default=False)
 
     @property
     def card(self):
-        return EffectCard(
-            name=f"hysteresis of {self.signal} in {self.placement.name}",
+        name = f"hysteresis of {self.signal} in {self.placement.name}"
+        simple = EffectCard(
+            name=name,
             description=f"hysteresis of {self.signal} {self.placement.words}",
             location=self.placement.location,
             signals=(self.signal,),
             complexity=AS_CUBIC,
-            bounds={"width": (1e-9, float("inf"))},
+            fixed=("exponent", "reversal"),
+            bounds={"width": WIDTHS},
+        )
+        if not self.free_shape:
+            return simple
+        return dataclasses.replace(
+            simple,
+            name=f"shaped {name}",
+            family=f"shaped {name}",
+            description=f"{simple.description}, of its own shape",
+            complexity=AS_CUBIC + 2,
+            fixed=(),
+            refines=name,
+            bounds={"width": WIDTHS, "exponent": EXPONENTS, "reversal": (0.0, 1.0)},
         )
 
     def initialise_shape(self, signals, measured, step):
@@ -229,10 +254,15 @@ class Hysteresis(ScalarEffect):
     def rates_of(self):
         return (self.signal,)
 
+    @property
+    def shape(self):
+        """Width, exponent and reversal."""
+        return self.width, self.exponent, self.reversal
+
     def scalar(self, signals):
         return signals[self.extra_states[0]]
 
     def extra_rates(self, extra, u, signals, rates):
         # The exact z is within +-1; the clip keeps z finite if the integration step is too long.
         z = jnp.clip(extra[self.extra_states[0]], -1.0, 1.0)
-        return {self.extra_states[0]: bouc_wen(z, rates[self.signal], self.width)}
+        return {self.extra_states[0]: bouc_wen(z, rates[self.signal], *self.shape)}

@@ -129,7 +129,11 @@ def _with_memory(
     if len(equations) * len(model.states) <= MOST_PAIRS_FOR_MEMORY:
         # No lag of a position: if the damping is free, it is equivalent to a lag of its rate.
         effects += [LaggedSignal(placement, signal) for signal in equations]
-        effects += [Hysteresis(placement, signal) for signal in model.states]
+        effects += [
+            Hysteresis(placement, signal, free_shape=free)
+            for signal in model.states
+            for free in (False, True)
+        ]
     if len(equations) * len(model.inputs) <= MOST_PAIRS_FOR_RESONANCE:
         effects += [Resonance(placement, signal, peak) for signal in model.inputs for peak in PEAKS]
     return effects

@@ -9,6 +9,8 @@ import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
 
+# Chosen: least |z| whose power is taken, so that its derivative by the exponent is finite at zero.
+LEAST_STATE = 1e-12
 Knots = Float[Array, " knot"]
 
 
@@ -134,20 +136,28 @@ class BoucWen(AbstractMemoryOperator):
 
 
 def bouc_wen(
-    z: Float[Array, "*n"], rate: Float[Array, "*n"], width: Float[Array, ""]
+    z: Float[Array, "*n"],
+    rate: Float[Array, "*n"],
+    width: Float[Array, ""],
+    exponent: Float[Array, ""] | float = 2.0,
+    reversal: Float[Array, ""] | float = 0.5,
 ) -> Float[Array, "*n"]:
     """Return the time derivative of the hysteresis state, dz/dt [1/s].
 
-        width dz/dt = ds/dt - (|ds/dt| |z| z + ds/dt z^2) / 2
+        width dz/dt = ds/dt - |z|^n (b |ds/dt| sign(z) + (1 - b) ds/dt)
 
-    This is the normalised Bouc-Wen model with exponent two.
+    This is the normalised Bouc-Wen model.
 
     Args:
         z: state, between minus one and one.
         rate: ds/dt, time derivative of the signal [unit of the signal/s].
         width: change of the signal over which z reverses [unit of the signal].
+        exponent: n, at least one; the larger, the sharper is the bend [-].
+        reversal: b, between zero and one; the larger, the rounder is a reversal [-].
 
-    Source: Wen, J. Eng. Mech. Div. ASCE 102 (1976), pp. 249-263, with A = 1, beta = gamma = 1/2, n
-    = 2.
+    Source: Wen, J. Eng. Mech. Div. ASCE 102 (1976), pp. 249-263, with A = 1, beta = b, gamma = 1 -
+    b.
     """
-    return (rate - 0.5 * (jnp.abs(rate) * jnp.abs(z) * z + rate * z**2)) / width
+    power = jnp.maximum(jnp.abs(z), LEAST_STATE) ** exponent
+    bend = reversal * jnp.abs(rate) * jnp.sign(z) + (1.0 - reversal) * rate
+    return (rate - power * bend) / width

@@ -20,12 +20,11 @@ from ..diagnosis.heldout_error import (
 from ..diagnosis.localise import LocalisationResult
 from ..effects.base import Effect
 from .dependence import followed_signals
-from .evidence import DETERMINED, SETTLED, Decision, inflation, is_drift, is_noise_like, memory
+from .evidence import DETERMINED, SETTLED, inflation, is_drift, is_noise_like, memory
 from .fit import LoopFit
 from .hypothesis import White
 from .linear import falls, reduce
-from .moves import MoveKind
-from .noise import above_known_noise, stands_out
+from .noise import above_known_noise
 from .options import LoopOptions
 from .outcome import Outcome
 from .search_tree import SearchTree
@@ -54,7 +53,6 @@ class Check(enum.Enum):
     """The checks, in their order."""
 
     NOISE_LIKE = enum.auto()
-    REFUSED = enum.auto()
     ONE_FUNCTION = enum.auto()
     IN_PLACE = enum.auto()
     UNIT_GAIN = enum.auto()
@@ -98,7 +96,8 @@ def assess(tree: SearchTree, tests: Mapping[str, Record], options: LoopOptions) 
             return Assessment(Outcome.UNEXPLAINED, (more,))
         return Assessment(best.hypothesis.noise.outcome)
     effects = [best.problem.effects[name] for name in best.effects]
-    results = [more, one_function(effects), in_place(effects, tree.where), unit_gain(best)]
+    at = in_place(effects, tree.where, options.level)
+    results = [more, one_function(effects), at, unit_gain(best)]
     if not any(results):
         results.append(alternative(tree))
     results.append(carries_over(tree, tests))
@@ -109,9 +108,9 @@ def assess(tree: SearchTree, tests: Mapping[str, Record], options: LoopOptions) 
 def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
     """Return an objection if the residual of the best hypothesis is more than noise.
 
-    It is if its past predicts it, if it is larger than a given noise, if a refused candidate lowers
-    the cost significantly, if a free-form disturbance at some place explains it, if it depends on a
-    signal under a noise model or that noise is as slow as a drift.
+    It is if its past predicts it, if it is larger than a given noise, if a free-form disturbance at
+    some place explains it, if it depends on a signal under a noise model or that noise is as slow
+    as a drift.
 
     It alone decides when no shape of the library comes near the effect: a scale of the sensor that
     no other effect imitates (`test_absent_effect_is_not_named`); when a white residual is larger
@@ -124,11 +123,9 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
     followed = () if best.effects else tree.followed
     if not is_noise_like(best, options) or above_known_noise(best, level):
         return Objection(Check.NOISE_LIKE, followed)
-    if refused := _significant_refusals(tree):
-        return Objection(Check.REFUSED, refused)
     if not isinstance(best.hypothesis.noise, White):
         return _noise_model(tree, followed, level)
-    if best.effects and stands_out(tree.where_after, level):
+    if best.effects and tree.where_after.is_significant(level):
         return Objection(Check.NOISE_LIKE)
     return None
 
@@ -163,17 +160,21 @@ def one_function(effects: Sequence[Effect]) -> Objection | None:
     return Objection(Check.ONE_FUNCTION, names) if names else None
 
 
-def in_place(effects: Sequence[Effect], where: LocalisationResult) -> Objection | None:
+def in_place(
+    effects: Sequence[Effect], where: LocalisationResult, level: float
+) -> Objection | None:
     """Return an objection if most effects act where the residual of the declared model is not.
 
     Only equations, inputs and sensors count: a coefficient or a parameter may move more equations
-    than one, and so does an action between two parts.
+    than one, and so does an action between two parts. Where no place explains more of the residual
+    than chance would, there is no objection.
 
     It alone decides when effects elsewhere imitate the cause in full: two late sensors for a late
     input (`test_effects_elsewhere_are_proxies`).
     """
     locations = [effect.card.location for effect in effects]
-    if act_between(effects) or not set(locations) <= {place.location for place in where.places}:
+    known = set(locations) <= {place.location for place in where.places}
+    if act_between(effects) or not known or not where.is_significant(level):
         return None
     near = _near_best(where, NEAR_PLACE if len(set(locations)) == 1 else NEAR_PLACE_OF_TWO)
     elsewhere = tuple(e.name for e, at in zip(effects, locations, strict=True) if at not in near)
@@ -282,17 +283,6 @@ def carries_over(tree: SearchTree, tests: Mapping[str, Record]) -> Objection | N
         if grows or excess > np.log(WORSE) + DETERMINED * uncertainty(after):
             worse[name] = float(np.exp(excess))
     return Objection(Check.CARRIES_OVER, tuple(worse), tuple(worse.values())) if worse else None
-
-
-def _significant_refusals(tree: SearchTree) -> tuple[str, ...]:
-    """Return the effects that lower the cost of the best hypothesis significantly, and were
-    refused.
-    """
-    refused = (Decision.CHECK_WORSE, Decision.NOT_SIGNIFICANT)
-    steps = (s for s in tree.steps if s.parent is tree.best and s.move.kind is MoveKind.ADD)
-    pairs = ((step.move.into, step.comparison) for step in steps)
-    significant = (into for into, n in pairs if n.decision in refused and n.fall > n.required)
-    return tuple(name for into in significant for name in into)
 
 
 def neighbours(best: LoopFit) -> dict[str, float]:

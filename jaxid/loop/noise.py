@@ -166,15 +166,6 @@ def _better_with_effects(fit: LoopFit, noise: RandomForces, alone: Move) -> bool
     return _worth(fit, joint) > _worth(fit, alone)
 
 
-def stands_out(where: LocalisationResult, level: float) -> bool:
-    """Return True if a free-form disturbance at a place explains more than chance would, with a
-    probability of a false alarm of `level` over all places.
-    """
-    places = [place for place in where.places if place.dof]
-    chances = [float(scipy.stats.chi2.sf(place.score, place.dof)) for place in places]
-    return min(chances, default=1.0) < level / max(len(chances), 1)
-
-
 def above_known_noise(fitted: LoopFit, level: float) -> bool:
     """Return True if the noise is given and the whitened sum of squares is larger than chi-square
     allows, with a probability of a false alarm of `level`.

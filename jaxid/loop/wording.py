@@ -12,6 +12,7 @@ from .search_tree import SearchTree
 
 # Chosen: difference of chi-square below which two fits are equal; a fit is iterated no further.
 EQUAL = 0.1
+NO_PLACE = "No place explains more of the residual than chance would."
 NO_EFFECT = (
     "No effect is missing that these records could show: the residual is consistent with {}."
 )
@@ -20,16 +21,17 @@ NO_EFFECT = (
 def verdict_words(tree: SearchTree, best: LoopFit, assessment: Assessment) -> str:
     """Return the outcome of a search, with its last fit, in a sentence or two."""
     effects, noise = effect_words(best), best.hypothesis.noise.words
-    near = tree.where.near_best() if assessment.outcome is Outcome.UNEXPLAINED else ()
+    near = tree.where.significant() if assessment.outcome is Outcome.UNEXPLAINED else ()
     places = " or ".join(place.location.label for place in near)
+    where = f"The residual acts at: {places}." if places else NO_PLACE
     sentence = {
         Outcome.NOTHING_MISSING: f"Nothing is missing: the residual is consistent with {noise}, "
         "and no candidate explains any of it.",
         Outcome.EXPLAINED: f"The model lacked: {effects}. With it the residual is consistent with "
         f"{noise}.",
         Outcome.PROXIES: f"Something is missing; the best proxies are: {effects}.",
-        Outcome.UNEXPLAINED: "Something is missing, and nothing in the library explains it. The "
-        f"residual acts at: {places}.",
+        Outcome.UNEXPLAINED: "Something is missing, and nothing in the library explains it. "
+        f"{where}",
         Outcome.COLOURED_NOISE: NO_EFFECT.format(noise),
         Outcome.PROCESS_NOISE: NO_EFFECT.format(noise),
     }[assessment.outcome]
@@ -50,11 +52,24 @@ def held_out_words(test: str, worse: Sequence[str], beyond: Sequence[str]) -> st
     Args:
         test: name of the set.
         worse: outputs whose error grows with the effects.
-        beyond: inputs that exceed their range in the fitted records.
+        beyond: channels that exceed their range in the fitted records.
     """
     facts = [f"the error grows in {', '.join(worse)}"] * bool(worse)
     facts += [f"{name} exceeds its range in the fitted records" for name in beyond]
     return f"On {test} {' and '.join(facts)}." if facts else ""
+
+
+def check_words(beyond: Sequence[str]) -> str:
+    """Return a sentence on check records that go beyond the fitted ones.
+
+    Args:
+        beyond: channels that exceed their range in the fitted records.
+    """
+    names = ", ".join(beyond)
+    return (
+        f"The check records exceed the range of the fitted ones in {names}: an effect that acts "
+        "there only cannot be found. Fit records that reach as far."
+    )
 
 
 def objection_words(objection: Objection) -> str:
@@ -66,7 +81,6 @@ def objection_words(objection: Objection) -> str:
     return {
         Check.NOISE_LIKE: "The residual that remains is more than noise"
         + (f"; it depends on {names}." if names else "."),
-        Check.REFUSED: f"{names} was refused, although the cost falls significantly with it.",
         Check.ONE_FUNCTION: f"Together {names} make up one function, whose form is not settled.",
         Check.IN_PLACE: f"The residual of the declared model acts elsewhere than {names}.",
         Check.UNIT_GAIN: f"An effect that is absent or present has another gain than one: "

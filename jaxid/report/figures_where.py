@@ -27,7 +27,7 @@ def where(located: LocalisationResult) -> Figure:
     figure, ((bars, time, against),) = canvas(
         1.0 + 0.24 * max(len(best), 8), 1, 3, width_ratios=(1, 1, 1)
     )
-    _bars(bars, best, {place.location for place in located.near_best()})
+    _bars(bars, best, {place.location for place in located.significant()})
     first = best[0]
     _in_time(time, located, first)
     _against(against, located, first)

@@ -253,7 +253,7 @@ def place_rows(study: Study) -> tuple[PlaceRow, ...]:
         One row for each of the first places.
     """
     after = {place.location: place for place in study.localisation["after"].places}
-    best = {place.location for place in study.localisation["before"].near_best()}
+    best = {place.location for place in study.localisation["before"].significant()}
     return tuple(
         PlaceRow(
             place.location.label,

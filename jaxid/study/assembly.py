@@ -26,7 +26,7 @@ from ..loop.outcome import Outcome
 from ..loop.problem import LoopProblem
 from ..loop.search_effects import EffectSearch
 from ..loop.search_tree import SearchTree
-from ..loop.wording import next_best_words, verdict_words
+from ..loop.wording import check_words, next_best_words, verdict_words
 from ..models.free import Parameters
 from ..sensitivity.information import Information, OwnBlock, Profile
 from ..sensitivity.spectrum import spectrum
@@ -74,6 +74,7 @@ def assemble_study(
     words = [
         verdict_words(tree, best, assessment),
         *caveats(assessment, before, after, records.tests, records.used),
+        *[check_words(records.beyond)] * bool(records.beyond),
     ]
     return Study(
         verdict=" ".join(words),

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from .._foundation.checks import require_float64
 from .._foundation.progress import text_progress
+from ..data.record import INITIAL_STATE
 from ..effects.base import Effect
 from ..effects.channel_checks import check_candidates
 from ..estimation.argument_checks import check_arguments, require_no_shooting
@@ -15,6 +16,7 @@ from ..estimation.solver import GaussNewton
 from ..loop.options import LoopOptions
 from ..loop.problem import SEARCH_SOLVER, LoopProblem
 from ..loop.search_effects import search_effects
+from ..loop.wording import check_words
 from ..models.base import AbstractModel
 from ..models.free import Free
 from .assembly import assemble_study
@@ -51,8 +53,9 @@ def close_loop(
         free: its free parameters.
         likelihood: measure of the misfit.
         train: records to fit.
-        check: records that decide; without them the last third of each training record, which is
-            used for fitting in the final estimate.
+        check: records that decide; without them the last third of each training record, or the
+            first where the last goes beyond the range of the rest and the initial state is free; it
+            is used for fitting in the final estimate.
         test: records that are reported, or several such sets by name; without them the check
             records are reported.
         effects: candidates; by default the general ones and those of the model.
@@ -76,7 +79,9 @@ def close_loop(
     """
     require_float64()
     options = options or LoopOptions()
-    records = study_records(train, check, test, window)
+    starts = (f"{INITIAL_STATE}.{name}" for name in model.states)
+    starts_free = set(starts) <= set(free.per_record)
+    records = study_records(train, check, test, window, starts_free=starts_free)
     require_no_shooting(likelihood, "close_loop")
     everything = (records.fitted, records.check, *records.tests.values())
     for stacked in everything:
@@ -98,5 +103,7 @@ def close_loop(
     )
     tests = records.tests if records.has_tests else {}
     with text_progress(progress) as show:
+        if records.beyond:
+            show(check_words(records.beyond))
         result = search_effects(problem, test=tests, options=options, progress=show)
         return assemble_study(result, records, options, show)

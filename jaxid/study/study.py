@@ -20,6 +20,7 @@ from ..loop.assess import Objection
 from ..loop.hypothesis import NoiseHypothesis
 from ..loop.options import LoopOptions
 from ..loop.outcome import Outcome
+from ..loop.wording import NO_PLACE
 from ..models.base import AbstractModel
 from .rounds import Alternative, Candidate, Round
 from .second_opinion import SecondOpinion, second_opinion_words
@@ -247,9 +248,10 @@ class Study:
             return []
         places = ", or ".join(
             f"{place.location.label} ({place.share:.0%})"
-            for place in self.localisation["before"].near_best()
+            for place in self.localisation["before"].significant()
         )
-        return [f"where:   the residual of the declared model is in the {places}"]
+        where = f"the residual of the declared model is in the {places}" if places else NO_PLACE
+        return [f"where:   {where}"]
 
     def _errors(self, test: str) -> Table:
         """Table of the errors on one set of test records."""

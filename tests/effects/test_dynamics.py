@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxid import OutputError, estimate, free
 from jaxid._foundation.checks import InputError
 from jaxid.data import record
 from jaxid.effects import Augmented, Hysteresis, LaggedSignal, Placement, Resonance
@@ -180,6 +181,47 @@ def test_hysteresis_follows_bouc_wen_and_encloses_area():
     area = np.sum(0.5 * (z[cycle][1:] + z[cycle][:-1]) * np.diff(x[cycle]))
     # Trapezoidal rule: the relative error is (w h/width)^2/12 with w h/width = 0.26.
     assert area == pytest.approx(loop_area(1.0, 0.3), rel=5e-3)
+
+
+def test_shape_of_hysteresis_follows_its_exponent_and_reversal():
+    """With n = 1 and b = 1: z = 1 - exp(-x/width) on the way up, and from the peak at (x1, z1) down
+    to z = 0, z = (1 + z1) exp((x - x1)/width) - 1.
+    """
+    shape = {"exponent": jnp.array(1.0), "reversal": jnp.array(1.0)}
+    effect = Hysteresis(IN_Y, "x", width=jnp.array(0.3), **shape, free_shape=True)
+    w = 2 * np.pi / 4.0
+    actual = run((effect,), w * np.cos(w * T))
+    x, z = actual["x"], actual[effect.extra_states[0]]
+    np.testing.assert_allclose(z[:21], 1.0 - np.exp(-x[:21] / 0.3), rtol=0, atol=1e-4)
+    down = 20 + np.flatnonzero(z[20:40] > 0)
+    expected = (1.0 + z[20]) * np.exp((x[down] - x[20]) / 0.3) - 1.0
+    np.testing.assert_allclose(z[down], expected, rtol=0, atol=1e-3)
+
+
+def test_shape_of_hysteresis_is_estimated(seed):
+    shape = {"gain": -0.8, "width": 0.3, "exponent": 1.2, "reversal": 0.8}
+    loop = Hysteresis(IN_Y, "x", free_shape=True, **{n: jnp.array(v) for n, v in shape.items()})
+    rng, truth = np.random.default_rng(seed), Augmented(Integrator(), (loop,))
+    u = 0.3 * np.cumsum(rng.normal(size=(8, T.size, 1)), axis=1)
+    sigma = np.array([0.02, 0.02])
+    records, steps = [], RK4(4, unrolled=False)
+    for one in u:
+        y = simulate(truth, T, one, np.zeros(3), stepper=steps).y
+        y = y + sigma * rng.normal(size=(T.size, 2))
+        records.append(record(T, one, y, inputs=("u",), outputs=("x", "y")))
+    begin = Hysteresis(IN_Y, "x", free_shape=True, gain=jnp.array(-0.5), width=jnp.array(0.5))
+    model = Augmented(Integrator(), (begin,))
+    names = [f"{begin.name}.{name}" for name in shape]
+    fit = estimate(
+        model,
+        free(model, *names, per_record=("initial_state",)),
+        records,
+        OutputError(stepper=steps),
+    )
+    for name, true in zip(names, shape.values(), strict=True):
+        error = fit.standard_error(name)
+        assert abs(fit.value(name) - true) < 4.0 * error, name
+        assert error < 0.2 * abs(true), name
 
 
 def loop_area(amplitude, width):

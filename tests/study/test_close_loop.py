@@ -43,11 +43,10 @@ from jaxid.loop import Coloured, Hypothesis, LoopProblem, Outcome, RandomForces
 from jaxid.loop.assess import in_place, one_function
 from jaxid.loop.evidence import Decision, is_degenerate
 from jaxid.loop.fit import fit
-from jaxid.loop.noise import stands_out
 from jaxid.models import FixedNoise
 from jaxid.study.candidates import candidates
-from jaxid.study.caveats import inputs_beyond
 from jaxid.study.rivals import discrimination
+from jaxid.study.study_records import TEST_BEYOND, channels_beyond
 
 WINDOW = 60
 COMPILED = "/jax/core/compile/backend_compile_duration"
@@ -137,8 +136,8 @@ def test_caveat_names_test_records_with_worse_prediction():
     well = study(cubic, seed=2)
     assert "grows" not in well.verdict
     used, pushed = as_stack(others), dataclasses.replace(others[0], u=1.5 * others[0].u)
-    assert inputs_beyond(used, as_stack(others[1])) == ()
-    assert inputs_beyond(used, as_stack(pushed)) == ("force",)
+    assert channels_beyond(used, as_stack(others[1]), TEST_BEYOND) == ()
+    assert channels_beyond(used, as_stack(pushed), TEST_BEYOND) == ("force",)
 
 
 class Undamped(AbstractModel):
@@ -513,7 +512,9 @@ def test_cause_must_act_at_location_of_residual(effects, elsewhere):
         place(LocationKind.EQUATION, "v2", 0.1),
     )
     where = LocalisationResult(places, np.zeros((1, 2)), {}, (2, 20), 1.0)
-    assert (in_place(effects, where) is not None) is elsewhere
+    assert (in_place(effects, where, 0.01) is not None) is elsewhere
+    chance = where._replace(places=tuple(one._replace(score=10.0) for one in places))
+    assert in_place(effects, chance, 0.01) is None  # no place stands out
 
 
 @pytest.mark.parametrize(("score", "expected"), [(10.0, False), (21.0, False), (24.0, True)])
@@ -527,10 +528,10 @@ def test_free_form_explanation_beyond_chance_excludes_noise(score, expected):
         place(LocationKind.SENSOR, "x", 0.0),
     )
     where = LocalisationResult((places[0],), np.zeros((1, 2)), {}, (2, 20), 1.0)
-    assert stands_out(where, 0.01) is expected
-    assert not stands_out(
-        LocalisationResult((*where.places, places[1]._replace(score=1.0)), *where[1:]), 0.01
-    )
+    assert where.is_significant(0.01) is expected
+    assert where.significant(0.01) == (places[:1] if expected else ())
+    more = where._replace(places=(places[0], places[1]._replace(score=1.0)))
+    assert not more.is_significant(0.01)
 
 
 def test_faint_effect_with_near_equivalent_shape_is_no_cause():

@@ -186,8 +186,8 @@ class IdentificationModel(AbstractModel):
             Inputs, states and held constants, `u v w`, the signals of `air_relative.flow` (`alpha`,
             `beta`, `V`, `mach`, `qbar`, `phat`, `qhat`, `rhat` and others), `thrust`, the
             coefficients in body axes and in the axes of the model, and the derivatives of the state
-            rates by the coefficients, `p_per_Cl` and so on; `alphadot_hat` and `betadot_hat` if a
-            term depends on them.
+            rates by the coefficients, `p_per_Cl` and so on; `alphadot_hat` and `betadot_hat` if the
+            angle is propagated, without the part of an effect that is added to the model.
         """
         return self.rhs_and_signals(t, x, u)[1]
 

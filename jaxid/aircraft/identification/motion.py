@@ -21,7 +21,7 @@ from ..vehicle.engine import Engine, loads
 from ..vehicle.force_derivatives import effectiveness
 from .channels import Channels
 from .frames import Translation
-from .rate_signals import RATE_SIGNALS, needed_rates, solve_2x2
+from .rate_signals import RATE_SIGNALS, needed_rates, propagated_rates, solve_2x2
 
 Signals = dict[str, Float[Array, ""]]
 
@@ -69,8 +69,9 @@ class RigidMotion(eqx.Module):
     def coefficient_signals(self, signals: Signals) -> tuple[Float[Array, "6"], Signals]:
         """Return CX to Cn, and the signals with all coefficients by name.
 
-        Where terms depend on the rates of alpha and beta, which the coefficients determine, the
-        linear equations of both are solved (`C xdot = f`, E.21):
+        The rates of alpha and beta follow from the coefficients, and are signals where the model
+        propagates the angle. Where terms depend on them, the linear equations of both are solved
+        (`C xdot = f`, E.21):
 
             d = g(C(d)) = g(C(0)) + G d,    (I - G) d = g(C(0)),    d = (alphadot_hat, betadot_hat)
 
@@ -91,9 +92,14 @@ class RigidMotion(eqx.Module):
 
             base, slopes = resulting(jnp.zeros(2)), jax.jacfwd(resulting)(jnp.zeros(2))
             rates = solve_2x2(jnp.eye(2) - slopes, base)
-            signals = signals | dict(zip(RATE_SIGNALS, rates, strict=True))
-        values = aerodynamics.coefficients(signals)
-        return values, signals | self._named(signals, values)
+            given = signals | dict(zip(RATE_SIGNALS, rates, strict=True))
+            values = aerodynamics.coefficients(given)
+        else:
+            values = aerodynamics.coefficients(signals)
+            rates = self.reduced_air_rates(signals, self._accelerations(signals, values)[0])
+        by_name = dict(zip(RATE_SIGNALS, rates, strict=True))
+        known = {name: by_name[name] for name in propagated_rates(self.channels)}
+        return values, signals | known | self._named(signals, values)
 
     def reduced_air_rates(self, signals: Signals, vdot: Float[Array, "3"]) -> Float[Array, "2"]:
         """Return `alphadot cbar/2V` and `betadot b/2V`, with the propagated parts of `vdot` only.

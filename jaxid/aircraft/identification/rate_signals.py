@@ -13,6 +13,19 @@ RATE_SIGNALS = ("alphadot_hat", "betadot_hat")  # alphadot cbar/2V, betadot b/2V
 ANGLE_STATES = {"alphadot_hat": ("w", "alpha"), "betadot_hat": ("v", "beta")}  # in either frame
 
 
+def propagated_rates(channels: Channels) -> tuple[str, ...]:
+    """Return the rates of the angles that a model propagates.
+
+    Args:
+        channels: channels of the model.
+    """
+    return tuple(
+        name
+        for name in RATE_SIGNALS
+        if any(state in channels.states for state in ANGLE_STATES[name])
+    )
+
+
 def needed_rates(terms: Mapping[str, Iterable[str]], channels: Channels) -> tuple[str, ...]:
     """Return the rates on which terms depend.
 
@@ -34,9 +47,10 @@ def needed_rates(terms: Mapping[str, Iterable[str]], channels: Channels) -> tupl
                 "angles, which the coefficients determine. Use their first power.",
             )
             needed += [name for name, _ in powers]
+    known = propagated_rates(channels)
     for name in dict.fromkeys(needed):
         require(
-            any(state in channels.states for state in ANGLE_STATES[name]),
+            name in known,
             f"A term depends on {name}, and the equation of {ANGLE_STATES[name][1]} is not "
             "propagated. Keep it (`keep` of `IdentifyOptions`), or leave the term out.",
         )

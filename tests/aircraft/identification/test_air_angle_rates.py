@@ -161,6 +161,20 @@ def test_undetermined_rates_are_refused(term, states, words):
         model.rhs(jnp.zeros(()), jnp.ones(len(model.states)), jnp.ones(len(model.inputs)))
 
 
-def test_models_without_these_terms_do_not_have_the_signals(model):
-    signals = model.signals(jnp.zeros(()), jnp.ones(4), jnp.zeros(len(model.inputs)))
-    assert "alphadot_hat" not in signals
+def test_models_without_these_terms_have_the_rates_as_signals_and_candidates():
+    """As far as the angle is propagated."""
+    blank = IdentificationModel(small_airframe(), held={"altitude": 2000.0})
+    terms = {"CZ": {"1": -0.4, "alpha": -4.0}, "CY": {"beta": -0.8}, "Cm": {"alpha": -0.8}}
+    model = with_polynomials(blank, {name: Polynomial(each) for name, each in terms.items()})
+    x = jnp.array([150.0, 8.0, 20.0, 0.1, 0.05, -0.03, 0.2, 0.1, 0.0])
+    dx, signals = model.rhs_and_signals(jnp.zeros(()), x, jnp.zeros(len(model.inputs)))
+    alphadot, betadot = air_angle_rates(x[:3], dx[:3])
+    half, frame = 2.0 * signals["V"], model.airframe
+    np.testing.assert_allclose(signals["alphadot_hat"], alphadot * frame.cbar / half, rtol=1e-12)
+    np.testing.assert_allclose(signals["betadot_hat"], betadot * frame.b / half, rtol=1e-12)
+    wanted = {"alphadot_hat in Cm", "alphadot_hat in CZ", "betadot_hat in Cn", "betadot_hat in CY"}
+    assert wanted <= {effect.name for effect in model.effects()}
+    lateral = IdentificationModel(small_airframe(), states="lateral", held={"altitude": 2000.0})
+    names = {effect.name for effect in lateral.effects()}
+    assert "betadot_hat in Cn" in names
+    assert not any("alphadot" in name for name in names)

@@ -1,0 +1,77 @@
+"""The range of the check records: what they alone reach cannot be found."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from searched_spring import TRUTH, fly
+
+import jaxid
+from jaxid.data.stack import stack
+from jaxid.effects import Term
+from jaxid.loop import Outcome
+from jaxid.study.study_records import CHECK_BEYOND, channels_beyond, study_records
+
+CUBIC = Term("v", "x^3", jnp.array(-0.3))
+LIBRARY = (Term("v", "x^2"), Term("v", "x^3"))
+
+
+def growing(seed):
+    """A record whose last third alone has a large force, and its samples of motion."""
+    small, large = fly(seed, CUBIC, size=0.3), fly(seed + 50, CUBIC, size=1.2)
+    third = round(2 / 3 * small.t.size)
+    u = np.concatenate([np.asarray(small.u)[:third], np.asarray(large.u)[third:]])
+    truth = jaxid.effects.Augmented(TRUTH, (CUBIC,))
+    clean = np.asarray(jaxid.simulate(truth, small.t, u, np.zeros(2)).y)
+    noise = np.array([0.02, 0.03]) * np.random.default_rng(seed).normal(size=clean.shape)
+    return jaxid.record(
+        small.t, u, clean + noise, inputs=("force",), outputs=("x", "v"), name=f"{seed}"
+    )
+
+
+def test_range_counts_valid_samples_alone():
+    used, other = fly(1), fly(1)
+    z = np.array(other.z)
+    z[10, 0] = 99.0
+    spike = jaxid.record(other.t, other.u, z, inputs=other.inputs, outputs=other.outputs)
+    assert channels_beyond(used, other, CHECK_BEYOND) == ()
+    assert channels_beyond(used, spike, CHECK_BEYOND) == ("x",)
+    z[10, 0] = np.nan
+    hole = jaxid.record(other.t, other.u, z, inputs=other.inputs, outputs=other.outputs)
+    assert channels_beyond(used, hole, CHECK_BEYOND) == ()
+
+
+@pytest.mark.parametrize("starts_free", [False, True])
+def test_first_third_is_the_check_where_the_last_alone_is_large(starts_free):
+    records = [growing(seed) for seed in (1, 2)]
+    cut = study_records(records, None, None, None, starts_free=starts_free)
+    third, rows = round(1 / 3 * records[0].t.size), np.asarray(cut.check.mask).all(axis=-1)
+    assert cut.fitted.t.shape[1] in (2 * third, 2 * third - 1, records[0].t.size - third)
+    if starts_free:
+        assert cut.beyond == ()
+        assert rows[:, :third].all()
+        assert not rows[:, third:].any()
+        np.testing.assert_array_equal(cut.fitted.u, stack(records).u[:, third:])
+    else:  # a fitted record would start in motion, from an unknown state
+        assert "force" in cut.beyond
+        assert rows[:, -third:].all()
+        assert not rows[:, :-third].any()
+
+
+def test_study_tells_range_of_check_before_it_searches():
+    records, texts = [growing(seed) for seed in (1, 2, 3)], []
+    study = jaxid.close_loop(
+        TRUTH,
+        jaxid.free(TRUTH, "k", "c"),
+        jaxid.OutputError(),
+        train=records,
+        effects=LIBRARY,
+        progress=texts.append,
+    )
+    assert texts[0].startswith("The check records exceed the range of the fitted ones in force")
+    assert texts[0] in study.verdict
+    free = jaxid.free(TRUTH, "k", "c", per_record=("initial_state",))
+    study = jaxid.close_loop(
+        TRUTH, free, jaxid.OutputError(), train=records, effects=LIBRARY, window=20, progress=False
+    )
+    assert (study.outcome, study.effects) == (Outcome.EXPLAINED, ("x^3 in v",))
+    assert "exceed the range" not in study.verdict

@@ -118,7 +118,7 @@ class Resonance(ScalarEffect):
             initial frequency; 1 is the highest peak.
         gain: factor of the mode [unit of the scalar/unit of the signal].
         frequency: natural frequency [rad/s].
-        damping: damping ratio.
+        damping: damping ratio [1].
         highest: upper bound of the frequency, set by the sample interval [rad/s].
     """
 

@@ -31,6 +31,7 @@ class Term(Effect):
     Args:
         state: the equation; the output if the model has no states.
         product: a product of powers of signals, such as `"x^2 v"`, or `"1"` for a constant.
+        gain: coefficient of the product [unit of the rate/unit of the product].
     """
 
     state: str = eqx.field(static=True)
@@ -75,6 +76,8 @@ class DryFriction(Effect):
     Args:
         state: the equation.
         speed: the signal whose sign acts.
+        gain: rate of change at full friction [unit of the rate].
+        width: speed at which the smoothed sign is tanh(1) = 0.76 [unit of the speed].
         free_width: estimate the width.
     """
 
@@ -126,6 +129,7 @@ class QuadraticDrag(Effect):
     Args:
         state: the equation.
         speed: the speed that the drag opposes.
+        gain: coefficient of the drag [unit of the rate/unit of the speed^2].
     """
 
     state: str = eqx.field(static=True)

@@ -54,6 +54,7 @@ class InputScale(InputEffect):
 
     Args:
         channel: name of the input.
+        gain: relative error of the scale [1].
     """
 
     channel: str = eqx.field(static=True)
@@ -144,6 +145,7 @@ class InputLag(InputEffect):
 
     Args:
         channel: name of the input.
+        time: time constant of the actuator [s].
     """
 
     channel: str = eqx.field(static=True)

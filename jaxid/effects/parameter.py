@@ -30,6 +30,7 @@ class ParameterEffect(Effect):
         linked: pairs of a further parameter and the factor on its offset.
         label: the parameter in words; its dotted name by default.
         unit: unit of the parameter and of the gain.
+        gain: offset of the parameter, at its largest if it changes [unit of the parameter].
     """
 
     parameter: eqx.AbstractVar[str]

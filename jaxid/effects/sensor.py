@@ -111,6 +111,7 @@ class SensorScale(SensorEffect):
 
     Args:
         channel: name of the output.
+        gain: relative error of the scale [1].
     """
 
     channel: str = eqx.field(static=True)
@@ -188,6 +189,7 @@ class SensorLag(SensorEffect):
 
     Args:
         channel: name of the output.
+        gain: time constant of the lag [s].
         start: `y - w` at the first sample [unit of the output]; zero in equilibrium. A record that
             begins in motion has a value of its own.
     """
@@ -275,6 +277,7 @@ class SensorCrossTalk(Effect):
     Args:
         channel: name of the affected output.
         source: name of the output that leaks into it.
+        gain: part of the source in the affected output [unit of the output/unit of the source].
     """
 
     channel: str = eqx.field(static=True)

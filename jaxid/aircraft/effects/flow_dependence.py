@@ -84,7 +84,7 @@ class GroundEffect(ScalarEffect):
         placement: in which coefficient.
         ground: altitude of the ground [m].
         b: span [m].
-        gain: change of the coefficient at zero height.
+        gain: change of the coefficient at zero height [1].
     """
 
     placement: Placement = eqx.field(static=True)

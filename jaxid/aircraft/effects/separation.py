@@ -57,7 +57,7 @@ class SeparatedFlow(Effect):
             flow is [1/rad].
         alpha_star: angle at which x is one half [rad].
         steepness: steepness of x about that angle [1/rad].
-        forward, pitching: changes of CX and Cm per unit of the change of CZ.
+        forward, pitching: changes of CX and Cm per unit of the change of CZ [1].
     """
 
     placements: eqx.AbstractVar[tuple[Placement, ...]]

@@ -73,6 +73,8 @@ def shifts(names: Sequence[str], labels: Mapping[str, str], unit: str) -> tuple[
 def changes_of_mass(names: Sequence[str], moments: Sequence[float]) -> tuple[Effect, ...]:
     """Return a drift of the mass (fuel) and steps of the mass (dropped stores).
 
+    The drift begins at the declared mass at the first training time.
+
     Args:
         names: names of all parameters.
         moments: initial times of a drop, as fractions of the duration of the records.
@@ -80,7 +82,7 @@ def changes_of_mass(names: Sequence[str], moments: Sequence[float]) -> tuple[Eff
     if "mass" not in names:
         return ()
     return (
-        ParameterDrift("mass", unit="kg"),
+        ParameterDrift("mass", unit="kg", from_start=True),
         *(ParameterStep("mass", moment, unit="kg") for moment in moments),
     )
 

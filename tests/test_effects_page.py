@@ -13,6 +13,8 @@ import jaxid
 from jaxid import AbstractModel
 from jaxid.aircraft import Aircraft, aircraft_effects, f4
 from jaxid.effects import (
+    CommonInputLag,
+    CommonInputRateLimit,
     Effect,
     InputBias,
     InputHysteresis,
@@ -60,7 +62,8 @@ class Tank(AbstractModel):
 
 def known() -> tuple[Effect, ...]:
     rig, tank = Rig(jnp.array(1.0)), Tank(jnp.array(1.0))
-    of_inputs = (InputBias("u"), InputScale("u"), InputHysteresis("u"))
+    of_inputs: tuple[Effect, ...] = (InputBias("u"), InputScale("u"), InputHysteresis("u"))
+    of_inputs += tuple(kind(("u", "w"), "V") for kind in (CommonInputLag, CommonInputRateLimit))
     by_hand = (
         *of_inputs,
         Saturation(Placement.equation("h"), "h"),

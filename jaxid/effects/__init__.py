@@ -33,6 +33,7 @@ from .sensor import (
     SensorSaturation,
     SensorScale,
 )
+from .sensor_curve import SensorCurve
 from .sensor_quantisation import SensorQuantisation
 from .static_nonlinearity import DeadBand, Hinge, Saturation
 
@@ -67,6 +68,7 @@ __all__ = [
     "Saturation",
     "SensorBias",
     "SensorCrossTalk",
+    "SensorCurve",
     "SensorDelay",
     "SensorDrift",
     "SensorLag",

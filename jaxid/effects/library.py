@@ -48,6 +48,7 @@ from .sensor import (
     SensorSaturation,
     SensorScale,
 )
+from .sensor_curve import SensorCurve
 from .sensor_quantisation import SensorQuantisation
 from .static_nonlinearity import DeadBand, Hinge
 
@@ -202,6 +203,7 @@ def _in_outputs(model: AbstractModel) -> list[Effect]:
             SensorLag(channel),
         ]
         effects += [SensorSaturation(channel, end) for end in ("upper", "lower")]
+        effects += [SensorCurve(channel, curve) for curve in ("square", "absolute")]
         effects += [SensorDrift(channel), SensorQuantisation(channel)]
     return effects + [SensorCrossTalk(into, source) for into, source in _outputs_of_one_unit(model)]
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxid._foundation.checks import InputError
+from jaxid.data import record
 from jaxid.effects import Augmented
 from jaxid.effects.parameter import (
     ParameterDrift,
@@ -16,9 +17,10 @@ from jaxid.effects.parameter import (
     parameter_effects,
     with_parameter_offsets,
 )
-from jaxid.models import AbstractModel, with_values
+from jaxid.models import AbstractModel, free, with_values
 from jaxid.models.names import read_parameters
 from jaxid.simulation import RK4, simulate
+from jaxid.study.candidates import candidates
 
 
 class Spring(AbstractModel):
@@ -223,6 +225,27 @@ def test_drift_of_free_parameter_is_about_middle_of_records():
     alone, both = not_free((ParameterDrift("k", unit="1/s^2", from_start=True), linked), ("k",))
     assert alone == ParameterDrift("k", unit="1/s^2")
     assert both is linked
+
+
+class Burning(Spring):
+    """A spring whose model supplies a drift from the declared stiffness."""
+
+    def effects(self):
+        return (ParameterDrift("k", unit="1/s^2", from_start=True),)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "drifts"),
+    [
+        ("k", {"drift of k"}),
+        ("scale", {"drift of k from its declared value", "drift of scale"}),
+    ],
+)
+def test_study_tries_one_drift_of_each_parameter(parameter, drifts):
+    model = Burning(MODEL.k, MODEL.c, MODEL.scale)
+    flown = record(T, U, np.zeros((T.size, 1)), inputs=("u",), outputs=("y",))
+    offered = candidates(model, free(model, parameter), flown)
+    assert {one.name for one in offered if isinstance(one, ParameterDrift)} == drifts
 
 
 def test_unknown_parameter_is_refused():

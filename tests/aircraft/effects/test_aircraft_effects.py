@@ -192,6 +192,12 @@ def test_instrument_errors_are_located_at_their_sensor():
     assert places["shift of mass"] == ("parameter mass", ())
 
 
+def test_drift_of_the_mass_begins_at_its_declared_value():
+    for effects in (USUAL, EVERY):
+        (drift,) = of_type(ParameterDrift, effects)
+        assert (drift.parameter, drift.from_start) == ("mass", True)
+
+
 # Parameters ---------------------------------------------------------------------------------------
 
 

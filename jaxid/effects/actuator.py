@@ -15,7 +15,7 @@ from .._foundation.types import Array, Float
 from .base import zero
 from .card import EffectCard
 from .dynamics import UNSET_WIDTH
-from .input import InputEffect
+from .input import CommonInputEffect, InputEffect
 from .rate_hysteresis import BoucWen, RateLimited
 from .shape_initialisation import centre_of, level_in, max_deviation, rates_in
 
@@ -78,6 +78,52 @@ class InputRateLimit(InputEffect):
 
     def input_signal(self, path, inputs):
         return path.followed(inputs.index(self.channel), RateLimited(self.limit), self.gain)
+
+
+class CommonInputRateLimit(CommonInputEffect):
+    """One rate limit of several actuators: `u_i -> u_i + gain (r_i - u_i)`.
+
+        |dr_i/dt| <= limit,    r_i as near to u_i as the limit allows
+
+    Each input is limited as by `InputRateLimit`.
+
+    Args:
+        channels: names of the inputs.
+        unit: their unit.
+        fraction: initial limit, as a fraction of the largest rate of an input in the training
+            records.
+        gain: share of the limited path, one for a limit [1].
+        limit: largest rate [unit of the inputs/s].
+    """
+
+    channels: tuple[str, ...] = eqx.field(static=True)
+    unit: str = eqx.field(static=True)
+    fraction: float = eqx.field(static=True, default=0.2)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    limit: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(NO_LIMIT_YET))
+
+    @property
+    def card(self):
+        family = f"rate limit of {self.display_name}"
+        return EffectCard(
+            name=f"{family} (from {self.fraction:.0%})",
+            description=f"a rate limit is the same in {self.display_name}",
+            location=Location(LocationKind.MODEL, ""),
+            family=family,
+            complexity=2,
+            bounds={"limit": (0.0, float("inf"))},
+            unit_gain=True,
+        )
+
+    def initialise_shape(self, signals, measured, step):
+        rates = [np.abs(rates_in(signals[channel], signals)) for channel in self.channels]
+        limit = self.fraction * np.max(rates) if np.max(rates) > 0 else NO_LIMIT_YET
+        return eqx.tree_at(lambda effect: effect.limit, self, jnp.asarray(limit))
+
+    def input_signal(self, path, inputs):
+        for channel in self.channels:
+            path = path.followed(inputs.index(channel), RateLimited(self.limit), self.gain)
+        return path
 
 
 class InputHysteresis(InputEffect):

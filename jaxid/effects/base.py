@@ -1,7 +1,8 @@
 """`Effect`: one physical effect that a model may lack; an effect with zero gain is absent.
 
 The general effects are in `equation.py`, `dynamics.py`, `static_nonlinearity.py`, `input.py`,
-`actuator.py`, `sensor.py`, `sensor_quantisation.py` and `parameter.py`; a domain adds effects.
+`actuator.py`, `sensor.py`, `sensor_curve.py`, `sensor_quantisation.py` and `parameter.py`; a domain
+adds effects.
 """
 
 from typing import final

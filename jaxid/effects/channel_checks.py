@@ -8,6 +8,7 @@ from ..models.base import AbstractModel, equations_of
 from ..models.equation_shapes import check_equations
 from .augmented import Augmented, split_effects
 from .base import Effect
+from .input import CommonInputEffect
 
 EXAMPLE = "such as `jaxid.effects.DryFriction('v', 'v')`"
 
@@ -41,6 +42,9 @@ def check_candidates(model: AbstractModel, effects: Sequence[Effect]) -> None:
         if location.kind in channels:
             kind = f"{location.kind.label} of the model, named by the candidate {effect.name!r},"
             require_known(kind, [location.name], channels[location.kind])
+        if isinstance(effect, CommonInputEffect):
+            kind = f"input of the model, named by the candidate {effect.name!r},"
+            require_known(kind, effect.channels, model.inputs)
         try:
             check_equations(Augmented(model, (effect,)))
         except InputError as error:

@@ -1,7 +1,11 @@
-"""General effects in the input: bias, scale, delay, intersample behaviour, actuator lag."""
+"""General effects in the input: bias, scale, delay, intersample behaviour, actuator lag.
+
+Inputs of one unit, such as the surfaces of an aircraft, may have the same actuator.
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from .._foundation.checks import require
 from .._foundation.grid import is_uniform
@@ -24,6 +28,23 @@ class InputEffect(Effect):
     """
 
     channel: eqx.AbstractVar[str]
+
+
+class CommonInputEffect(Effect):
+    """An effect that is the same on several inputs.
+
+    Attributes:
+        channels: names of the inputs.
+        unit: their unit.
+    """
+
+    channels: eqx.AbstractVar[tuple[str, ...]]
+    unit: eqx.AbstractVar[str]
+
+    @property
+    def display_name(self) -> str:
+        """The inputs in words."""
+        return f"all inputs in {self.unit}"
 
 
 class InputBias(InputEffect):
@@ -181,3 +202,58 @@ class InputLag(InputEffect):
     def extra_rates(self, extra, u, signals, rates):
         lagged = self.extra_states[0]
         return {lagged: (u[self.channel] - extra[lagged]) / self.time}
+
+
+class CommonInputLag(CommonInputEffect):
+    """First-order actuators with one time constant between several recorded inputs and the plant.
+
+        d(lagged_i)/dt = (u_i - lagged_i) / time,    u_i -> u_i + gain (lagged_i - u_i)
+
+    The full lag has a gain of one. Each actuator starts in equilibrium with the record's first
+    input.
+
+    Args:
+        channels: names of the inputs.
+        unit: their unit.
+        gain: share of the lagged path, one for a lag [1].
+        time: time constant [s].
+    """
+
+    channels: tuple[str, ...] = eqx.field(static=True)
+    unit: str = eqx.field(static=True)
+    gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    time: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(UNSET_TIME))
+
+    @property
+    def card(self):
+        return EffectCard(
+            name=f"lag of {self.display_name}",
+            description=f"an actuator lag is the same in {self.display_name}",
+            location=Location(LocationKind.MODEL, ""),
+            signals=self.channels,
+            complexity=2,
+            bounds={"time": (1e-6, float("inf"))},
+            unit_gain=True,
+        )
+
+    def initialise_shape(self, signals, measured, step):
+        return eqx.tree_at(lambda effect: effect.time, self, 2.0 * jnp.asarray(step))
+
+    @property
+    def extra_states(self):
+        return tuple(f"commonly lagged {channel}" for channel in self.channels)
+
+    def input(self, u, extra, inputs):
+        columns = np.array([inputs.index(channel) for channel in self.channels])
+        lagged = jnp.stack([extra[name] for name in self.extra_states])
+        return u.at[columns].add(self.gain * (lagged - u[columns]))
+
+    def initial_extra_states(self, record):
+        firsts = (record.channel(channel)[0] for channel in self.channels)
+        return dict(zip(self.extra_states, firsts, strict=True))
+
+    def extra_rates(self, extra, u, signals, rates):
+        return {
+            lagged: (u[channel] - extra[lagged]) / self.time
+            for lagged, channel in zip(self.extra_states, self.channels, strict=True)
+        }

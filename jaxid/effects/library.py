@@ -19,12 +19,25 @@ from ..models.free_model import insert
 from ..models.names import flat_vector
 from ..models.polynomial import require_readable
 from ..models.signal_dependence import RANDOM_POINTS, absent_signals, differences, with_differences
-from .actuator import InputDeadZone, InputHysteresis, InputPositionLimit, InputRateLimit
+from .actuator import (
+    CommonInputRateLimit,
+    InputDeadZone,
+    InputHysteresis,
+    InputPositionLimit,
+    InputRateLimit,
+)
 from .augmented import absent_effects, split_effects
 from .base import Effect
 from .dynamics import Hysteresis, LaggedSignal, Resonance
 from .equation import DryFriction, QuadraticDrag, StateLimit, Term
-from .input import InputBetweenSamples, InputBias, InputDelay, InputLag, InputScale
+from .input import (
+    CommonInputLag,
+    InputBetweenSamples,
+    InputBias,
+    InputDelay,
+    InputLag,
+    InputScale,
+)
 from .placement import Placement
 from .sensor import (
     SensorBias,
@@ -35,6 +48,7 @@ from .sensor import (
     SensorSaturation,
     SensorScale,
 )
+from .sensor_curve import SensorCurve
 from .sensor_quantisation import SensorQuantisation
 from .static_nonlinearity import DeadBand, Hinge
 
@@ -163,11 +177,14 @@ def _in_inputs(model: AbstractModel, uniform: bool) -> list[Effect]:
     """Return the effects in inputs.
 
     Every input can have a delay and a lag. Inputs moved by an actuator can have limits, a dead zone
-    and band-limited intersample behaviour. The other inputs are measured by instruments and can
-    have a bias and a scale error, which for an actuator are a constant and a gain of the model.
-    Actuated inputs of a model without states can have hysteresis.
+    and band-limited intersample behaviour, and those of one unit the same lag and the same rate
+    limit. The other inputs are measured by instruments and can have a bias and a scale error, which
+    for an actuator are a constant and a gain of the model. Actuated inputs of a model without
+    states can have hysteresis.
     """
     effects: list[Effect] = []
+    for unit, channels in _by_unit(model, model.actuated()):
+        effects += [CommonInputLag(channels, unit), CommonInputRateLimit(channels, unit)]
     for channel in model.inputs:
         effects += [InputDelay(channel), InputLag(channel)]
         effects += [InputBias(channel), InputScale(channel)] * (channel not in model.actuated())
@@ -190,6 +207,7 @@ def _in_outputs(model: AbstractModel) -> list[Effect]:
             SensorLag(channel),
         ]
         effects += [SensorSaturation(channel, end) for end in ("upper", "lower")]
+        effects += [SensorCurve(channel, curve) for curve in ("square", "absolute")]
         effects += [SensorDrift(channel), SensorQuantisation(channel)]
     return effects + [SensorCrossTalk(into, source) for into, source in _outputs_of_one_unit(model)]
 
@@ -199,18 +217,25 @@ def _outputs_of_one_unit(model: AbstractModel) -> tuple[tuple[str, str], ...]:
 
     These are pairs among two or three outputs with one unit, such as three gyros.
     """
-    units = {name: model.units().get(name, "") for name in model.outputs}
-    groups = [
-        tuple(name for name in model.outputs if units[name] == unit)
-        for unit in dict.fromkeys(units.values())
-        if unit
-    ]
     return tuple(
         pair
-        for group in groups
+        for _, group in _by_unit(model, model.outputs)
         if len(group) <= MOST_OUTPUTS_OF_ONE_UNIT
         for pair in itertools.permutations(group, 2)
     )
+
+
+def _by_unit(
+    model: AbstractModel, channels: tuple[str, ...]
+) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Return the units that several channels share, and these channels."""
+    units = {name: model.units().get(name, "") for name in channels}
+    groups = (
+        (unit, tuple(name for name in channels if units[name] == unit))
+        for unit in dict.fromkeys(units.values())
+        if unit
+    )
+    return tuple((unit, names) for unit, names in groups if len(names) > 1)
 
 
 def products(signals: tuple[str, ...]) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 # none.
 # pyright: reportCallIssue=false, reportArgumentType=false
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
@@ -92,45 +93,60 @@ class ParameterShift(ParameterEffect):
 
 
 class ParameterDrift(ParameterEffect):
-    """Linear drift of a parameter of the declared model: `parameter + gain (t - middle)/span`.
+    """Linear drift of a parameter of the declared model: `parameter + gain (t - origin)/span`.
 
-    Middle and span are taken from the times of the training records, so that the gain is the total
-    change over them.
+    Origin and span are taken from the times of the training records, so that the gain is the total
+    change over them. The origin is the middle of these times, which suits a free parameter. For a
+    parameter with a known initial value, such as the mass while fuel burns, it is their start
+    (`from_start`); `not_free` moves it to the middle if the parameter is free.
+
+    All records have the same line over time. Records that each begin at zero drift from the
+    declared value one by one; records of one clock, such as the pieces of a flight, continue the
+    drift.
 
     Args:
         parameter: dotted name of one scalar.
         linked: pairs of a further parameter and the factor on its offset.
         label: the parameter in words.
         unit: unit of the gain.
-        middle, span: middle and length of the time range [s].
+        from_start: True if the parameter has its declared value at the first training time.
+        origin: time at which the parameter has its declared value [s].
+        span: length of the time range [s].
     """
 
     parameter: str = eqx.field(static=True)
     linked: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
     label: str = eqx.field(static=True, default="")
     unit: str = eqx.field(static=True, default="")
+    from_start: bool = eqx.field(static=True, default=False)
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
-    middle: Float[Array, ""] = eqx.field(default_factory=zero)
+    origin: Float[Array, ""] = eqx.field(default_factory=zero)
     span: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.ones(()))
 
     @property
     def card(self):
+        family = f"drift of {self.display_name}"
+        name, start = family, ""
+        if self.from_start:
+            name, start = f"{family} from its declared value", " from its declared value on"
         return EffectCard(
-            name=f"drift of {self.display_name}",
-            description=f"{self.display_name} drifts with time",
+            name=name,
+            description=f"{self.display_name} drifts with time{start}",
             location=Location(LocationKind.PARAMETER, self.parameter),
+            family=family,
             unit=self.unit,
             complexity=2,
-            fixed=("middle", "span"),
+            fixed=("origin", "span"),
         )
 
     def initialise_shape(self, signals, measured, step):
         low, high = np.min(signals["t"]), np.max(signals["t"])
-        shape = jnp.asarray(0.5 * (low + high)), jnp.asarray(high - low if high > low else 1.0)
-        return eqx.tree_at(lambda effect: (effect.middle, effect.span), self, shape)
+        origin = low if self.from_start else 0.5 * (low + high)
+        shape = jnp.asarray(origin), jnp.asarray(high - low if high > low else 1.0)
+        return eqx.tree_at(lambda effect: (effect.origin, effect.span), self, shape)
 
     def amount(self, t):
-        return self.gain * (t - self.middle) / self.span
+        return self.gain * (t - self.origin) / self.span
 
 
 class ParameterStep(ParameterEffect):
@@ -185,7 +201,7 @@ class ParameterStep(ParameterEffect):
 def parameter_effects(
     model: AbstractModel, parameters: Sequence[str], moments: Sequence[float] = STEP_FRACTIONS
 ) -> tuple[ParameterEffect, ...]:
-    """Return a shift, a drift, and steps for each parameter.
+    """Return a shift, a drift from the declared value, and steps for each parameter.
 
     Args:
         model: the declared model, which has the units.
@@ -200,7 +216,8 @@ def parameter_effects(
     effects: list[ParameterEffect] = []
     for name in parameters:
         unit = units.get(name, "")
-        effects += [ParameterShift(name, unit=unit), ParameterDrift(name, unit=unit)]
+        effects += [ParameterShift(name, unit=unit)]
+        effects += [ParameterDrift(name, unit=unit, from_start=True)]
         effects += [ParameterStep(name, moment, unit=unit) for moment in moments]
     return tuple(effects)
 
@@ -208,20 +225,22 @@ def parameter_effects(
 def not_free(effects: Sequence[Effect], free: Sequence[str]) -> tuple[Effect, ...]:
     """Return the effects without shifts of free parameters.
 
-    A drift or a step of a free parameter is kept, as it differs from a constant value. A shift that
-    moves further parameters is kept as well.
+    A drift or a step of a free parameter is kept, as it differs from a constant value. A drift from
+    the declared value becomes one about the middle of the records, as the value at their start is
+    free. A shift or a drift that moves further parameters is kept unchanged.
 
     Args:
         effects: candidates.
         free: names of free parameters.
     """
-    return tuple(
-        effect
-        for effect in effects
-        if not (
-            isinstance(effect, ParameterShift) and not effect.linked and effect.parameter in free
-        )
-    )
+    left = []
+    for effect in effects:
+        own = isinstance(effect, ParameterEffect) and not effect.linked and effect.parameter in free
+        if own and isinstance(effect, ParameterDrift):
+            left.append(dataclasses.replace(effect, from_start=False))
+        elif not (own and isinstance(effect, ParameterShift)):
+            left.append(effect)
+    return tuple(left)
 
 
 def with_parameter_offsets(

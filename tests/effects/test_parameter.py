@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxid._foundation.checks import InputError
+from jaxid.data import record
 from jaxid.effects import Augmented
 from jaxid.effects.parameter import (
     ParameterDrift,
@@ -16,9 +17,10 @@ from jaxid.effects.parameter import (
     parameter_effects,
     with_parameter_offsets,
 )
-from jaxid.models import AbstractModel, with_values
+from jaxid.models import AbstractModel, free, with_values
 from jaxid.models.names import read_parameters
 from jaxid.simulation import RK4, simulate
+from jaxid.study.candidates import candidates
 
 
 class Spring(AbstractModel):
@@ -137,6 +139,20 @@ def test_drift_is_ramp_about_middle_of_records():
     np.testing.assert_allclose(y[:, 0], 3.0 * t - 0.1 * (t**2 - 10.0 * t), rtol=0, atol=1e-12)
 
 
+def test_drift_from_start_is_absent_at_first_training_time():
+    t, y = integrated(ParameterDrift("rate", from_start=True))
+    np.testing.assert_allclose(y[:, 1], 3.0 - 2.0 * t / 10.0, rtol=1e-14)
+
+
+def test_drift_from_start_continues_over_records_of_one_clock():
+    t = np.r_[np.linspace(2.0, 4.0, 21), np.linspace(7.0, 10.0, 31)]
+    drift = ParameterDrift("k", from_start=True).initialise_shape({"t": t}, {}, 0.1)
+    assert [float(drift.origin), float(drift.span)] == [2.0, 8.0]
+    drift = eqx.tree_at(lambda e: e.gain, drift, jnp.array(-2.0))
+    offsets = [float(drift.parameter_offsets(time)["k"]) for time in (2.0, 7.0, 10.0)]
+    np.testing.assert_allclose(offsets, [0.0, -1.25, -2.0], rtol=1e-15)
+
+
 def test_step_is_sigmoid_at_its_time():
     t, y = integrated(ParameterStep("rate", 0.4))
     z = (t - 4.0) / 0.05
@@ -159,7 +175,7 @@ def test_initial_times_lie_within_records():
     np.testing.assert_allclose(times, [8.0, 16.0, 1004.0, 1012.0], rtol=0, atol=0.05)
     assert float(ParameterStep("k").initialise_shape({"t": t}, {}, 0.1).width) == 0.1
     drift = ParameterDrift("k").initialise_shape({"t": np.array([2.0, 10.0])}, {}, 0.1)
-    assert [float(drift.middle), float(drift.span)] == [6.0, 8.0]
+    assert [float(drift.origin), float(drift.span)] == [6.0, 8.0]
 
 
 def test_shift_moves_further_parameters():
@@ -188,7 +204,7 @@ def test_parameter_effects_have_names_descriptions_and_units():
     first = parameter_effects(MODEL, ("k",), moments=(0.2, 0.6))
     assert [one.card.description for one in first] == [
         "k differs from its declared value",
-        "k drifts with time",
+        "k drifts with time from its declared value on",
         *["k changes suddenly"] * 2,
     ]
     assert {str(one.card.location) for one in first} == {"parameter k"}
@@ -198,7 +214,38 @@ def test_parameter_effects_have_names_descriptions_and_units():
 
 def test_shift_of_free_parameter_is_not_a_candidate():
     left = not_free(EFFECTS, ("k", "initial_state.x"))
-    assert {one.name for one in EFFECTS} - {one.name for one in left} == {"shift of k"}
+    removed = {one.name for one in EFFECTS} - {one.name for one in left}
+    assert removed == {"shift of k", "drift of k from its declared value"}
+    assert {one.name for one in left} - {one.name for one in EFFECTS} == {"drift of k"}
+
+
+def test_drift_of_free_parameter_is_about_middle_of_records():
+    """A drift that moves further parameters as well begins at the declared values."""
+    linked = ParameterDrift("k", (("c[0]", 1.0),), from_start=True)
+    alone, both = not_free((ParameterDrift("k", unit="1/s^2", from_start=True), linked), ("k",))
+    assert alone == ParameterDrift("k", unit="1/s^2")
+    assert both is linked
+
+
+class Burning(Spring):
+    """A spring whose model supplies a drift from the declared stiffness."""
+
+    def effects(self):
+        return (ParameterDrift("k", unit="1/s^2", from_start=True),)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "drifts"),
+    [
+        ("k", {"drift of k"}),
+        ("scale", {"drift of k from its declared value", "drift of scale"}),
+    ],
+)
+def test_study_tries_one_drift_of_each_parameter(parameter, drifts):
+    model = Burning(MODEL.k, MODEL.c, MODEL.scale)
+    flown = record(T, U, np.zeros((T.size, 1)), inputs=("u",), outputs=("y",))
+    offered = candidates(model, free(model, parameter), flown)
+    assert {one.name for one in offered if isinstance(one, ParameterDrift)} == drifts
 
 
 def test_unknown_parameter_is_refused():

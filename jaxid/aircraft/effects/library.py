@@ -24,6 +24,7 @@ from .parameters import (
     INERTIA,
     SENSOR_ANGLES,
     SENSOR_COORDINATES,
+    accelerometer_packages,
     air_effects,
     all_engines,
     centre_of_gravity,
@@ -78,6 +79,7 @@ def default_effects(
         *centre_of_gravity(names, "xy"),
         *thrust(names),
         *shifts(names, {"wind.down": "downward wind"}, "m/s"),
+        *accelerometer_packages(names),
         *sensor_positions(names, SENSOR_COORDINATES),
         *sensor_misalignments(names, SENSOR_ANGLES),
     )
@@ -102,7 +104,7 @@ def aircraft_effects(
             - "mass": mass, its drift (fuel) and step (a dropped store), centre of gravity, inertia;
             - "thrust": thrust of all engines, asymmetry, line of action, angular momentum;
             - "air": steady wind, wind shear, temperature;
-            - "instruments": positions and axes.
+            - "instruments": positions, of each sensor and of all accelerometers together, and axes.
         ground: altitude of the ground for a flight near it [m]; None leaves out the ground effect.
 
     Returns:
@@ -131,6 +133,7 @@ def aircraft_effects(
         ),
         "air": lambda: air_effects(names),
         "instruments": lambda: (
+            *accelerometer_packages(names),
             *sensor_positions(names, instrument_entries(names, "position")),
             *sensor_misalignments(names, instrument_entries(names, "misalignment")),
         ),

@@ -16,8 +16,14 @@ INERTIA = {
     "Ixz": "product of inertia Ixz",
 }
 MORE_INERTIA = {name: f"product of inertia {name}" for name in ("Ixy", "Iyz")}
-# chosen: for each instrument, the coordinate or angle to which its reading is most sensitive
-SENSOR_COORDINATES = ("alpha.x", "beta.x", "ax.z", "ay.x", "az.x")
+ACCELEROMETERS = ("ax", "ay", "az")
+# chosen: all lever arms of the accelerometers, and the distance of the vanes from the centre of
+# gravity, to which their readings are most sensitive
+SENSOR_COORDINATES = (
+    *("alpha.x", "beta.x"),
+    *(f"{channel}.{axis}" for channel in ACCELEROMETERS for axis in "xyz"),
+)
+# chosen: for each instrument, the angle to which its reading is most sensitive
 SENSOR_ANGLES = ("p.theta", "r.theta", "ax.theta", "ay.phi")
 
 
@@ -73,6 +79,8 @@ def shifts(names: Sequence[str], labels: Mapping[str, str], unit: str) -> tuple[
 def changes_of_mass(names: Sequence[str], moments: Sequence[float]) -> tuple[Effect, ...]:
     """Return a drift of the mass (fuel) and steps of the mass (dropped stores).
 
+    The drift begins at the declared mass at the first training time.
+
     Args:
         names: names of all parameters.
         moments: initial times of a drop, as fractions of the duration of the records.
@@ -80,7 +88,7 @@ def changes_of_mass(names: Sequence[str], moments: Sequence[float]) -> tuple[Eff
     if "mass" not in names:
         return ()
     return (
-        ParameterDrift("mass", unit="kg"),
+        ParameterDrift("mass", unit="kg", from_start=True),
         *(ParameterStep("mass", moment, unit="kg") for moment in moments),
     )
 
@@ -150,6 +158,26 @@ def sensor_positions(names: Sequence[str], which: Sequence[str]) -> tuple[Effect
     """
     labels = {name: f"position of the sensor of {name.replace('.', ' along ')}" for name in which}
     return _in_instruments(names, "position", labels, "m")
+
+
+def accelerometer_packages(names: Sequence[str]) -> tuple[Effect, ...]:
+    """Return shifts of all accelerometers together, one along each axis.
+
+    Accelerometers are often mounted in one package, whose position is off as a whole. Without two
+    accelerometers that have a position along an axis there is no such shift.
+
+    Args:
+        names: names of all parameters.
+    """
+    packages = []
+    for axis in "xyz":
+        entries = (f"instruments.position.{channel}.{axis}" for channel in ACCELEROMETERS)
+        first, *others = [name for name in entries if name in names] or [""]
+        if others:
+            linked = tuple((name, 1.0) for name in others)
+            label = f"position of all accelerometers along {axis}"
+            packages.append(ParameterShift(first, linked, label=label, unit="m"))
+    return tuple(packages)
 
 
 def sensor_misalignments(names: Sequence[str], which: Sequence[str]) -> tuple[Effect, ...]:

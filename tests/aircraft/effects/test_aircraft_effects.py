@@ -143,7 +143,7 @@ def test_sensitivities_at_zero_gain_match_central_differences(instant):
 
 def test_default_effects_are_a_small_part_of_the_library():
     more = [effect for effect in USUAL if not isinstance(effect, CoefficientTerm)]
-    assert 25 <= len(more) <= 40
+    assert 30 <= len(more) <= 50
     families = {effect.card.family for effect in EVERY}
     assert {effect.card.family for effect in USUAL} <= families
     assert len(EVERY) > 1.5 * len(USUAL)
@@ -190,6 +190,12 @@ def test_instrument_errors_are_located_at_their_sensor():
     )
     assert places["shift of axis of the sensor of p in theta"] == ("sensor p", ("p",))
     assert places["shift of mass"] == ("parameter mass", ())
+
+
+def test_drift_of_the_mass_begins_at_its_declared_value():
+    for effects in (USUAL, EVERY):
+        (drift,) = of_type(ParameterDrift, effects)
+        assert (drift.parameter, drift.from_start) == ("mass", True)
 
 
 # Parameters ---------------------------------------------------------------------------------------

@@ -35,6 +35,7 @@ def measure(
         removed: if True, the planted effects are left out of the library.
         library: candidates; by default those of `close_loop`.
     """
+    scenario = scenario.drawn(seed)
     key = {
         "system": system.name,
         "scenario": scenario.name,
@@ -65,7 +66,8 @@ def _searched(
         problem = problem.without(*names_of_planted(library, scenario.planted))
     found = search_effects(problem, test={"test": parts[2]})
     seconds = {"seconds": time.perf_counter() - begin, "processor": time.process_time() - busy}
-    summary: dict[str, Any] = seconds | {"failed": None}
+    drawn = [[one.effect.name, float(one.effect.gain)] for one in scenario.planted]
+    summary: dict[str, Any] = seconds | {"failed": None, "planted": drawn}
     summary |= search_summary(found, scenario.planted, parts[2])
     if removed:
         return summary
@@ -75,6 +77,7 @@ def _searched(
         "chi_square": true.chi_square,
         "gains": list(true.gains),
         "identifiable": list(true.identifiable),
+        "offered": list(true.offered),
         "attainable": true.error,
         "ratio": float(np.exp(summary["error_after"] - true.error)),
         "naive": _naive(true, library, scenario.planted),

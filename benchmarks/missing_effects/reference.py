@@ -100,7 +100,7 @@ def reference(
         for name in candidates
     )
     identifiable = tuple(
-        one > (threshold if has else SIGNIFICANT * spread)
+        bool(one > (threshold if has else SIGNIFICANT * spread))
         for one, has in zip(gains, offered, strict=True)
     )
     return Reference(declared, fall, gains, identifiable, mean_log(noise), offered)

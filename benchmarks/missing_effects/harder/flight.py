@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks.missing_effects.truth_effects import kind, read, recorded
 from benchmarks.missing_effects.truth_only import HeightDependence, TruthEffect
 from jaxid import AbstractModel
+from jaxid._foundation.types import Array, Float
 from jaxid.effects import Augmented
 from jaxid.effects.base import Effect
 from jaxid.simulation.simulate import simulate
@@ -23,14 +24,15 @@ class AboveStart(AbstractModel):
     """
 
     model: AbstractModel
-    gain: float
-    scale: float
+    gain: Float[Array, ""]
+    scale: Float[Array, ""]
     states: tuple[str, ...] = eqx.field(static=True)
     inputs: tuple[str, ...] = eqx.field(static=True)
     outputs: tuple[str, ...] = eqx.field(static=True)
 
     def __init__(self, model: AbstractModel, effect: HeightDependence):
-        self.model, self.gain, self.scale = model, effect.gain, effect.scale
+        self.model = model
+        self.gain, self.scale = jnp.asarray(effect.gain), jnp.asarray(effect.scale)
         self.states = (*model.states, "climb")
         self.inputs, self.outputs = model.inputs, model.outputs
 

@@ -65,7 +65,7 @@ DURATION = FLIGHT_SAMPLE_TIME * (SAMPLES - 1)  # s
 EQUATIONS = {"CX": "u", "CZ": "w", "Cm": "q"}
 ELEVATOR = (Location(LocationKind.INPUT, "elevator"), Location(LocationKind.EQUATION, "q"))
 # Coefficient, product and slope with the airspeed [s/m]; the aircraft has no other flow variable.
-WITH_SPEED = (("CZ", "alpha", -0.02), ("Cm", "alpha", -0.004), ("Cm", "elevator", 0.004))
+WITH_SPEED = (("CZ", "alpha", -0.04), ("Cm", "alpha", -0.01), ("Cm", "elevator", 0.02))
 POWERS = {"Cm": (-0.5, -8.0), "CZ": (3.0, 10.0)}  # of alpha^2 and alpha^3
 
 
@@ -252,7 +252,7 @@ SENSORS = (
 def _scenarios() -> tuple[Scenario, ...]:
     levels = {"alpha": (0.11, 0.13), "q": (0.03, 0.06)}
     curves = {"alpha": 0.3, "q": 0.5}
-    rates = {"CX": 3.0, "CZ": -5.0, "Cm": -3.0}
+    rates = {"CX": 10.0, "CZ": -20.0, "Cm": -3.0}
     return (
         *(
             harder(

@@ -1,5 +1,5 @@
 """Detection of missing effects by the loop: `python -m benchmarks.missing_effects
-[--json] [--systems spring,ship] [--log FILE]`.
+[--json] [--systems spring,ship] [--harder] [--log FILE]`.
 """
 
 import argparse
@@ -86,10 +86,8 @@ def run(options: argparse.Namespace) -> list[dict[str, Any]]:
     """Run all studies that the log does not hold yet, system by system."""
     log = Path(options.log) if options.log else None
     done = {key_of(one): one for one in logged(log)}
-    systems = [
-        importlib.import_module(f"benchmarks.missing_effects.{name}").system()
-        for name in options.systems
-    ]
+    folder = "benchmarks.missing_effects" + (".harder" if options.harder else "")
+    systems = [importlib.import_module(f"{folder}.{name}").system() for name in options.systems]
     wanted = sorted(tasks(systems, options), key=lambda task: options.systems.index(task[0].name))
     results, begin = [], time.perf_counter()
     for number, (system, scenario, seed, removed) in enumerate(wanted, 1):
@@ -134,6 +132,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--scenarios", nargs="+", metavar="NAME", help="only these (default: all)")
     parser.add_argument(
         "--controls", type=int, default=500, help="control studies in all (default: 500)"
+    )
+    parser.add_argument(
+        "--harder",
+        action="store_true",
+        help="only the harder truths, drawn at random for each seed, without controls",
     )
     parser.add_argument(
         "--no-removed",

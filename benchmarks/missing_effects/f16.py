@@ -17,7 +17,7 @@ TERMS = {
 }
 
 
-def system() -> System:
+def aircraft() -> sixdof.Type:
     """At 150 m/s and 6 km, some 8 deg of angle of attack; at 0.35 chord it would be unstable in
     pitch.
     """
@@ -27,14 +27,16 @@ def system() -> System:
             standard_actuators(frame.limits), augmentation=Augmentation(Switch(on=ALWAYS))
         )
 
-    return sixdof.system(
-        sixdof.Type(
-            name="f16",
-            frame=lambda: f16(flap_deg=None, xcg=0.30, interpolation="cubic"),
-            controls=controls,
-            speed=150.0,
-            altitude=6000.0,
-            size=1.0,
-        ),
-        TERMS,
+    return sixdof.Type(
+        name="f16",
+        frame=lambda: f16(flap_deg=None, xcg=0.30, interpolation="cubic"),
+        controls=controls,
+        speed=150.0,
+        altitude=6000.0,
+        size=1.0,
     )
+
+
+def system() -> System:
+    """The aircraft with its scenarios."""
+    return sixdof.system(aircraft(), TERMS)

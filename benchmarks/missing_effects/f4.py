@@ -14,16 +14,18 @@ TERMS = {
 }
 
 
-def system() -> System:
+def aircraft() -> sixdof.Type:
     """At 550 ft/s and 35,000 ft, some 11 deg of angle of attack."""
-    return sixdof.system(
-        sixdof.Type(
-            name="f4",
-            frame=lambda: f4(interpolation="cubic"),
-            controls=lambda frame: ControlSystem(standard_actuators(frame.limits)),
-            speed=167.64,
-            altitude=10668.0,
-            size=1.0,
-        ),
-        TERMS,
+    return sixdof.Type(
+        name="f4",
+        frame=lambda: f4(interpolation="cubic"),
+        controls=lambda frame: ControlSystem(standard_actuators(frame.limits)),
+        speed=167.64,
+        altitude=10668.0,
+        size=1.0,
     )
+
+
+def system() -> System:
+    """The aircraft with its scenarios."""
+    return sixdof.system(aircraft(), TERMS)

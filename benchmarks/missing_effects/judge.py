@@ -1,11 +1,13 @@
 """Summary of many studies: shares that are compared with the goals, and one row per scenario."""
 
+import enum
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import beta
 
+from benchmarks.missing_effects.scenarios import HARDER, KINDS
 from jaxid.loop.outcome import Outcome
 
 Result = dict[str, Any]
@@ -66,7 +68,7 @@ def share(results: Iterable[Result], is_so: Callable[[Result], bool]) -> Share:
 def split(results: Sequence[Result]) -> dict[str, list[Result]]:
     """Return the results by kind; studies with the effect left out are `removed`."""
     parts: dict[str, list[Result]] = {"removed": [one for one in results if one["removed"]]}
-    for kind in ("single", "double", "control", "process"):
+    for kind in (*KINDS, HARDER):
         parts[kind] = [one for one in results if one["kind"] == kind and not one["removed"]]
     return parts
 
@@ -112,6 +114,7 @@ def goals(results: Sequence[Result]) -> list[Goal]:
             0.95,
         ),
         ("gusts: no cause named", share(parts["process"], names_no_cause), 0.95),
+        ("harder truths: no wrong cause named", share(parts[HARDER], is_honest), 0.9),
     ]
     figures = [
         Goal(name, counted, goal, False, counted.value >= goal)
@@ -133,6 +136,47 @@ def goals(results: Sequence[Result]) -> list[Goal]:
     failed = share(results, lambda one: False)
     failed = Share(sum(bool(one["failed"]) for one in results), failed.of)
     return [*figures, Goal("studies that failed", failed, 0.0, True, failed.count == 0)]
+
+
+class Answer(enum.Enum):
+    """Answer of a study to a harder truth; the value is its column in the table.
+
+    Attributes:
+        RIGHT: all planted effects that the records determine are named, and no other.
+        PART: some of them are named, and no other.
+        DOUBT: something is missing, and no cause is named: the right answer if the library lacks
+            the truth.
+        UNSEEN: nothing is named, and the records do not determine any planted effect.
+        WRONG: another effect is named, or a missing one is denied.
+        FAILED: the study failed.
+    """
+
+    RIGHT = "right"
+    PART = "part"
+    DOUBT = "doubt"
+    UNSEEN = "unseen"
+    WRONG = "wrong"
+    FAILED = "failed"
+
+
+def answer(one: Result) -> Answer:
+    """Return the answer of a study to a harder truth."""
+    if one["failed"]:
+        return Answer.FAILED
+    outcome = outcome_of(one)
+    if outcome in (Outcome.PROXIES, Outcome.UNEXPLAINED):
+        return Answer.DOUBT
+    if outcome is not Outcome.EXPLAINED:
+        return Answer.WRONG if any(one["identifiable"]) else Answer.UNSEEN
+    if one["wrong"]:
+        return Answer.WRONG
+    pairs = zip(one["in"], one["identifiable"], strict=True)
+    return Answer.RIGHT if all(has or not seen for has, seen in pairs) else Answer.PART
+
+
+def is_honest(one: Result) -> bool:
+    """Return True if a study of a harder truth names no wrong cause and denies nothing."""
+    return answer(one) not in (Answer.WRONG, Answer.FAILED)
 
 
 def outcome_of(one: Result) -> Outcome:

@@ -1,8 +1,10 @@
 """Comparison of one study with its truth, as plain numbers for JSON."""
 
+import dataclasses
 import time
 from typing import Any
 
+import jax
 import numpy as np
 
 from benchmarks.missing_effects.naive import naive
@@ -35,6 +37,7 @@ def measure(
         removed: if True, the planted effects are left out of the library.
         library: candidates; by default those of `close_loop`.
     """
+    scenario = scenario.drawn(seed)
     key = {
         "system": system.name,
         "scenario": scenario.name,
@@ -65,7 +68,7 @@ def _searched(
         problem = problem.without(*names_of_planted(library, scenario.planted))
     found = search_effects(problem, test={"test": parts[2]})
     seconds = {"seconds": time.perf_counter() - begin, "processor": time.process_time() - busy}
-    summary: dict[str, Any] = seconds | {"failed": None}
+    summary: dict[str, Any] = seconds | {"failed": None, "planted": drawn_numbers(scenario)}
     summary |= search_summary(found, scenario.planted, parts[2])
     if removed:
         return summary
@@ -75,10 +78,26 @@ def _searched(
         "chi_square": true.chi_square,
         "gains": list(true.gains),
         "identifiable": list(true.identifiable),
+        "offered": list(true.offered),
         "attainable": true.error,
         "ratio": float(np.exp(summary["error_after"] - true.error)),
         "naive": _naive(true, library, scenario.planted),
     }
+
+
+def drawn_numbers(scenario: Scenario) -> list[list]:
+    """Return pairs of name and numbers of the planted effects; of a joint effect the first part."""
+    pairs = []
+    for one in scenario.planted:
+        effect = getattr(one.effect, "parts", (one.effect,))[0]
+        values = {field.name: getattr(effect, field.name) for field in dataclasses.fields(effect)}
+        numbers = {
+            name: float(value)
+            for name, value in values.items()
+            if isinstance(value, float | jax.Array)
+        }
+        pairs.append([one.effect.name, numbers])
+    return pairs
 
 
 def names_of_planted(library: tuple[Effect, ...], planted: tuple[Planted, ...]) -> list[str]:

@@ -160,9 +160,8 @@ def fly(wanted: Scenario, seed: int) -> Flown:
     chosen = free(
         model, *TRUE, *(("bias",) if "bias" in have else ()), per_record=("initial_state",)
     )
-    return Flown(
-        model, chosen, flown[:TRAIN], flown[TRAIN : TRAIN + CHECK], flown[TRAIN + CHECK :], TRUE
-    )
+    parts = flown[:TRAIN], flown[TRAIN : TRAIN + CHECK], flown[TRAIN + CHECK :]
+    return Flown(model, chosen, *parts, TRUE, tuple(NOISE.values()))
 
 
 def system() -> System:

@@ -151,18 +151,31 @@ def _fly(of: Type, products: set[tuple[str, str]], wanted: Scenario, seed: int) 
         if isinstance(one, CoefficientTerm):
             corrections[one.coefficient][one.product] = float(one.gain)
     heavier = sum(float(one.gain) for one in wanted.effects if isinstance(one, ParameterShift))
-    aircraft = _aircraft(of, corrections, bias, heavier)
+    aircraft = true_aircraft(of, corrections, bias, heavier)
     t = FLIGHT_SAMPLE_TIME * np.arange(SAMPLES)
     trimmed = level(aircraft, of.speed, of.altitude)
-    surfaces, clean = _flown(
+    surfaces, clean = surfaces_and_outputs(
         trimmed.aircraft, jnp.asarray(t), jnp.asarray(size), jnp.asarray(gusts), trimmed.state
     )
     surfaces = _as_recorded(wanted.effects, t, np.asarray(surfaces))
     noise = np.array([DEMONSTRATION.noise[name] for name in RECORDED_CHANNELS])
     y = read(wanted.effects, t, np.asarray(clean), RECORDED_CHANNELS)
     z = y + noise * noise_of(generator, y.shape, have.get("memory", 0.0))
+    return given(of, trimmed.aircraft, t, surfaces, z, bias)
+
+
+def given(of: Type, flew: Aircraft, t, surfaces, z, bias) -> Flown:
+    """Return the declared aircraft, with corrections and offsets of zero, and its records.
+
+    Args:
+        of: the aircraft.
+        flew: the true one, whose engines are known.
+        t: sample times [s].
+        surfaces, z: recorded surfaces and outputs, shape (manoeuvre, time, channel).
+        bias: true offsets of the instruments.
+    """
     units = {
-        name: unit for name, unit in aircraft.units().items() if name in RECORDED_CHANNELS
+        name: unit for name, unit in flew.units().items() if name in RECORDED_CHANNELS
     } | dict.fromkeys(SURFACES, "rad")
     place = {"altitude": of.altitude}
     flown = [
@@ -178,11 +191,6 @@ def _fly(of: Type, products: set[tuple[str, str]], wanted: Scenario, seed: int) 
         )
         for i, (u, readings) in enumerate(zip(surfaces, z, strict=True))
     ]
-    return _given(of, trimmed.aircraft, flown, bias)
-
-
-def _given(of: Type, flew: Aircraft, flown, bias) -> Flown:
-    """Return the declared aircraft, with corrections and offsets of zero, and its records."""
     offsets = tuple(f"instruments.bias.{name}" for name in RECORDED_CHANNELS)
     true = {
         f"{coefficient}.{term}": v
@@ -205,8 +213,15 @@ def _given(of: Type, flew: Aircraft, flown, bias) -> Flown:
     )
 
 
-def _aircraft(of: Type, corrections, bias, heavier: float) -> Aircraft:
-    """Return the true aircraft."""
+def true_aircraft(of: Type, corrections, bias, heavier: float = 0.0) -> Aircraft:
+    """Return the true aircraft.
+
+    Args:
+        of: the aircraft.
+        corrections: errors of its tables, by coefficient and product.
+        bias: offsets of the instruments.
+        heavier: excess of its mass [kg].
+    """
     frame = _corrected(of.frame(), corrections)
     frame = eqx.tree_at(
         lambda one: one.mass_properties.mass, frame, frame.mass_properties.mass + heavier
@@ -223,7 +238,7 @@ def _corrected(frame: Airframe, corrections) -> Airframe:
 
 
 @eqx.filter_jit
-def _flown(aircraft: Aircraft, t, size, gusts, state):
+def surfaces_and_outputs(aircraft: Aircraft, t, size, gusts, state):
     """Return surfaces and outputs of each manoeuvre."""
     pilot = size[:, None, None] * jnp.stack(list(manoeuvres(t).values()))
     u = jnp.concatenate([pilot, gusts], axis=-1)

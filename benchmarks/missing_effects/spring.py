@@ -133,9 +133,9 @@ def fly(wanted: Scenario, seed: int) -> Flown:
         model, "k", "c", *(("bias",) if "bias" in have else ()), per_record=("initial_state",)
     )
     train = flown[: 1 if "one" in have else TRAIN]
-    return Flown(
-        model, chosen, train, flown[TRAIN : TRAIN + CHECK], flown[TRAIN + CHECK :], {"k": K, "c": C}
-    )
+    check, test = flown[TRAIN : TRAIN + CHECK], flown[TRAIN + CHECK :]
+    noise = tuple(NOISE.values())
+    return Flown(model, chosen, train, check, test, {"k": K, "c": C}, noise)
 
 
 def system() -> System:

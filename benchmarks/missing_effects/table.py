@@ -3,17 +3,21 @@
 from collections.abc import Sequence
 
 from benchmarks.missing_effects.judge import (
+    Answer,
     Goal,
     Result,
     Row,
     Share,
+    answer,
     goals,
     identifiable,
     names_no_cause,
     outcome_of,
     rows,
+    split,
     unseen_in,
 )
+from benchmarks.missing_effects.scenarios import HARDER
 from jaxid.loop.outcome import Outcome
 
 NOTES = """\
@@ -32,6 +36,7 @@ def text(results: Sequence[Result]) -> str:
         row_table(rows(results)),
         NOTES,
         controls_table(rows(results)),
+        harder_table(split(results)[HARDER]),
     ]
     return "\n\n".join(part for part in (*parts, shortfalls(results)) if part)
 
@@ -75,7 +80,7 @@ def row_table(scenarios: Sequence[Row]) -> str:
         "outcomes"
     ]
     for one in scenarios:
-        if one.kind == "control":
+        if one.kind in ("control", HARDER):
             continue
         cells = (
             f"{one.chi_square:.3g}",
@@ -110,6 +115,31 @@ def controls_table(scenarios: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
+HARDER_NOTES = """\
+right: all planted effects named, and no other; part: some of them; doubt: something is missing, no
+cause named, the right answer if the library lacks the truth; unseen: nothing named that the records
+determine; wrong: another effect named, or the missing one denied."""
+
+
+def harder_table(results: Sequence[Result]) -> str:
+    """Return one line for each harder truth with its answers, and one for all."""
+    if not results:
+        return ""
+    keys = dict.fromkeys((one["system"], one["scenario"]) for one in results)
+    head = ("studies", "lacked", *(one.value for one in Answer))
+    width = max([len(name) for _, name in keys] + [12])
+    lines = [f"{'system':<13}{'harder truth':<{width}}" + "".join(f"{name:>8}" for name in head)]
+    groups = [
+        (*key, [one for one in results if (one["system"], one["scenario"]) == key]) for key in keys
+    ]
+    for system, name, studies in (*groups, ("all", "", results)):
+        answers = [answer(one) for one in studies]
+        lacked = sum(not all(one.get("offered", ())) for one in studies)
+        cells = (len(studies), lacked, *(answers.count(one) for one in Answer))
+        lines.append(f"{system:<13}{name:<{width}}" + "".join(f"{cell:>8}" for cell in cells))
+    return "\n".join((*lines, HARDER_NOTES))
+
+
 def shortfalls(results: Sequence[Result]) -> str:
     """Return one line for each study that falls short, with the effects added instead."""
     lines, unseen = [], unseen_in(results)
@@ -135,6 +165,8 @@ def shortfall(one: Result, unseen: bool = False) -> str:
         return "; ".join(words + [f"place: {', '.join(one['where'])}"] * misplaced)
     if one["kind"] == "control":
         return f"false: {added} ({one['outcome']})" if one["effects"] else ""
+    if one["kind"] == HARDER:
+        return _harder_shortfall(one, added)
     if one["kind"] == "process":
         return "" if outcome_of(one) is Outcome.PROCESS_NOISE else f"{one['outcome']}: {added}"
     if not identifiable(one):
@@ -147,6 +179,14 @@ def shortfall(one: Result, unseen: bool = False) -> str:
             f"ratio {one['ratio']:.3f}" + ("" if words else f" with {added} ({one['outcome']})")
         )
     return "; ".join(words)
+
+
+def _harder_shortfall(one: Result, added: str) -> str:
+    """Return the answer to a harder truth with the planted effects; empty if it is right."""
+    given = answer(one)
+    is_right = given is Answer.RIGHT or (given is Answer.DOUBT and not all(one["offered"]))
+    truth = " and ".join(name for name, _ in one["planted"])
+    return "" if is_right else f"{given.value}: {added} ({one['outcome']}) for {truth}"
 
 
 def _leading(one: Result) -> str:

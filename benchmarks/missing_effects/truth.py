@@ -13,6 +13,7 @@ from scipy.integrate import DOP853
 from benchmarks.missing_effects.truth_effects import (
     Inputs,
     Signals,
+    after_mass_steps,
     force,
     kind,
     memories,
@@ -79,7 +80,7 @@ def fly(
             if kind(one.effect) == "InputLag":
                 name = one.effect.channel
                 signals[name] = signals[name] + float(one.effect.gain) * (value[0] - signals[name])
-        rates = dict(plant.rates(signals))
+        rates = after_mass_steps(effects, time, dict(plant.rates(signals)))
         added = [
             force(one, signals, effect_states[at[id(one)]][0] if id(one) in at else None)
             for one in effects

@@ -127,6 +127,14 @@ def force(effect, signals: Signals, memory: np.ndarray | None) -> tuple[str, np.
     return None
 
 
+def after_mass_steps(effects: Sequence, time: float, rates: Signals) -> Signals:
+    """Return the rates of the plant with the masses of this time."""
+    for one in effects:
+        if kind(one) == "MassStep" and time > one.time:
+            rates = rates | {one.state: rates[one.state] / (1.0 + one.gain)}
+    return rates
+
+
 def _product(product: str, signals: Signals) -> np.ndarray:
     value = np.ones_like(next(iter(signals.values())))
     for factor in () if product == "1" else product.split():
@@ -145,6 +153,10 @@ def read(effects: Sequence, t: np.ndarray, y: np.ndarray, outputs: tuple[str, ..
             y[..., at] = signal + float(one.gain)
         elif name == "SensorScale":
             y[..., at] = (1.0 + float(one.gain)) * signal
+        elif name == "SensorSquare":
+            y[..., at] = signal + float(one.gain) * signal**2
+        elif name == "SensorAbsolute":
+            y[..., at] = signal + float(one.gain) * np.abs(signal)
         elif name == "SensorDrift":
             y[..., at] = signal + float(one.gain) * (t - t[0])
         elif name == "SensorCrossTalk":

@@ -37,7 +37,7 @@ class SensorSquare(TruthEffect):
 
     @property
     def name(self):
-        return f"square of {self.channel}"
+        return f"curvature of {self.channel}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,7 +49,7 @@ class SensorAbsolute(TruthEffect):
 
     @property
     def name(self):
-        return f"absolute value of {self.channel}"
+        return f"asymmetry of {self.channel}"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -53,7 +53,8 @@ from .sensor_quantisation import SensorQuantisation
 from .static_nonlinearity import DeadBand, Hinge
 
 # Limits of the library's size, all chosen: each candidate costs one sensitivity per round.
-MOST_SIGNALS_FOR_CUBIC_PRODUCTS = 3
+MOST_SIGNALS_FOR_CUBIC_PRODUCTS = 3  # and for the higher powers of one signal
+HIGHER_POWERS = (4, 5)
 MOST_PAIRS_FOR_SHAPES = 12  # pairs of an equation and a state with a dead band and hinges
 MOST_PAIRS_FOR_MEMORY = 6  # pairs of an equation and a state with additional states
 # pairs of an equation and an input; each has three initial frequencies, of two states each
@@ -241,12 +242,14 @@ def _by_unit(
 def products(signals: tuple[str, ...]) -> tuple[str, ...]:
     """Return the terms that a linear equation lacks.
 
-    They are the constant, all squares, products and cubes, and for few signals all cubic products.
+    They are the constant, all squares, products and cubes, and for few signals all cubic products
+    and the powers up to the fifth.
     """
-    cubic = itertools.combinations_with_replacement(signals, 3)
+    cubic, higher = itertools.combinations_with_replacement(signals, 3), [*HIGHER_POWERS]
     if len(signals) > MOST_SIGNALS_FOR_CUBIC_PRODUCTS:
-        cubic = ((name,) * 3 for name in signals)
-    factors = [(), *itertools.combinations_with_replacement(signals, 2), *cubic]
+        cubic, higher = ((name,) * 3 for name in signals), []
+    powers = ((name,) * power for name in signals for power in higher)
+    factors = [(), *itertools.combinations_with_replacement(signals, 2), *cubic, *powers]
     return tuple(_term_of(product) for product in factors)
 
 

@@ -80,10 +80,10 @@ def test_curved_sensors_add_square_and_absolute_value(of):
 def test_names_expected_of_a_later_library_are_accepted(of):
     (one,) = of("harder.spring").system().scenario("square of a sensor").drawn(0).planted
     channel = one.effect.channel
-    for name in (f"square of {channel}", f"square of {channel} (from 20%)"):
+    for name in (f"curvature of {channel}", f"curvature of {channel} (from 20%)"):
         assert one.accepts(name, "a family")
         assert one.accepts("a name", name)
-    assert not one.accepts(f"square of {channel}lpha", f"bias of {channel}")
+    assert not one.accepts(f"curvature of {channel}lpha", f"bias of {channel}")
 
 
 def test_inputs_sensors_and_height_act_on_the_longitudinal_aircraft(of):

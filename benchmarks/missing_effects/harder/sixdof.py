@@ -236,13 +236,13 @@ def _all(name: str, parts) -> tuple[Planted, ...]:
 def _all_lag(generator):
     time = jnp.array(sized(generator, 0.08))
     parts = (InputLag(surface, gain=jnp.ones(()), time=time) for surface in SURFACES)
-    return _all("lag of all inputs", parts)
+    return _all("lag of all inputs in rad", parts)
 
 
 def _all_rate_limited(generator):
     limit = jnp.radians(sized(generator, 4.0))
     parts = (InputRateLimit(surface, gain=jnp.ones(()), limit=limit) for surface in SURFACES)
-    return _all("rate limit of all inputs", parts)
+    return _all("rate limit of all inputs in rad", parts)
 
 
 def _late(generator):

@@ -82,6 +82,12 @@ class Gusty(AbstractModel):
         feels_air = np.array([self.outputs.index(name) for name in ("alpha", "V")])
         return ground.at[feels_air].set(through_air[feels_air])
 
+    def observe(self, t, y):
+        return self.model.observe(t, y)
+
+    def input_signal(self, path):
+        return self.model.input_signal(path)
+
 
 def fly(wanted: Scenario, seed: int) -> Flown:
     """Seven manoeuvres of 20 s, each larger or smaller by up to a third, to either side.

@@ -2,8 +2,9 @@
 
 from .bands import Band, Bands, prediction_bands
 from .frequency_response import FrequencyResponse, frequency_response
-from .localise import LocalisationResult, Place, localise_residual
+from .localise import localise_residual
 from .maps import ResidualMaps, residual_maps
+from .places import LocalisationResult, Place
 from .residual_report import ResidualReport, analyse_residual
 from .residuals import ResidualTests, residual_tests
 from .statistics import FitStatistics, statistics

@@ -20,7 +20,7 @@ from .shape_initialisation import longest_record, max_deviation, misfit_peak, ti
 # width before `initialise_shape` sets it (chosen): wider than any signal in SI units, so that z is
 # constant
 UNSET_WIDTH = 1e6
-WIDTHS = 1e-9, float("inf")  # derived: a width is positive
+LOOP_WIDTHS = 1e-9, float("inf")  # derived: a width is positive
 # Chosen: beyond it the bend is a corner; below one the slope is infinite at z = 0.
 EXPONENTS = 1.0, 20.0
 # least initial lag in sample intervals (chosen): with a shorter lag, integration is inaccurate
@@ -224,7 +224,7 @@ class Hysteresis(ScalarEffect):
             signals=(self.signal,),
             complexity=AS_CUBIC,
             fixed=("exponent", "reversal"),
-            bounds={"width": WIDTHS},
+            bounds={"width": LOOP_WIDTHS},
         )
         if not self.free_shape:
             return simple
@@ -236,7 +236,7 @@ class Hysteresis(ScalarEffect):
             complexity=AS_CUBIC + 2,
             fixed=(),
             refines=name,
-            bounds={"width": WIDTHS, "exponent": EXPONENTS, "reversal": (0.0, 1.0)},
+            bounds={"width": LOOP_WIDTHS, "exponent": EXPONENTS, "reversal": (0.0, 1.0)},
         )
 
     def initialise_shape(self, signals, measured, step):

@@ -17,7 +17,7 @@ from ..diagnosis.heldout_error import (
     observed_channels,
     uncertainty,
 )
-from ..diagnosis.localise import LocalisationResult
+from ..diagnosis.places import LocalisationResult
 from ..effects.base import Effect
 from .dependence import followed_signals
 from .evidence import DETERMINED, SETTLED, inflation, is_drift, is_noise_like, memory

@@ -12,7 +12,8 @@ import scipy
 from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from .._foundation.types import Float
-from ..diagnosis.localise import LocalisationResult, localise, resolution
+from ..diagnosis.localise import localise, resolution
+from ..diagnosis.places import LocalisationResult
 from .evidence import least_expected_fall
 from .fit import LoopFit
 from .hypothesis import Hypothesis

@@ -11,7 +11,7 @@ import scipy
 
 from .._foundation.grid import typical_step
 from .._foundation.location import LocationKind
-from ..diagnosis.localise import LocalisationResult
+from ..diagnosis.places import LocalisationResult
 from ..estimation.autoregressive_noise import select_order
 from .dependence import followed_by_forces
 from .evidence import INSEPARABLE, is_drift

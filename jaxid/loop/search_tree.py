@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..diagnosis.localise import LocalisationResult
+from ..diagnosis.places import LocalisationResult
 from .evidence import Comparison
 from .fit import LoopFit
 from .moves import Move, localise_fit

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .._foundation.location import Location
-from ..diagnosis.localise import LocalisationResult, Place
+from ..diagnosis.places import LocalisationResult, Place
 from .style import AFTER, FONT, INK, MEASURED, OTHER, canvas, lay_out, plain
 from .words import percent
 

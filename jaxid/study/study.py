@@ -11,7 +11,7 @@ from .._foundation.checks import require_known
 from .._foundation.json_text import json_text
 from .._foundation.notebook import Table, paragraphs
 from ..data.record import Record
-from ..diagnosis.localise import LocalisationResult
+from ..diagnosis.places import LocalisationResult
 from ..diagnosis.residual_report import ResidualReport
 from ..diagnosis.validation import Prediction
 from ..estimation.likelihoods import AbstractLikelihood

@@ -141,8 +141,8 @@ def _range(records: Record) -> tuple[np.ndarray, np.ndarray]:
     """Return the smallest and the largest valid value of each input and output."""
     mask = np.asarray(records.mask)
     values = np.concatenate([np.asarray(records.u), np.asarray(records.z)], axis=-1)
-    seen = np.broadcast_to(np.any(mask, axis=-1, keepdims=True), np.shape(records.u))
-    valid = np.concatenate([seen, mask], axis=-1)
+    rows = np.broadcast_to(np.any(mask, axis=-1, keepdims=True), np.shape(records.u))
+    valid = np.concatenate([rows, mask], axis=-1)
     axes = tuple(range(values.ndim - 1))
     return (
         np.min(values, axis=axes, where=valid, initial=np.inf),

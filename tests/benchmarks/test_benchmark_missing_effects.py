@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jaxid import RK4, simulate
-from jaxid.effects import Augmented, SensorBias, Term
+from jaxid.effects import Augmented, InputDelay, SensorBias, Term
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -56,6 +56,22 @@ def test_study_adds_planted_effect_and_no_effect_in_control(studies):
     assert planted["attainable"] < planted["error_before"]
     assert (control["effects"], control["outcome"]) == ([], "nothing missing")
     assert control["ratio"] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_aircraft_in_gusts_keeps_effects_in_inputs_and_sensors(of):
+    longitudinal = of("longitudinal")
+    aircraft = longitudinal.true_aircraft()
+    effects = InputDelay("elevator", jnp.array(0.1)), SensorBias("q", jnp.array(0.01))
+    truth, t = Augmented(aircraft, effects), 0.04 * np.arange(20)
+    u, start = 0.02 * np.sin(3.0 * t)[:, None], np.array([100.0, 5.0, 0.0, 0.05])
+    still = np.column_stack([u, np.zeros(t.size)])
+    plain, planted, gusty = (
+        np.asarray(simulate(model, t, inputs, start, stepper=RK4()).y)
+        for model, inputs in ((aircraft, u), (truth, u), (longitudinal.Gusty(truth), still))
+    )
+    np.testing.assert_allclose(gusty, planted, rtol=1e-12)
+    q = aircraft.outputs.index("q")
+    assert np.max(np.abs(planted - plain)[:, q]) > 0.01
 
 
 def test_names_of_planted_effects_and_of_equivalent_ones(of):

@@ -25,8 +25,6 @@ from .random_forces import ForceFit, fit_forces
 FORCE_TIME = 5.0
 # Chosen: number of steps of random forces from each start, before the better one is continued.
 FIRST_STEPS = 6
-# Chosen: share of the largest standard deviation below which a component of the gusts is none.
-NEGLIGIBLE_GUST = 0.05
 
 
 def noise_moves(
@@ -55,7 +53,8 @@ def noise_moves(
     every = [_move(Hypothesis(one, noise), fall) for noise, fall in noises for one in sets]
     moves = [move for move in every if _worth(fit, move) > INSEPARABLE]
     for noise, rough in _rough_fits(fit, declared, _places_of_forces(fit, where)):
-        noise, best = _without_negligible(noise, fit_forces(rough.motion, noise, rough.noise))
+        best = fit_forces(rough.motion, noise, rough.noise)
+        noise, best = _without_needless(fit, noise, best)
         move = _forces_alone(fit, noise, best)
         if _worth(fit, move) <= INSEPARABLE or _better_with_effects(fit, noise, move):
             continue
@@ -128,24 +127,53 @@ def _rough_fits(
         return min(starts, key=lambda one: one.cost)
 
     fits = [(noise, better(noise)) for noise in noises]
-    return sorted(fits, key=lambda one: -_worth(fit, _forces_alone(fit, *one)))
+    return sorted(fits, key=lambda one: -_worth_alone(fit, *one))
 
 
-def _without_negligible(noise: RandomForces, best: ForceFit) -> tuple[RandomForces, ForceFit]:
-    """Return random forces and their most probable values, negligible gusts left out: the
-    correlation time of a gust that is none is not determined.
+def _without_needless(
+    fit: LoopFit, noise: RandomForces, best: ForceFit
+) -> tuple[RandomForces, ForceFit]:
+    """Return random forces and their most probable values, without the gusts that are not worth
+    their parameters, the smallest first: the correlation time of a gust that is none is not
+    determined.
     """
-    deviation = np.asarray(best.noise.deviation)
-    in_air = np.isin([*noise.sizes], noise.air)
-    kept = ~in_air | (deviation > NEGLIGIBLE_GUST * np.max(deviation[in_air], initial=0.0))
-    if np.all(kept):
+    if len(noise.air) < 2:
         return noise, best
-    left = {name for name, one in zip(noise.sizes, kept, strict=True) if one}
-    gusts = {name: size for name, size in noise.gusts if name in left}
+    sizes = dict(zip(noise.sizes, np.asarray(best.noise.deviation).tolist(), strict=True))
+    smallest = min(noise.air, key=lambda name: sizes[name])
+    kept = np.array([name != smallest for name in sizes])
+    gusts = {name: size for name, size in noise.gusts if name != smallest}
     smaller = RandomForces(dict(noise.forces), gusts, noise.time)
     deviation, time, sensors = best.noise
-    first = ForceNoise(deviation[kept], time[kept], sensors)
-    return _without_negligible(smaller, fit_forces(best.motion, smaller, first))
+    others = fit_forces(best.motion, smaller, ForceNoise(deviation[kept], time[kept], sensors))
+    if _worth_alone(fit, smaller, others) < _worth_alone(fit, noise, best):
+        return noise, best
+    return _without_needless(fit, smaller, others)
+
+
+def without_slow(parent: LoopFit, refused: LoopFit) -> Move | None:
+    """Return the move to the random forces of a refused fit without those as slow as a drift; None
+    if none or all of them are.
+
+    Args:
+        parent: the fit from which the refused one was a move.
+        refused: a fit with noise that was refused as a drift.
+    """
+    noise, estimates = refused.hypothesis.noise, refused.estimates
+    if not isinstance(noise, RandomForces):
+        return None
+    kept = {n for n in noise.sizes if not is_drift(refused, estimates[f"correlation_time.{n}"][0])}
+    if not kept or kept == {*noise.sizes}:
+        return None
+    forces, gusts = ({n: s for n, s in part if n in kept} for part in (noise.forces, noise.gusts))
+    smaller = Hypothesis((), RandomForces(forces, gusts, noise.time))
+    start = {name: value for name, (value, _) in estimates.items()}
+    return _move(smaller, 2.0 * (parent.cost - refused.cost), start)
+
+
+def _worth_alone(fit: LoopFit, noise: RandomForces, best: ForceFit) -> float:
+    """Return the expected worth of random forces without effects."""
+    return _worth(fit, _forces_alone(fit, noise, best))
 
 
 def _forces_alone(fit: LoopFit, noise: RandomForces, best: ForceFit) -> Move:

@@ -26,7 +26,7 @@ from .evidence import (
 from .fit import LoopFit, check_finite, fit
 from .hypothesis import Hypothesis, White
 from .moves import Move, MoveKind, Proposals, localise_fit
-from .noise import noise_moves
+from .noise import noise_moves, without_slow
 from .options import LoopOptions
 from .problem import LoopProblem
 from .search_tree import SearchTree, Step
@@ -253,9 +253,15 @@ def _has_shape(problem: LoopProblem, move: Move) -> bool:
 def _step(
     tree: SearchTree, parent: LoopFit, move: Move, count: int, options, target: float
 ) -> Step:
-    """Return the step of a move, refused if its noise depends on a signal."""
+    """Return the step of a move, refused if its noise depends on a signal. Random forces that are
+    refused as a drift are refitted without the slow ones.
+    """
     new = refit(parent, move, target)
     step = Step(parent, move, new, compare(parent, new, options, count))
+    faster = without_slow(parent, new) if step.comparison.decision is Decision.DRIFT else None
+    if faster is not None:
+        tree.steps.append(step)
+        return _step(tree, parent, faster, count, options, target)
     if move.kind is MoveKind.NOISE and step.comparison.accepted:
         return _without_dependence(tree, step, options)
     return step

@@ -8,11 +8,11 @@ import pytest
 from searched_spring import problem
 
 from jaxid.effects import InputDelay, SensorBias, Term
-from jaxid.loop import Coloured, Hypothesis, LoopOptions, search_effects
+from jaxid.loop import Coloured, Hypothesis, LoopOptions, RandomForces, search_effects
 from jaxid.loop.evidence import Comparison, Decision, compare, least_expected_fall
 from jaxid.loop.fit import fit
 from jaxid.loop.moves import Move, MoveKind, Proposals
-from jaxid.loop.noise import noise_moves
+from jaxid.loop.noise import noise_moves, without_slow
 from jaxid.loop.search import _new, refit, second_steps, with_shapes
 from jaxid.loop.search_tree import SearchTree, Step
 
@@ -96,6 +96,25 @@ def test_noise_is_proposed_where_it_explains_the_residual():
     assert isinstance(move.hypothesis.noise, Coloured)
     new = fit(coloured.problem, move.hypothesis, coloured)
     assert 2.0 * (coloured.cost - new.cost) == pytest.approx(move.expected, rel=0.1)
+
+
+def test_forces_as_slow_as_a_drift_are_left_out():
+    white = fit(problem(25), Hypothesis())
+    slow, noise = white.problem.longest_memory, RandomForces({"x": 0.1, "v": 0.2}, {}, 0.5)
+
+    def refused(x, v):
+        fitted = dataclasses.replace(white, hypothesis=Hypothesis((), noise))
+        times = {"correlation_time.x": (x, 0.1), "correlation_time.v": (v, 0.1)}
+        fitted.__dict__["estimates"] = white.estimates | times  # of a fit that ended there
+        return fitted
+
+    move = without_slow(white, refused(slow, 0.4 * slow))
+    assert move is not None
+    assert move.hypothesis == Hypothesis((), RandomForces({"v": 0.2}, {}, 0.5))
+    assert move.start["correlation_time.v"] == 0.4 * slow
+    for times in ((slow, slow), (0.1 * slow, 0.4 * slow)):
+        assert without_slow(white, refused(*times)) is None
+    assert without_slow(white, white) is None
 
 
 def test_wider_beam_finds_the_same_pair():

@@ -127,7 +127,7 @@ def test_truth_that_the_library_lacks_is_measured_against_the_noise(of, study):
     assert study["failed"] is None
     assert (study["offered"], study["identifiable"], study["in"]) == ([False], [True], [False])
     assert study["attainable"] == pytest.approx(np.mean(np.log([0.02, 0.05])))
-    assert study["planted"][0][0] == "square of a"
+    assert study["planted"][0][0] == "curvature of a"
     assert of("judge").answer(study) in (of("judge").Answer.DOUBT, of("judge").Answer.WRONG)
     assert json.loads(json.dumps(study)) == study
 

@@ -97,7 +97,7 @@ class RigidMotion(eqx.Module):
         else:
             values = aerodynamics.coefficients(signals)
             rates = self.reduced_air_rates(signals, self._accelerations(signals, values)[0])
-        by_name = dict(zip(RATE_SIGNALS, rates, strict=True))
+        by_name: Signals = dict(zip(RATE_SIGNALS, rates, strict=True))
         known = {name: by_name[name] for name in propagated_rates(self.channels)}
         return values, signals | known | self._named(signals, values)
 

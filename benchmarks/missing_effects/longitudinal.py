@@ -116,33 +116,31 @@ def fly(wanted: Scenario, seed: int) -> Flown:
     z = recorded(wanted.effects, z, truth.outputs)
     if "gaps" in have:
         z[generator.uniform(size=z.shape) < have["gaps"]] = np.nan
-    units = {
-        name: unit for name, unit in truth.units().items() if name in truth.inputs + truth.outputs
-    }
+    return given(truth.model, truth, t, u, z)
+
+
+def given(aircraft, truth: Augmented, t, u, z) -> Flown:
+    """Return the declared aircraft and its records.
+
+    Args:
+        aircraft: the true one without the planted effects.
+        truth: the true one.
+        t: sample times [s].
+        u, z: recorded inputs and outputs, shape (manoeuvre, time, channel).
+    """
+    names = truth.inputs + truth.outputs
+    units = {name: unit for name, unit in truth.units().items() if name in names}
+    channels = {"inputs": truth.inputs, "outputs": truth.outputs, "units": units}
     flown = [
-        record(
-            t,
-            one,
-            readings,
-            inputs=truth.inputs,
-            outputs=truth.outputs,
-            units=units,
-            name=f"record {i}",
-        )
+        record(t, one, readings, **channels, name=f"record {i}")
         for i, (one, readings) in enumerate(zip(np.asarray(u), z, strict=True))
     ]
     model = declared(truth)
     chosen = free(model, "CX", "CZ", "Cm", per_record=("initial_state",))
-    true = dict(
-        zip(
-            chosen.shared,
-            np.asarray(read_parameters(truth.model, chosen.shared)).tolist(),
-            strict=True,
-        )
-    )
-    return Flown(
-        model, chosen, flown[:TRAIN], flown[TRAIN : TRAIN + CHECK], flown[TRAIN + CHECK :], true
-    )
+    values = np.asarray(read_parameters(aircraft, chosen.shared)).tolist()
+    true = dict(zip(chosen.shared, values, strict=True))
+    parts = flown[:TRAIN], flown[TRAIN : TRAIN + CHECK], flown[TRAIN + CHECK :]
+    return Flown(model, chosen, *parts, true)
 
 
 @eqx.filter_jit

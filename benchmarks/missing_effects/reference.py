@@ -33,7 +33,7 @@ class Reference(NamedTuple):
         error: mean over the channels of the logarithm of the error on the test records.
         offered: whether the library has each planted effect. One that it lacks is left out of the
             fit, counts as identifiable if the test errors exceed the noise, and has the
-            chi-square of this excess; the error is then that of the noise.
+            chi-square of this excess; the error is then the error by noise alone.
     """
 
     declared: LoopFit

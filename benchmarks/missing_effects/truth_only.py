@@ -1,4 +1,4 @@
-"""Effects of the truth for which jaxid has no class; their names are the ones expected of one."""
+"""Effects of the truth that are computed without the library; their names are the library's."""
 
 import dataclasses
 from collections.abc import Sequence

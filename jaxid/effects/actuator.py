@@ -12,7 +12,7 @@ import numpy as np
 
 from .._foundation.location import Location, LocationKind
 from .._foundation.types import Array, Float
-from .base import zero
+from .base import Effect, zero
 from .card import EffectCard
 from .dynamics import UNSET_WIDTH
 from .input import CommonInputEffect, InputEffect
@@ -38,7 +38,33 @@ class ActuatorShape(InputEffect):
         return u.at[index].add(self.gain * (self.changed(u[index]) - u[index]))
 
 
-class InputRateLimit(InputEffect):
+class AbstractRateLimit(Effect):
+    """One rate limit of the actuators of one or several inputs.
+
+    Attributes:
+        channels: names of the inputs.
+        fraction: initial limit, as a fraction of the largest rate in the training records.
+        gain: share of the limited path, one for a limit [1].
+        limit: largest rate [unit of the inputs/s].
+    """
+
+    channels: eqx.AbstractVar[tuple[str, ...]]
+    fraction: eqx.AbstractVar[float]
+    gain: eqx.AbstractVar[Float[Array, ""]]
+    limit: eqx.AbstractVar[Float[Array, ""]]
+
+    def initialise_shape(self, signals, measured, step):
+        largest = max(np.max(np.abs(rates_in(signals[n], signals))) for n in self.channels)
+        limit = self.fraction * largest if largest > 0 else NO_LIMIT_YET
+        return eqx.tree_at(lambda effect: effect.limit, self, jnp.asarray(limit))
+
+    def input_signal(self, path, inputs):
+        for channel in self.channels:
+            path = path.followed(inputs.index(channel), RateLimited(self.limit), self.gain)
+        return path
+
+
+class InputRateLimit(InputEffect, AbstractRateLimit):
     """Rate limit of an actuator: `u -> u + gain (r - u)`.
 
         |dr/dt| <= limit,    r as near to u as the limit allows
@@ -71,16 +97,8 @@ class InputRateLimit(InputEffect):
             unit_gain=True,
         )
 
-    def initialise_shape(self, signals, measured, step):
-        largest = np.max(np.abs(rates_in(signals[self.channel], signals)))
-        limit = self.fraction * largest if largest > 0 else NO_LIMIT_YET
-        return eqx.tree_at(lambda effect: effect.limit, self, jnp.asarray(limit))
 
-    def input_signal(self, path, inputs):
-        return path.followed(inputs.index(self.channel), RateLimited(self.limit), self.gain)
-
-
-class CommonInputRateLimit(CommonInputEffect):
+class CommonInputRateLimit(CommonInputEffect, AbstractRateLimit):
     """One rate limit of several actuators: `u_i -> u_i + gain (r_i - u_i)`.
 
         |dr_i/dt| <= limit,    r_i as near to u_i as the limit allows
@@ -114,16 +132,6 @@ class CommonInputRateLimit(CommonInputEffect):
             bounds={"limit": (0.0, float("inf"))},
             unit_gain=True,
         )
-
-    def initialise_shape(self, signals, measured, step):
-        rates = [np.abs(rates_in(signals[channel], signals)) for channel in self.channels]
-        limit = self.fraction * np.max(rates) if np.max(rates) > 0 else NO_LIMIT_YET
-        return eqx.tree_at(lambda effect: effect.limit, self, jnp.asarray(limit))
-
-    def input_signal(self, path, inputs):
-        for channel in self.channels:
-            path = path.followed(inputs.index(channel), RateLimited(self.limit), self.gain)
-        return path
 
 
 class InputHysteresis(InputEffect):

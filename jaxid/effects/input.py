@@ -5,7 +5,6 @@ Inputs of one unit, such as the surfaces of an aircraft, may have the same actua
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from .._foundation.checks import require
 from .._foundation.grid import is_uniform
@@ -28,6 +27,11 @@ class InputEffect(Effect):
     """
 
     channel: eqx.AbstractVar[str]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the inputs on which it acts."""
+        return (self.channel,)
 
 
 class CommonInputEffect(Effect):
@@ -156,7 +160,41 @@ class InputBetweenSamples(InputEffect):
         return path.blend_band_limited(inputs.index(self.channel), self.gain)
 
 
-class InputLag(InputEffect):
+class AbstractLag(Effect):
+    """First-order actuators with one time constant in one or several inputs.
+
+    Attributes:
+        channels: names of the inputs.
+        gain: share of the lagged path, one for a lag [1].
+        time: time constant [s].
+    """
+
+    channels: eqx.AbstractVar[tuple[str, ...]]
+    gain: eqx.AbstractVar[Float[Array, ""]]
+    time: eqx.AbstractVar[Float[Array, ""]]
+
+    def initialise_shape(self, signals, measured, step):
+        return eqx.tree_at(lambda effect: effect.time, self, 2.0 * jnp.asarray(step))
+
+    @property
+    def _pairs(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of the state of an actuator and its input."""
+        return tuple(zip(self.extra_states, self.channels, strict=True))
+
+    def input(self, u, extra, inputs):
+        for lagged, channel in self._pairs:
+            index = inputs.index(channel)
+            u = u.at[index].add(self.gain * (extra[lagged] - u[index]))
+        return u
+
+    def initial_extra_states(self, record):
+        return {lagged: record.channel(channel)[0] for lagged, channel in self._pairs}
+
+    def extra_rates(self, extra, u, signals, rates):
+        return {lagged: (u[channel] - extra[lagged]) / self.time for lagged, channel in self._pairs}
+
+
+class InputLag(InputEffect, AbstractLag):
     """First-order actuator between the recorded input and the plant.
 
         d(lagged)/dt = (u - lagged) / time,    u -> u + gain (lagged - u)
@@ -185,26 +223,12 @@ class InputLag(InputEffect):
             unit_gain=True,
         )
 
-    def initialise_shape(self, signals, measured, step):
-        return eqx.tree_at(lambda effect: effect.time, self, 2.0 * jnp.asarray(step))
-
     @property
     def extra_states(self):
         return (f"lagged {self.channel}",)
 
-    def input(self, u, extra, inputs):
-        index = inputs.index(self.channel)
-        return u.at[index].add(self.gain * (extra[self.extra_states[0]] - u[index]))
 
-    def initial_extra_states(self, record):
-        return {self.extra_states[0]: record.channel(self.channel)[0]}
-
-    def extra_rates(self, extra, u, signals, rates):
-        lagged = self.extra_states[0]
-        return {lagged: (u[self.channel] - extra[lagged]) / self.time}
-
-
-class CommonInputLag(CommonInputEffect):
+class CommonInputLag(CommonInputEffect, AbstractLag):
     """First-order actuators with one time constant between several recorded inputs and the plant.
 
         d(lagged_i)/dt = (u_i - lagged_i) / time,    u_i -> u_i + gain (lagged_i - u_i)
@@ -236,24 +260,6 @@ class CommonInputLag(CommonInputEffect):
             unit_gain=True,
         )
 
-    def initialise_shape(self, signals, measured, step):
-        return eqx.tree_at(lambda effect: effect.time, self, 2.0 * jnp.asarray(step))
-
     @property
     def extra_states(self):
         return tuple(f"commonly lagged {channel}" for channel in self.channels)
-
-    def input(self, u, extra, inputs):
-        columns = np.array([inputs.index(channel) for channel in self.channels])
-        lagged = jnp.stack([extra[name] for name in self.extra_states])
-        return u.at[columns].add(self.gain * (lagged - u[columns]))
-
-    def initial_extra_states(self, record):
-        firsts = (record.channel(channel)[0] for channel in self.channels)
-        return dict(zip(self.extra_states, firsts, strict=True))
-
-    def extra_rates(self, extra, u, signals, rates):
-        return {
-            lagged: (u[channel] - extra[lagged]) / self.time
-            for lagged, channel in zip(self.extra_states, self.channels, strict=True)
-        }

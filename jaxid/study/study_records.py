@@ -132,7 +132,8 @@ def channels_beyond(used: Record, other: Record, share: float) -> tuple[str, ...
         share: share of the range by which they must leave it.
     """
     (low, high), (lowest, highest) = _range(used), _range(other)
-    far = np.maximum(low - lowest, highest - high) > share * (high - low)
+    with np.errstate(invalid="ignore"):  # a channel without a sample has no range
+        far = np.maximum(low - lowest, highest - high) > share * (high - low)
     names = (*used.inputs, *used.outputs)
     return tuple(name for name, is_far in zip(names, far, strict=True) if is_far)
 

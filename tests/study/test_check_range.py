@@ -1,4 +1,6 @@
-"""The range of the check records: what they alone reach cannot be found."""
+"""Range of the check records: an effect that acts only beyond the fitted range cannot be found."""
+
+import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
@@ -38,6 +40,13 @@ def test_range_counts_valid_samples_alone():
     z[10, 0] = np.nan
     hole = jaxid.record(other.t, other.u, z, inputs=other.inputs, outputs=other.outputs)
     assert channels_beyond(used, hole, CHECK_BEYOND) == ()
+
+
+def test_channel_without_samples_has_no_range():
+    used = fly(1)
+    blind = dataclasses.replace(used, mask=used.mask.at[:, 1].set(False))  # as a part may be
+    with np.errstate(all="raise"):
+        assert channels_beyond(blind, blind, CHECK_BEYOND) == ()
 
 
 @pytest.mark.parametrize("starts_free", [False, True])

@@ -1,7 +1,4 @@
-"""Harder truths of the aircraft in its plane of symmetry.
-
-Unlike the usual scenarios they fly without gusts, and all effects of the library act.
-"""
+"""Harder truths of the aircraft in its plane of symmetry, without gusts."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,11 +11,9 @@ from benchmarks.missing_effects.harder.draw import (
     one_of,
     pairs,
     sized,
-    two_delays,
-    two_of,
 )
 from benchmarks.missing_effects.harder.flight import flown, with_noise
-from benchmarks.missing_effects.harder.sensors import at_sensor, curve, late, saturation
+from benchmarks.missing_effects.harder.sensors import at_sensor, curve, late, saturation, two_late
 from benchmarks.missing_effects.scenarios import (
     CHECK,
     TEST,
@@ -30,7 +25,6 @@ from benchmarks.missing_effects.scenarios import (
     planted,
 )
 from benchmarks.missing_effects.truth_only import HeightDependence, SensorAbsolute, SensorSquare
-from jaxid import free, record
 from jaxid.aircraft.effects.coefficient_term import CoefficientTerm
 from jaxid.aircraft.effects.flow_dependence import CoefficientGradient, in_coefficient
 from jaxid.aircraft.effects.separation import Separation
@@ -41,7 +35,6 @@ from jaxid.aircraft.flight.longitudinal_flight import (
     NOISE_DEG,
     NOISE_SI,
     SAMPLES,
-    declared,
     level_trim,
     manoeuvres,
     true_aircraft,
@@ -59,7 +52,6 @@ from jaxid.effects import (
     SensorLag,
     SensorScale,
 )
-from jaxid.models.names import read_parameters
 
 DURATION = FLIGHT_SAMPLE_TIME * (SAMPLES - 1)  # s
 EQUATIONS = {"CX": "u", "CZ": "w", "Cm": "q"}
@@ -86,27 +78,8 @@ def fly(wanted: Scenario, seed: int) -> Flown:
     z = with_noise(
         wanted.effects, clean, noise * generator.normal(size=clean.shape), aircraft.outputs
     )
-    truth = Augmented(aircraft, ())
-    names = truth.inputs + truth.outputs
-    units = {name: unit for name, unit in truth.units().items() if name in names}
-    records = [
-        record(
-            t,
-            one,
-            readings,
-            inputs=truth.inputs,
-            outputs=truth.outputs,
-            units=units,
-            name=f"record {i}",
-        )
-        for i, (one, readings) in enumerate(zip(np.asarray(u), z, strict=True))
-    ]
-    model = declared(truth)
-    chosen = free(model, "CX", "CZ", "Cm", per_record=("initial_state",))
-    values = np.asarray(read_parameters(aircraft, chosen.shared)).tolist()
-    true = dict(zip(chosen.shared, values, strict=True))
-    parts = records[:TRAIN], records[TRAIN : TRAIN + CHECK], records[TRAIN + CHECK :]
-    return Flown(model, chosen, *parts, true, tuple(noise.tolist()))
+    usual = longitudinal.given(aircraft, Augmented(aircraft, ()), t, u, z)
+    return usual._replace(noise=tuple(noise.tolist()))
 
 
 def manoeuvred(size: np.ndarray):
@@ -228,12 +201,6 @@ def _separated(generator):
     return separation, _term(generator, "Cm", "alpha qhat", -60.0)
 
 
-def _late(generator):
-    first, second = two_of(generator, ("alpha", "q", "pitch"))
-    long, short = two_delays(generator, 0.08)
-    return late(first, long), late(second, short)
-
-
 MOTION = (
     lambda g: _term(g, "Cm", "alpha^3", -8.0),
     lambda g: _term(g, "CZ", "alpha^2", 3.0),
@@ -271,7 +238,7 @@ def _scenarios() -> tuple[Scenario, ...]:
             "rate limit and dead zone of the elevator", lambda g: (_rate_limit(g), _dead_zone(g))
         ),
         harder("lag and rate limit of the elevator", lambda g: (_lag(g), _rate_limit(g))),
-        harder("two late sensors", _late),
+        harder("two late sensors", lambda g: two_late(g, ("alpha", "q", "pitch"), 0.08)),
         harder("saturation of a sensor", lambda g: saturation(g, levels)),
         harder("square of a sensor", lambda g: curve(SensorSquare, g, curves)),
         harder(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.missing_effects.harder.draw import one_of, sized
+from benchmarks.missing_effects.harder.draw import one_of, sized, two_delays, two_of
 from benchmarks.missing_effects.scenarios import Planted, planted
 from benchmarks.missing_effects.truth_only import SensorAbsolute, SensorSquare
 from jaxid.effects import Location, LocationKind, SensorDelay, SensorSaturation
@@ -52,3 +52,18 @@ def saturation(
 def late(channel: str, delay: float, also: tuple[str, ...] = ()) -> Planted:
     """Return a delay of a sensor [s]."""
     return planted(SensorDelay, channel, gain=delay, places=at_sensor(channel), also=also)
+
+
+def two_late(
+    generator: np.random.Generator, channels: tuple[str, ...], delay: float
+) -> tuple[Planted, ...]:
+    """Return delays of two random sensors, the second one shorter.
+
+    Args:
+        generator: generator of the draw.
+        channels: sensors among which are drawn.
+        delay: size of the first delay before its random factor [s].
+    """
+    first, second = two_of(generator, channels)
+    long, short = two_delays(generator, delay)
+    return late(first, long), late(second, short)

@@ -7,10 +7,8 @@ from benchmarks.missing_effects.harder.draw import (
     one_of,
     pairs,
     sized,
-    two_delays,
-    two_of,
 )
-from benchmarks.missing_effects.harder.sensors import at_sensor, curve, late, saturation
+from benchmarks.missing_effects.harder.sensors import at_sensor, curve, late, saturation, two_late
 from benchmarks.missing_effects.scenarios import Planted, Scenario, System, planted
 from benchmarks.missing_effects.ship import ROLL, RUDDER, SWAY, YAW
 from benchmarks.missing_effects.truth_only import MassStep, SensorAbsolute, SensorSquare
@@ -61,12 +59,6 @@ def _powers(generator):
     )
 
 
-def _late(generator):
-    first, second = two_of(generator, ("v", "r", "p", "phi"))
-    long, short = two_delays(generator, 1.0)
-    return late(first, long), late(second, short)
-
-
 def _mass(generator):
     step = MassStep("v", sized(generator, 0.3), moment(generator, DURATION))
     return (Planted(step, SWAY, ("step of *mass*",)),)
@@ -94,7 +86,7 @@ def _scenarios() -> tuple[Scenario, ...]:
         harder("lag and dead zone of the rudder", lambda g: (_lag(g), _dead_zone(g))),
         harder("rate limit and dead zone of the rudder", lambda g: (_rate_limit(g), _dead_zone(g))),
         harder("lag and rate limit of the rudder", lambda g: (_lag(g), _rate_limit(g))),
-        harder("two late sensors", _late),
+        harder("two late sensors", lambda g: two_late(g, ("v", "r", "p", "phi"), 1.0)),
         harder("saturation of a sensor", lambda g: saturation(g, levels)),
         harder("square of a sensor", lambda g: curve(SensorSquare, g, {"phi": 1.0, "v": 0.05})),
         harder(

@@ -15,11 +15,9 @@ from benchmarks.missing_effects.harder.draw import (
     one_of,
     pairs,
     sized,
-    two_delays,
-    two_of,
 )
 from benchmarks.missing_effects.harder.flight import flown
-from benchmarks.missing_effects.harder.sensors import at_sensor, curve, guesses, late
+from benchmarks.missing_effects.harder.sensors import at_sensor, curve, guesses, late, two_late
 from benchmarks.missing_effects.scenarios import (
     CHECK,
     TEST,
@@ -66,6 +64,7 @@ WITH_MACH = (("CZ", "alpha", -4.0), ("Cm", "alpha", -1.0), ("Cn", "beta", 0.4))
 AS_MACH = {"mach": 1.0, "qbar": 24000.0, "altitude": 1000.0}
 POWERS = {"Cm": (-0.5, -2.0), "CZ": (2.0, 5.0)}  # of alpha^2 and alpha^3
 STALL = {"f4": (0.21, 0.24), "f16": (0.16, 0.19)}  # rad; 1 to 3 deg above the trimmed alpha
+LATE = ("alpha", "beta", "q", "r", "pitch")  # sensors of which two are late
 STABILATOR = (Location(LocationKind.INPUT, "stabilator"), Location(LocationKind.EQUATION, "q"))
 
 
@@ -245,12 +244,6 @@ def _all_rate_limited(generator):
     return _all("rate limit of all inputs in rad", parts)
 
 
-def _late(generator):
-    first, second = two_of(generator, ("alpha", "beta", "q", "r", "pitch"))
-    long, short = two_delays(generator, 0.08)
-    return late(first, long), late(second, short)
-
-
 MOTION = (
     lambda g: _term(g, "Cm", "beta^2", -0.6),
     lambda g: _term(g, "CZ", "alpha^2", 2.0),
@@ -289,7 +282,7 @@ def _scenarios(of: Type) -> tuple[Scenario, ...]:
         harder("lag of all surfaces", _all_lag),
         harder("rate limit of all surfaces", _all_rate_limited),
         harder("lag and dead zone of the stabilator", lambda g: (_lag(g), _dead_zone(g))),
-        harder("two late sensors", _late),
+        harder("two late sensors", lambda g: two_late(g, LATE, 0.08)),
         harder("square of a sensor", lambda g: curve(SensorSquare, g, {"alpha": 0.3, "beta": 0.5})),
         *pairs(MOTION, SENSORS),
     )

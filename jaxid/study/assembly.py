@@ -26,7 +26,7 @@ from ..loop.outcome import Outcome
 from ..loop.problem import LoopProblem
 from ..loop.search_effects import EffectSearch
 from ..loop.search_tree import SearchTree
-from ..loop.wording import check_words, next_best_words, verdict_words
+from ..loop.wording import next_best_words, verdict_words
 from ..models.free import Parameters
 from ..sensitivity.information import Information, OwnBlock, Profile
 from ..sensitivity.spectrum import spectrum
@@ -73,8 +73,7 @@ def assemble_study(
     estimated = {effect.name: effect for effect in split_effects(after.model)[1]}
     words = [
         verdict_words(tree, best, assessment),
-        *caveats(assessment, before, after, records.tests, records.used),
-        *[check_words(records.beyond)] * bool(records.beyond),
+        *caveats(assessment, before, after, records),
     ]
     return Study(
         verdict=" ".join(words),

@@ -104,7 +104,7 @@ def libraries() -> dict[str, tuple[Effect, ...]]:
         ),
         BY_HAND: (*parameter_effects(single, ("a",)), Saturation(Placement.equation("x"), "x")),
         "aircraft": tuple(aircraft.effects()),
-        "`aircraft_effects`": aircraft_effects(aircraft, ground=0.0),
+        "`aircraft_effects`": aircraft_effects(aircraft),
     }
 
 

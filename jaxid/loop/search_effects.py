@@ -16,7 +16,7 @@ from .outcome import Outcome
 from .problem import LoopProblem
 from .search import search
 from .search_tree import SearchTree
-from .wording import next_best_words, verdict_words
+from .wording import STOPPED, next_best_words, verdict_words
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class EffectSearch:
 
     def __str__(self) -> str:
         tree, width = self.tree, max(map(len, (*self.estimates, "parameter")))
-        lines = ["The search was stopped; this is its best so far."] * tree.interrupted
+        lines = [STOPPED] * tree.interrupted
         lines += [verdict_words(tree, tree.best, self.assessment), next_best_words(tree), ""]
         lines.append(f"{'parameter':<{width}} {'value':>12} {'std. error':>12}")
         lines += [f"{n:<{width}} {v:>12.5g} {e:>12.3g}" for n, (v, e) in self.estimates.items()]

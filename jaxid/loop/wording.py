@@ -12,6 +12,7 @@ from .search_tree import SearchTree
 
 # Chosen: difference of chi-square below which two fits are equal; a fit is iterated no further.
 EQUAL = 0.1
+STOPPED = "The search was stopped; this is its best so far."
 NO_PLACE = "No place explains more of the residual than chance would."
 NO_EFFECT = (
     "No effect is missing that these records could show: the residual is consistent with {}."

@@ -8,8 +8,8 @@ from ..diagnosis.residual_report import ResidualReport
 from ..effects.augmented import split_effects
 from ..estimation.result import Estimate
 from ..study.rounds import Candidate, Round
-from ..study.second_opinion import second_opinion_words
 from ..study.study import Study
+from ..study.wording import second_opinion_words
 from .equations import equation
 from .words import ABSENT, display_unit, number, percent, raised, unit_words, with_error
 

@@ -22,7 +22,10 @@ from ..models.free import INITIAL_STATE, free
 from ..models.names import read_parameters
 from ..simulation.hold import Cubic
 from .consistency_result import Channel, Consistency, SensorError
-from .thresholds import COLLINEAR_SHARE
+
+# Chosen: share of a sensitivity that is outside the span of others, below which it is a linear
+# combination of them. Above what rounding leaves, below any share that data can resolve.
+COLLINEAR_SHARE = 1e-7
 
 
 def consistency(

@@ -14,7 +14,6 @@ from ..data.record import Record
 from ..estimation import Estimate
 from ..models.base import AbstractModel
 from ..models.free import with_values
-from .thresholds import COLLINEAR_CORRELATION, COLOUR_INFLATION
 
 # `input_bias.ax`, `instruments.delay.alpha`, `scale of V.gain`: the kind of an error, then the
 # channel.
@@ -22,6 +21,12 @@ KIND = re.compile(
     r"(?:^|.*[._])(?P<kind>bias|scale|delay|lag)(?:\.| of "
     r")(?P<channel>[^.]+)(?:\.gain)?$"
 )
+# Cited: correlation from which on two parameters are nearly collinear (Klein & Morelli, 2006,
+# section 5.2.5).
+COLLINEAR_CORRELATION = 0.9
+# Chosen: ratio of corrected to plain standard errors from which on the residual is reported as
+# coloured. Less reports chance correlations of short records.
+COLOUR_INFLATION = 1.5
 
 
 class SensorError(NamedTuple):

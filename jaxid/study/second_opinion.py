@@ -131,23 +131,6 @@ def compared(score: float, chance: Float[np.ndarray, " draw"], level: float) -> 
     return SecondOpinion(float(score), p_value, float(threshold), level, len(chance))
 
 
-def second_opinion_words(opinion: SecondOpinion | Refusal, required: float) -> str:
-    """Return a second opinion in words, with the threshold of the search.
-
-    Args:
-        opinion: the second opinion, or the reason why there is none.
-        required: chi-square that the search required.
-    """
-    if isinstance(opinion, Refusal):
-        return f"no second opinion: {opinion.value}"
-    limit = f"{opinion.threshold:.1f}" if np.isfinite(opinion.threshold) else "more of them"
-    return (
-        f"second opinion: the score {opinion.score:.1f} by chance with p = {opinion.p_value:.2g} "
-        f"({opinion.draws} draws of random signs); at the level of {100 * opinion.level:.2g} % the "
-        f"draws require {limit}, the search {required:.1f}"
-    )
-
-
 def block_products(
     fit: LoopFit, result: LoopFit, candidates: Sequence[str]
 ) -> Float[np.ndarray, "block candidate"]:

@@ -20,18 +20,18 @@ from ..loop.assess import Objection
 from ..loop.hypothesis import NoiseHypothesis
 from ..loop.options import LoopOptions
 from ..loop.outcome import Outcome
-from ..loop.wording import NO_PLACE
+from ..loop.wording import STOPPED
 from ..models.base import AbstractModel
 from .rounds import Alternative, Candidate, Round
-from .second_opinion import SecondOpinion, second_opinion_words
-
-RUNAWAY_REMEDY = (
-    "If a motion is unstable, drifts far, or is held by a pilot or a controller, cut the records "
-    "into pieces (`jaxid.segment`, `cut` in a study file)."
-)
-RANDOM_MOTION = (
-    "A simulation of the test records does not contain the motion that the random forces cause, so "
-    "that this error by itself does not rate a model."
+from .second_opinion import SecondOpinion
+from .wording import (
+    APPROXIMATION,
+    RANDOM_MOTION,
+    error_title,
+    location_line,
+    round_lines,
+    runaway_words,
+    second_opinion_words,
 )
 
 
@@ -116,17 +116,11 @@ class Study:
         """Descriptions of the test records on which a simulation diverges, for each model; they
         have no error.
         """
-        sides = {"declared model": self.before, "model with the added effects": self.after}
-        sentences = []
-        for words in sides if self.effects else ("declared model",):
-            diverged = [
-                self.tests[test].names[case]
-                for test, prediction in sides[words].tests.items()
-                for case in np.flatnonzero(~np.all(np.isfinite(prediction.residuals), axis=(1, 2)))
-            ]
-            if diverged:
-                sentences.append(f"The {words} diverges on {', '.join(diverged)}. {RUNAWAY_REMEDY}")
-        return tuple(sentences)
+        sides = {"declared model": self.before}
+        if self.effects:
+            sides["model with the added effects"] = self.after
+        words = (runaway_words(name, self.tests, side.tests) for name, side in sides.items())
+        return tuple(sentence for sentence in words if sentence)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all results as plain numbers and words, for JSON."""
@@ -193,14 +187,14 @@ class Study:
         return prediction(self, next(iter(self.tests)) if test is None else test, case)
 
     def _repr_html_(self) -> str:
-        errors = [self._errors(test).html(above=[_error_title(test)]) for test in self.tests]
+        errors = [self._errors(test).html(above=[error_title(test)]) for test in self.tests]
         above, below = paragraphs(self._summary_lines()), paragraphs(self.error_notes)
         return "".join([above, *errors, below, self.after.estimate._repr_html_()])
 
     def __str__(self) -> str:
         lines = self._summary_lines()
         for test in self.tests:
-            lines += ["", _error_title(test), *self._errors(test).lines()]
+            lines += ["", error_title(test), *self._errors(test).lines()]
         caution = [self.caution] if self.caution else []
         return "\n".join([*lines, *self.error_notes, "", str(self.after.estimate), *caution])
 
@@ -213,45 +207,15 @@ class Study:
     @property
     def caution(self) -> str:
         """Meaning of the standard errors where an effect is missing or not certain, else empty."""
-        if self.outcome not in (Outcome.PROXIES, Outcome.UNEXPLAINED):
-            return ""
-        return (
-            "The model is an approximation, as an effect is missing or not certain. The standard "
-            "errors do not contain its error: a true parameter can lie many of them away."
-        )
+        uncertain = self.outcome in (Outcome.PROXIES, Outcome.UNEXPLAINED)
+        return APPROXIMATION if uncertain else ""
 
     def _summary_lines(self) -> list[str]:
-        """Verdict, search and location."""
-        stopped = ["The search was stopped; this is its best so far."] * self.interrupted
-        search = self._search_lines()
-        return [*stopped, self.verdict, self.next_best, "", *search, *self._location_lines()]
-
-    def _search_lines(self) -> list[str]:
-        """Lines on the rounds of the search."""
-        lines = []
-        for index, entry in enumerate(self.rounds, 1):
-            added = f"added {entry.added}" if entry.added else "nothing added"
-            best = max(entry.candidates, key=lambda candidate: candidate.score, default=None)
-            lines.append(
-                f"round {index}: {added}"
-                + (f" (best score: {best.name}{best.replacement})" if best else "")
-            )
-            lines += [f"         dropped {name}" for name in entry.dropped]
-            if entry.second_opinion is not None:
-                words = second_opinion_words(entry.second_opinion, entry.required)
-                lines.append(f"         {words}")
-        return lines
-
-    def _location_lines(self) -> list[str]:
-        """Line on the location of the residual of the declared model, if anything is missing."""
-        if self.outcome is Outcome.NOTHING_MISSING:
-            return []
-        places = ", or ".join(
-            f"{place.location.label} ({place.share:.0%})"
-            for place in self.localisation["before"].significant()
-        )
-        where = f"the residual of the declared model is in the {places}" if places else NO_PLACE
-        return [f"where:   {where}"]
+        """Verdict, search, and the places of the residual if anything is missing."""
+        stopped = [STOPPED] * self.interrupted
+        lines = [*stopped, self.verdict, self.next_best, "", *round_lines(self.rounds)]
+        missing = self.outcome is not Outcome.NOTHING_MISSING
+        return [*lines, *[location_line(self.localisation["before"])] * missing]
 
     def _errors(self, test: str) -> Table:
         """Table of the errors on one set of test records."""
@@ -260,10 +224,6 @@ class Study:
             numbers = (self.before.rms[test][name], self.after.rms[test][name], self.noise[name])
             rows.append((name, *(f"{number:.4g}" for number in numbers), unit))
         return Table(("channel", "before", "after", "noise", "unit"), (7, 12, 12, 12), tuple(rows))
-
-
-def _error_title(test: str) -> str:
-    return f"error on {test} (RMS, not used for fitting)"
 
 
 def _residual_tests(report: ResidualReport) -> dict[str, dict[str, Any]]:

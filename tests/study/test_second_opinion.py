@@ -17,12 +17,8 @@ from jaxid.loop.fit import fit
 from jaxid.loop.moves import Move, MoveKind, Proposals
 from jaxid.loop.search_tree import Step
 from jaxid.study import Refusal, SecondOpinion
-from jaxid.study.second_opinion import (
-    block_products,
-    compared,
-    second_opinion,
-    second_opinion_words,
-)
+from jaxid.study.second_opinion import block_products, compared, second_opinion
+from jaxid.study.wording import second_opinion_words
 
 PRODUCTS = ("u^2", "u^3", "w", "w^2", "w^3", "u w", "u^2 w", "u w^2", "u^3 w", "u^4", "w^4")
 LIBRARY = tuple(Term("y", product) for product in PRODUCTS)

@@ -13,6 +13,11 @@ from ...effects.placement import AS_CUBIC, Placement, ScalarEffect
 from ...models.polynomial import factors, monomials
 from ..vehicle.force_axes import with_axes
 
+# Heights in spans: of half of the ground effect (McCormick), and of a thousandth (chosen).
+SPANS_AT_HALF, MOST_SPANS = 1.0 / 16.0, 2.0
+# m; Daocheng Yading Airport, the highest civil airport in the world (opened in 2013)
+HIGHEST_AIRFIELD = 4411.0
+
 
 def in_coefficient(coefficient: str, affected: Sequence[str]) -> Placement:
     """Return the placement of a scalar effect in an aerodynamic coefficient.
@@ -75,26 +80,34 @@ class CoefficientGradient(ScalarEffect):
 class GroundEffect(ScalarEffect):
     """Change of a coefficient near the ground.
 
-        C += gain / (1 + (16 h/b)^2)        h: height above the ground
+        C += gain / (1 + (16 h/b)^2)        h = altitude - ground < 2 b, and no change above
 
     The gain is the change at zero height. The function is one minus the factor on induced drag of
-    McCormick, Aerodynamics, Aeronautics and Flight Mechanics, Wiley 1979, chapter 7.
+    McCormick, Aerodynamics, Aeronautics and Flight Mechanics, Wiley 1979, chapter 7; at a height of
+    two spans it is a thousandth. A ground whose altitude is not known is a shape parameter: at most
+    one span under the lowest altitude of the training records, and no higher than an airfield.
 
     Args:
         placement: in which coefficient.
-        ground: altitude of the ground [m].
         b: span [m].
+        known: whether the altitude of the ground is known.
         gain: change of the coefficient at zero height [1].
+        ground: altitude of the ground [m].
+        lowest, highest: bounds of the altitude of a ground that is not known [m].
     """
 
     placement: Placement = eqx.field(static=True)
-    ground: float = eqx.field(static=True)
     b: float = eqx.field(static=True)
+    known: bool = eqx.field(static=True, default=False)
     signal: str = eqx.field(static=True, default="altitude")
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
+    ground: Float[Array, ""] = eqx.field(default_factory=zero)
+    lowest: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(-jnp.inf))
+    highest: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.array(jnp.inf))
 
     @property
     def card(self):
+        bounds = ("lowest", "highest")
         return EffectCard(
             name=f"ground effect in {self.placement.name}",
             description="the nearness of the ground changes the aerodynamic coefficient "
@@ -102,7 +115,21 @@ class GroundEffect(ScalarEffect):
             location=self.placement.location,
             signals=(self.signal,),
             complexity=AS_CUBIC,
+            bounds={} if self.known else {"ground": (self.lowest, self.highest)},
+            fixed=("ground", *bounds) if self.known else bounds,
+        )
+
+    def initialise_shape(self, signals, measured, step):
+        if self.known:
+            return self
+        highest = min(float(np.min(signals[self.signal])), HIGHEST_AIRFIELD)
+        ground = (highest - SPANS_AT_HALF * self.b, highest - self.b, highest)
+        return eqx.tree_at(
+            lambda effect: (effect.ground, effect.lowest, effect.highest),
+            self,
+            tuple(map(jnp.asarray, ground)),
         )
 
     def scalar(self, signals):
-        return 1.0 / (1.0 + (16.0 * (signals[self.signal] - self.ground) / self.b) ** 2)
+        height = (signals[self.signal] - self.ground) / self.b
+        return jnp.where(height < MOST_SPANS, 1.0 / (1.0 + (height / SPANS_AT_HALF) ** 2), 0.0)

@@ -47,6 +47,7 @@ RATE_TERMS = {
     **{"CY": ("betadot_hat",), "Cl": ("betadot_hat",), "Cn": ("betadot_hat",)},
 }
 WITH_MACH = (("CX", "1"), ("CZ", "alpha"), ("Cm", "1"), ("Cm", "alpha"), ("Cn", "beta"))
+WITH_ALTITUDE = (("CZ", "1"), ("CZ", "alpha"), ("Cm", "1"))
 MORE_WITH_MACH = (("CX", "alpha^2"), ("CY", "beta"), ("Cl", "beta"))
 # surfaces whose loads bend the airframe
 WITH_QBAR = (("Cm", "stabilator"), ("Cl", "aileron"), ("Cn", "rudder"))
@@ -57,7 +58,7 @@ EXCITED_COEFFICIENTS = {"stabilator": ("CZ", "Cm"), "aileron": ("Cl",), "rudder"
 
 
 def default_effects(
-    names: Sequence[str], affected: AffectedStates, signals: Collection[str]
+    model: AbstractModel, affected: AffectedStates, names: Sequence[str]
 ) -> tuple[Effect, ...]:
     """Return the default candidates of an aircraft apart from terms of its coefficients.
 
@@ -65,13 +66,16 @@ def default_effects(
     chosen.
 
     Args:
-        names: names of the model's parameters; effects on other parameters are left out.
+        model: the model; effects that need a signal that it does not have are left out.
         affected: states whose rates each coefficient changes.
-        signals: signals of the model; effects that need another signal are left out.
+        names: names of its parameters on which an effect may act.
     """
+    signals = signals_of(model)
     return (
         *(term for term in rate_terms(affected) if term.product in signals),
         *gradients(WITH_MACH, "mach", affected),
+        *(gradients(WITH_ALTITUDE, "altitude", affected) if "altitude" in signals else ()),
+        *ground_effects(model, affected, None),
         *separations(affected, static=(0.6, 0.8), lagging=(0.65,)),
         *shifts(names, {"mass": "mass"}, "kg"),
         *changes_of_mass(names, (0.25, 0.5, 0.75)),
@@ -105,7 +109,7 @@ def aircraft_effects(
             - "thrust": thrust of all engines, asymmetry, line of action, angular momentum;
             - "air": steady wind, wind shear, temperature;
             - "instruments": positions, of each sensor and of all accelerometers together, and axes.
-        ground: altitude of the ground for a flight near it [m]; None leaves out the ground effect.
+        ground: altitude of the ground [m]; None if it is not known.
 
     Returns:
         The effects, all at zero gain; give them to `close_loop` as `effects`, together with
@@ -122,7 +126,7 @@ def aircraft_effects(
     makers: dict[str, Callable[[], Sequence[Effect]]] = {
         "coefficients": lambda: (
             *_coefficients(terms, affected, signals),
-            *_ground_effects(model, affected, ground),
+            *ground_effects(model, affected, ground),
         ),
         "unsteady": lambda: _unsteady(terms, affected, signals),
         "structure": lambda: _modes(affected, signals),
@@ -166,7 +170,11 @@ def _affected_states(model: AbstractModel, signals: Collection[str]) -> Affected
 def _coefficients(terms, affected: AffectedStates, signals: Collection[str]) -> tuple[Effect, ...]:
     rates = {name for products in RATE_TERMS.values() for name in products}
     varying = (*WITH_MACH, *MORE_WITH_MACH)
-    by_signal = {"mach": varying, "qbar": (*varying, *WITH_QBAR), "altitude": WITH_MACH}
+    by_signal = {
+        "mach": varying,
+        "qbar": (*varying, *WITH_QBAR),
+        "altitude": tuple(dict.fromkeys((*WITH_ALTITUDE, *WITH_MACH))),
+    }
     return (
         *(term for term in terms if term.product not in rates),
         *(
@@ -178,14 +186,22 @@ def _coefficients(terms, affected: AffectedStates, signals: Collection[str]) -> 
     )
 
 
-def _ground_effects(
+def ground_effects(
     model: AbstractModel, affected: AffectedStates, ground: float | None
-) -> tuple[Effect, ...]:
-    if ground is None or "b" not in parameter_names(model):
+) -> tuple[GroundEffect, ...]:
+    """Return the ground effect in each coefficient that the angle of attack determines.
+
+    Args:
+        model: a model; without a span or an altitude the result is empty.
+        affected: states whose rates each coefficient changes.
+        ground: altitude of the ground [m]; None makes it a shape parameter.
+    """
+    if "b" not in parameter_names(model) or "altitude" not in signals_of(model):
         return ()
     span = float(read_parameters(model, ("b",))[0])
+    at = {} if ground is None else {"known": True, "ground": jnp.asarray(float(ground))}
     return tuple(
-        GroundEffect(in_coefficient(name, affected[name]), ground, span)
+        GroundEffect(in_coefficient(name, affected[name]), span, **at)
         for name in SEPARATION_COEFFICIENTS
         if name in affected
     )

@@ -16,7 +16,7 @@ from ..air.buffet import Buffet
 from ..air.turbulence import GUSTS
 from ..air.wind import AbstractWind, Wind
 from ..effects.coefficient_term import absent_terms
-from ..effects.library import default_effects, signals_of
+from ..effects.library import default_effects
 from ..instruments.instruments import Instruments
 from ..physics.frames import quaternion, quaternion_rate, rotation, velocity
 from ..records.initial_channels import initial_channels
@@ -238,7 +238,7 @@ class Aircraft(AbstractModel):
         model = canonical(self)
         return (
             *terms,
-            *default_effects(parameter_names(model), AFFECTED_STATES, signals_of(model)),
+            *default_effects(model, AFFECTED_STATES, parameter_names(model)),
         )
 
     def equations_with_terms(self):

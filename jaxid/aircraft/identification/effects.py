@@ -6,7 +6,7 @@ from ...effects.base import Effect
 from ...models.base import AbstractModel, canonical
 from ...models.names import parameter_names
 from ..effects.coefficient_term import absent_terms
-from ..effects.library import default_effects, signals_of
+from ..effects.library import default_effects
 from ..instruments.channels import RATES
 from .channels import Channels
 
@@ -42,11 +42,8 @@ def effects_of(
     names = tuple(
         name for name in parameter_names(canonical(model)) if _has_influence(name, channels)
     )
-    defaults = default_effects(names, affected, signals_of(canonical(model)))
-    return (
-        *(term for term in absent if not _is_constant(term.card.signals, channels.held)),
-        *defaults,
-    )
+    every = (*absent, *default_effects(canonical(model), affected, names))
+    return tuple(one for one in every if not _is_constant(one.card.signals, channels.held))
 
 
 def _is_constant(factors: tuple[str, ...], held: Collection[str]) -> bool:

@@ -11,7 +11,9 @@ from ...estimation.estimate import Case
 from ...estimation.shared_programs import evaluate
 from ...sensitivity.information import Information
 from ...sensitivity.spectrum import spectrum
-from ..thresholds import SMALLEST_EIGENVALUE
+
+# Cited: eigenvalues below this share of the largest are not used (the report, section 4.4).
+SMALLEST_EIGENVALUE = 1e-10
 
 
 class Start(NamedTuple):

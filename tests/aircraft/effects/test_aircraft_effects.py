@@ -22,8 +22,12 @@ from jaxid.aircraft import (
     from_aircraft,
 )
 from jaxid.aircraft.effects.coefficient_term import CoefficientTerm
-from jaxid.aircraft.effects.flow_dependence import CoefficientGradient, GroundEffect, in_coefficient
-from jaxid.aircraft.effects.library import GROUPS, aircraft_effects
+from jaxid.aircraft.effects.flow_dependence import (
+    HIGHEST_AIRFIELD,
+    CoefficientGradient,
+    in_coefficient,
+)
+from jaxid.aircraft.effects.library import GROUPS, aircraft_effects, ground_effects
 from jaxid.aircraft.effects.parameters import centre_of_gravity
 from jaxid.aircraft.effects.separation import Separation, StaticSeparation
 from jaxid.aircraft.flight.longitudinal_flight import (
@@ -62,13 +66,14 @@ STATE = AIRCRAFT.flight_state(
     jnp.array([165.0, 9.0, 24.0]),
     jnp.array([0.3, 0.12, -0.1]),
     quaternion(0.4, 0.15, 0.6),
-    jnp.array([0.0, 0.0, 9000.0]),
+    jnp.array([0.0, 0.0, 3000.0]),
 )
 SURFACES = jnp.array([-0.05, 0.03, 0.04])
 NOW = jnp.array(0.7)
 SIGNALS = {"t": np.linspace(0.0, 1.0, 5), "alpha": np.linspace(0.05, 0.16, 5)}
-SIGNALS |= {name: np.ones(5) for name in ("mach", "qbar", "altitude", "beta")}
-EVERY = aircraft_effects(AIRCRAFT, ground=8990.0)
+SIGNALS |= {name: np.ones(5) for name in ("mach", "qbar", "beta")}
+SIGNALS |= {"altitude": np.linspace(2998.0, 3000.0, 5)}
+EVERY = aircraft_effects(AIRCRAFT, ground=2990.0)
 USUAL = AIRCRAFT.effects()
 
 
@@ -141,19 +146,18 @@ def test_sensitivities_at_zero_gain_match_central_differences(instant):
         assert np.abs(S[:, column]).max() > 1e-5, name
 
 
-def test_default_effects_are_a_small_part_of_the_library():
+def test_default_effects_are_a_part_of_the_library():
     more = [effect for effect in USUAL if not isinstance(effect, CoefficientTerm)]
-    assert 30 <= len(more) <= 50
+    assert 30 <= len(more) <= 55
     families = {effect.card.family for effect in EVERY}
     assert {effect.card.family for effect in USUAL} <= families
-    assert len(EVERY) > 1.5 * len(USUAL)
+    assert len(USUAL) < 0.7 * len(EVERY)
 
 
 def test_groups_partition_the_library():
     by_group = [aircraft_effects(AIRCRAFT, groups=(group,)) for group in GROUPS]
     assert all(by_group)
-    without_ground = [effect for effect in EVERY if not isinstance(effect, GroundEffect)]
-    assert sum(map(len, by_group)) == len(without_ground)
+    assert sum(map(len, by_group)) == len(EVERY)
     with pytest.raises(InputError, match="'weather'"):
         aircraft_effects(AIRCRAFT, groups=("weather",))
 
@@ -290,9 +294,21 @@ def test_coefficient_gradient_is_centred_on_the_mean_of_the_records():
 
 
 def test_ground_effect_is_one_at_zero_height_and_half_at_a_sixteenth_of_the_span():
-    effect = GroundEffect(in_coefficient("CZ", AFFECTED_STATES["CZ"]), 100.0, 16.0)
-    assert effect.scalar({"altitude": 100.0}) == 1.0
-    assert effect.scalar({"altitude": 101.0}) == 0.5
+    (_, effect, _) = ground_effects(AIRCRAFT, AFFECTED_STATES, 100.0)
+    b = effect.b
+    assert effect.initialise_shape(SIGNALS, {}, 0.05) is effect
+    for height, expected in ((0.0, 1.0), (b / 16.0, 0.5), (2.1 * b, 0.0)):
+        np.testing.assert_allclose(effect.scalar({"altitude": 100.0 + height}), expected)
+
+
+@pytest.mark.parametrize(("lowest", "ground"), [(120.0, 120.0), (9000.0, HIGHEST_AIRFIELD)])
+def test_unknown_ground_lies_under_the_records_and_no_higher_than_an_airfield(lowest, ground):
+    (_, effect, _) = ground_effects(AIRCRAFT, AFFECTED_STATES, None)
+    effect = effect.initialise_shape({"altitude": np.array([lowest, lowest + 300.0])}, {}, 0.05)
+    assert (effect.lowest, effect.highest) == (ground - effect.b, ground)
+    assert effect.ground == ground - effect.b / 16.0
+    near = effect.scalar({"altitude": jnp.array(lowest)})
+    np.testing.assert_allclose(near, 0.5 if lowest == ground else 0.0)
 
 
 # Separated flow -----------------------------------------------------------------------------------

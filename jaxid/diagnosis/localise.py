@@ -30,7 +30,7 @@ from ..models.free import Parameters
 from .autoregression import white_noise_variance
 from .free_form import Linear, answers, gusts_of, linear_models, spline_basis
 from .places import LocalisationResult, Place
-from .thresholds import FEW_KNOTS, MANY_KNOTS, WEAK_DIRECTION
+from .thresholds import FEW_KNOTS, MANY_KNOTS, SAMPLES_PER_DEGREE, WEAK_DIRECTION
 
 KINDS = (LocationKind.EQUATION, LocationKind.INPUT, LocationKind.SENSOR, LocationKind.AIR)
 
@@ -179,11 +179,13 @@ def localise(
         places: names by kind: of states, and all inputs, outputs, or shared parameters of the
             problem.
     """
-    noise_known = problem.likelihood.noise.is_known
+    noise_known, noise_dof = problem.likelihood.noise.is_known, np.inf
     if not noise_known:
         # An estimated R contains the model error, and would hide the channel with the largest one.
         white, R = white_noise_variance(linearised[0], problem.records.mask), np.diagonal(noise)
         noise = to_device(np.diag(np.clip(np.asarray(white), 1e-6 * R, R)))
+        counts = np.sum(np.asarray(problem.records.mask), axis=(0, 1))
+        noise_dof = float(np.min(np.where(counts > 0, counts, np.inf))) / SAMPLES_PER_DEGREE
     records, own = problem.records, problem.positions.rows.size
     signals = records.t, records.u, records.mask
     arrays = search(linear, signals, linearised, noise, own, *splines)
@@ -206,6 +208,7 @@ def localise(
         named,
         splines,
         power,
+        noise_dof,
     )
 
 

@@ -51,6 +51,7 @@ class LocalisationResult(NamedTuple):
         power: reference of the shares: the whitened sum of squares of the residual, less its
             degrees of freedom if the noise is known, and at least the fall at the first place; NaN
             if no place explains any of it.
+        noise_dof: degrees of freedom of the estimate of the noise; infinite if it is known.
     """
 
     places: tuple[Place, ...]
@@ -58,6 +59,7 @@ class LocalisationResult(NamedTuple):
     variables: dict[str, Float[np.ndarray, "case knot"]]
     splines: tuple[int, int]
     power: float
+    noise_dof: float = np.inf
 
     def near_best(self, within: float = 0.05) -> tuple[Place, ...]:
         """Return the first place and all places whose share is less than `within` below its."""
@@ -71,8 +73,19 @@ class LocalisationResult(NamedTuple):
             level: probability of a false alarm over all places.
         """
         places = [place for place in self.places if place.dof]
-        chances = [float(scipy.stats.chi2.sf(place.score, place.dof)) for place in places]
+        chances = [self.chance(place) for place in places]
         return min(chances, default=1.0) < level / max(len(chances), 1)
+
+    def chance(self, place: Place) -> float:
+        """Return the probability of a larger score at a place if no effect is missing: by
+        chi-square, or with an estimated noise by the F distribution of `score / dof`.
+
+        Args:
+            place: one of the places, with `dof` above zero.
+        """
+        if np.isfinite(self.noise_dof):
+            return float(scipy.stats.f.sf(place.score / place.dof, place.dof, self.noise_dof))
+        return float(scipy.stats.chi2.sf(place.score, place.dof))
 
     def significant(self, level: float = 0.01) -> tuple[Place, ...]:
         """Return the places near the best one, none if it explains no more than chance would.

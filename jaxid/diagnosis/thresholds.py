@@ -11,6 +11,10 @@ ORDER = 10
 # Derived: 99.9 % point of chi-square with ORDER degrees of freedom, 29.6, less its mean.
 CHANCE_LEVEL = 19.6
 
+# Derived: samples for each degree of freedom of a variance from third differences of white noise,
+# whose autocorrelations are -15/20, 6/20 and -1/20: one plus twice the sum of their squares.
+SAMPLES_PER_DEGREE = 2.31
+
 # Chosen: lags [samples] of the whiteness and cross-correlation tests in a study. More detect later
 # dependence and weaken the test against dependence at short lags.
 WHITENESS_LAGS = 25

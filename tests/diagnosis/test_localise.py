@@ -13,14 +13,17 @@ import jaxid
 from jaxid._foundation.checks import InputError
 from jaxid.data import Record
 from jaxid.diagnosis import localise_residual
+from jaxid.diagnosis.autoregression import white_noise_variance
 from jaxid.diagnosis.free_form import answers, linear_model, linear_models, spline_basis
 from jaxid.diagnosis.localise import resolution, search
+from jaxid.diagnosis.places import LocalisationResult, Place
+from jaxid.diagnosis.thresholds import SAMPLES_PER_DEGREE
 from jaxid.effects import InputDelay, InputLag, Location, LocationKind, SensorScale, Term
 from jaxid.estimation import estimate
 from jaxid.estimation.limits import Limits
 from jaxid.estimation.problem import Problem
 
-SIGMA, ROWS, DRAWS, KNOTS = 0.01, 200, 2000, 8
+SIGMA, ROWS, KNOTS = 0.01, 200, 8
 
 
 class Spring(jaxid.AbstractModel):
@@ -39,6 +42,7 @@ SPRING = Spring(jnp.array(2.0), jnp.array(0.3))
 FREE = jaxid.free(SPRING, "k", "c", per_record=("initial_state",))
 KNOWN = jaxid.OutputError(noise=jaxid.FixedNoise(SIGMA**2 * jnp.eye(2)))
 T = 0.1 * jnp.arange(ROWS)
+PLACE, NOTHING = Location(LocationKind.EQUATION, "v"), np.zeros((1, 2))
 
 
 def force(seed):
@@ -66,33 +70,68 @@ def asked(effect, **options):
     ), records
 
 
-def test_scores_are_chi_square_where_nothing_is_missing():
-    """2,000 records: the share above the 95 % point of chi-square, place by place, within what a
-    right test meets with 99.9 % probability over all places."""
+def scores_of_noise(draws, likelihood, knots, variance):
+    """Scores and degrees of freedom of records of white noise about the model.
+
+    Args:
+        draws: number of records.
+        likelihood: likelihood of the fit.
+        knots: number of splines.
+        variance: function of a fit and its stack of records that returns the variance of the noise.
+    """
     u = force(0)
     y = jaxid.simulate(SPRING, T, u, jnp.zeros(2)).y
 
     def one(e):
         record = record_of(y + SIGMA * e, u)
-        fit = estimate(SPRING, FREE, record, KNOWN)
+        fit = estimate(SPRING, FREE, record, likelihood)
         stack = jax.tree.map(lambda leaf: leaf[None], record)
-        problem = Problem(fit.model, FREE.positions(SPRING), stack, KNOWN, Limits.of(FREE, 1))
-        seen = problem.sensitivities(fit.parameters)
+        problem = Problem(fit.model, FREE.positions(SPRING), stack, likelihood, Limits.of(FREE, 1))
+        linearised = problem.sensitivities(fit.parameters)
         places = (LocationKind.EQUATION, ("v",)), (LocationKind.SENSOR, SPRING.outputs)
         linear = linear_models(problem, fit.parameters, places)
         signals = stack.t, stack.u, stack.mask
-        found = search(linear, signals, seen, fit.noise, 2, KNOTS, ROWS)
-        return found.score, found.dof
+        R = jnp.diag(variance(fit, linearised[0], stack.mask))
+        result = search(linear, signals, linearised, R, 2, knots, ROWS)
+        return result.score, result.dof
 
-    score, dof = map(
-        np.asarray,
-        eqx.filter_jit(jax.vmap(one))(jax.random.normal(jax.random.key(9), (DRAWS, ROWS, 2))),
-    )
+    e = jax.random.normal(jax.random.key(9), (draws, ROWS, 2))
+    score, dof = map(np.asarray, eqx.filter_jit(jax.vmap(one))(e))
     assert np.all(dof == dof[0])
+    return score, dof[0]
+
+
+def binomial_band(draws, share, places):
+    """Shares of the draws that a right test meets with 99.9 % probability over all places."""
+    tail = 0.0005 / places
+    return (binom.ppf(q, draws, share) / draws for q in (tail, 1 - tail))
+
+
+def test_scores_are_chi_square_where_nothing_is_missing():
+    """2,000 records: the share above the 95 % point of chi-square, place by place."""
+    score, dof = scores_of_noise(2000, KNOWN, KNOTS, lambda fit, *_: jnp.diagonal(fit.noise))
     above = np.mean(score > chi2.ppf(0.95, dof), axis=0)
-    tail = 0.0005 / above.size
-    low, high = (binom.ppf(q, DRAWS, 0.05) / DRAWS for q in (tail, 1 - tail))
+    low, high = binomial_band(2000, 0.05, above.size)
     assert np.all((above >= low) & (above <= high)), above
+
+
+def test_scores_follow_no_more_than_F_where_the_noise_is_estimated():
+    """1,000 records: the share beyond the 99 % point of the F distribution. By chi-square, as if
+    the noise were known, there would be more.
+    """
+
+    def variance(fit, v, mask):  # as `localise` limits it
+        return jnp.minimum(white_noise_variance(v, mask), jnp.diagonal(fit.noise))
+
+    score, dof = scores_of_noise(1000, jaxid.OutputError(), 30, variance)
+    result = LocalisationResult(
+        (), np.zeros((1, 2)), {}, (30, ROWS), 1.0, ROWS / SAMPLES_PER_DEGREE
+    )
+    _, high = binomial_band(1000, 0.01, dof.size)
+    for place, values in enumerate(score.T):
+        places = [Place(PLACE, value, int(dof[place]), 0.0, NOTHING, NOTHING) for value in values]
+        assert np.mean([result.chance(one) < 0.01 for one in places]) <= high
+    assert np.max(np.mean(score > chi2.ppf(0.99, dof), axis=0)) > high
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from .._foundation.host import on_cpu
 from ..data.record import Record
 from ..estimation.argument_checks import require_no_shooting
 from ..estimation.likelihoods import AbstractLikelihood
-from ..estimation.solver import GaussNewton
+from ..estimation.solver import GaussNewton, solver_or_default
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free
 from .cases import Case, CaseRecords, Starts, buckets, read_cases
@@ -101,7 +101,7 @@ def estimate_many(
     """
     require_float64()
     require_no_shooting(likelihood, "estimate_many")
-    solver, own_part = solver or GaussNewton(), _part(part, store)
+    solver, own_part = solver_or_default(solver), _part(part, store)
     with on_cpu():
         read = read_cases(model, free, cases, likelihood, models, starts)
     _require_one_set_of_parameters(read)

@@ -17,7 +17,7 @@ from ..estimation.estimate import as_stack, check_channels, check_known, fit_pro
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..estimation.result import Estimate
-from ..estimation.solver import GaussNewton
+from ..estimation.solver import GaussNewton, solver_or_default
 from ..models.base import canonical
 from ..models.free import Free, initial_parameters
 from ..models.names import flatten
@@ -138,7 +138,7 @@ def update(
         f"The rows of {type(likelihood).__name__} are not residuals. Update with `OutputError`, or "
         "estimate from all records.",
     )
-    solver = solver or GaussNewton()
+    solver = solver_or_default(solver)
     problem = Problem.of(model, free, records, extended)
     begin = initial_parameters(model, problem.positions, problem.records)
     fit = fit_problem(problem, begin, solver)

@@ -31,7 +31,7 @@ from .minimiser import State
 from .problem import Problem
 from .result import Estimate
 from .shooting import shot
-from .solver import GaussNewton, minimise
+from .solver import GaussNewton, minimise, solver_or_default
 
 INFINITE_LIKELIHOOD = (
     "The simulation is finite at the starting values, and its likelihood is not: the covariance of "
@@ -98,7 +98,7 @@ def estimate(
             converge.
     """
     case = checked_case(model, free, records, likelihood)
-    solver = solver or GaussNewton()
+    solver = solver_or_default(solver)
     fit = fit_problem(case.problem, case.start(solver), solver)
     result = case.estimate(fit, solver)
     if throw and not bool(jnp.all(result.successful)):

@@ -13,7 +13,7 @@ from .host_iteration import evaluate_by_programs, fit_by_steps
 from .likelihoods import OutputError
 from .problem import Linearised, Problem
 from .result import Estimate
-from .solver import GaussNewton
+from .solver import GaussNewton, solver_or_default
 
 # The columns of the program are a multiple of this number (chosen).
 WIDTH_STEP = 16
@@ -36,7 +36,7 @@ def estimate_case(
         solver: options of the iteration.
         begin: initial parameters, by default those of the case.
     """
-    solver, problem = solver or GaussNewton(), case.problem
+    solver, problem = solver_or_default(solver), case.problem
     begin = begin or case.start(solver)
     # on the host a chord needs residuals as rows
     by_steps = not solver.chord or isinstance(problem.likelihood, OutputError)

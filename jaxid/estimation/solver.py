@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import optimistix as optx
 
+from .._foundation.checks import require
 from .._foundation.types import Array, Bool, Float
 from ..models.free import Parameters
 from .descent import SpectrumDescent
@@ -48,6 +49,27 @@ class GaussNewton(eqx.Module):
     least_fall: float = eqx.field(static=True, default=0.0)
     max_steps: int = eqx.field(static=True, default=200)
     chord: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self):
+        require(self.max_steps >= 1, f"max_steps is {self.max_steps}; it must be at least 1.")
+        require(self.tolerance > 0, f"tolerance is {self.tolerance}; it must be positive.")
+
+
+def solver_or_default(solver: GaussNewton | None) -> GaussNewton:
+    """Return a solver, by default the usual one.
+
+    Args:
+        solver: options of the iteration.
+
+    Raises:
+        InputError: if it is something else, such as the class.
+    """
+    require(
+        solver is None or isinstance(solver, GaussNewton),
+        f"`solver` is {solver!r}. Give options of the iteration, such as "
+        "`jaxid.GaussNewton(max_steps=50)`.",
+    )
+    return solver or GaussNewton()
 
 
 def minimise(problem: Problem, begin: Parameters, solver: GaussNewton) -> tuple[Parameters, State]:

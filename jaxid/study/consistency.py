@@ -17,6 +17,7 @@ from ..diagnosis.validation import root_mean_square
 from ..estimation import Estimate, GaussNewton, OutputError, estimate
 from ..estimation.input_noise import input_noise_covariance
 from ..estimation.likelihoods import AbstractLikelihood
+from ..estimation.solver import solver_or_default
 from ..models.base import AbstractModel, canonical
 from ..models.free import INITIAL_STATE, free
 from ..models.names import read_parameters
@@ -89,7 +90,7 @@ def consistency(
     names = _names(model, errors)
     shared = tuple(name for name in names if name not in per_record)
     prepared = _prepared(model, records, skip, per_record)
-    likelihood, solver = likelihood or OutputError(hold=Cubic()), solver or GaussNewton()
+    likelihood, solver = likelihood or OutputError(hold=Cubic()), solver_or_default(solver)
     by_record = (*per_record, INITIAL_STATE)
     before = estimate(
         model, free(model, per_record=(INITIAL_STATE,)), prepared, likelihood, solver=solver

@@ -15,7 +15,7 @@ from ..estimation.estimate import fit_problem
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem, kept_bytes
 from ..estimation.result import Estimate
-from ..estimation.solver import GaussNewton
+from ..estimation.solver import GaussNewton, solver_or_default
 from ..models.free import Parameters
 from ..models.free_model import FreeModel
 from ..models.noise import DiagonalNoise, FixedNoise, FullNoise, InnovationNoise
@@ -152,7 +152,7 @@ def bootstrap(
         jnp.asarray(samples),
         block,
         batch,
-        solver or GaussNewton(),
+        solver_or_default(solver),
     )
     return Bootstrap(estimate.names, estimate.values, values, successful, block)
 

@@ -17,7 +17,7 @@ from ..estimation.estimate import fit_problem
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
 from ..estimation.result import Estimate
-from ..estimation.solver import GaussNewton
+from ..estimation.solver import GaussNewton, solver_or_default
 from ..models.free import Parameters
 from .argument_checks import stack_of_estimate
 
@@ -190,6 +190,6 @@ def _costs(problem: Problem, estimate: Estimate, index: int, points, solver):
                 for bound in (problem.limits.lower.shared, problem.limits.upper.shared)
             ),
         )
-        return fit_problem(held, begin, solver or GaussNewton()).cost
+        return fit_problem(held, begin, solver_or_default(solver)).cost
 
     return jax.vmap(cost)(points)

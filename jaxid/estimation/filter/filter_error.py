@@ -111,6 +111,11 @@ class FilterError(AbstractLikelihood):
         unscented: bool = False,
         frozen_gain: bool = False,
     ):
+        for argument, values in {"process": process, "noise": noise, "initial": initial}.items():
+            require(
+                values is None or isinstance(values, Mapping),
+                f"`{argument}` is {values!r}. Give a number by name, such as {{'v': 0.01}}.",
+            )
         self.process = {
             name: option if isinstance(option, FirstOrder) else number(option)
             for name, option in (process or {}).items()

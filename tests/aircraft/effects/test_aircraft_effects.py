@@ -25,6 +25,7 @@ from jaxid.aircraft.effects.coefficient_term import CoefficientTerm
 from jaxid.aircraft.effects.flow_dependence import (
     HIGHEST_AIRFIELD,
     CoefficientGradient,
+    GroundEffect,
     in_coefficient,
 )
 from jaxid.aircraft.effects.library import GROUPS, aircraft_effects, ground_effects
@@ -502,3 +503,50 @@ def test_dropped_mass_scores_best_and_its_time_is_estimated(problem):
     gain, error = estimates[f"{best}.gain"]
     assert abs(gain - DROP) < 4.0 * error < 0.2 * abs(DROP)
     assert abs(estimates[f"{best}.time"][0] - TIME) < 0.02
+
+
+# Ground effect ------------------------------------------------------------------------------------
+
+GROUND, SPAN, AT_GROUND = 208.0, 12.0, -0.4  # altitude of the ground [m], span [m], change of CZ
+
+
+class Landing(AbstractModel):
+    """Altitude and downward velocity under a prescribed descent."""
+
+    CZ0: jax.Array
+    damping: jax.Array
+    states, inputs, outputs = ("altitude", "w"), ("climb",), ("altitude", "w")
+
+    def rhs(self, t, x, u):
+        return jnp.stack([u[0], self.CZ0 - self.damping * x[1]])
+
+    def output(self, t, x, u):
+        return x
+
+    def signals(self, t, x, u):
+        return super().signals(t, x, u) | {"w_per_CZ": jnp.ones(())}
+
+
+def test_ground_effect_scores_best_and_the_altitude_of_the_ground_is_estimated():
+    """The refit starts from a ground under the lowest altitude. Both to four standard errors."""
+    model, in_CZ = Landing(jnp.array(0.3), jnp.array(0.8)), in_coefficient("CZ", ("w",))
+    true = GroundEffect(in_CZ, SPAN, gain=jnp.array(AT_GROUND), ground=jnp.array(GROUND))
+    t, rng, records = 0.1 * np.arange(200), np.random.default_rng(5), []
+    for rate in (1.2, 1.5):
+        climb = -rate * np.exp(-t / 12.0)[:, None]  # a flare to 1.2 m above the ground
+        start = jnp.array([GROUND + 1.2 + 12.0 * rate * (1.0 - np.exp(-t[-1] / 12.0)), 0.4])
+        y = simulate(Augmented(model, (true,)), t, climb, start).y
+        z = np.asarray(y) + 0.01 * rng.normal(size=y.shape)
+        records.append(record(t, climb, z, inputs=model.inputs, outputs=model.outputs))
+    candidates = (GroundEffect(in_CZ, SPAN), CoefficientGradient(in_CZ, "altitude"))
+    chosen = free(model, "CZ0", per_record=("initial_state",))
+    problem = LoopProblem.of(model, candidates, chosen, OutputError(), records, records)
+    declared = with_shapes(fit(problem, Hypothesis()))
+    proposals = Proposals(declared, LoopOptions())
+    name, other = (effect.name for effect in candidates)
+    assert proposals.score(name) > proposals.score(other) + 25.0
+    estimates = fit(declared.problem, Hypothesis((name,)), declared).estimates
+    for parameter, expected in (("gain", AT_GROUND), ("ground", GROUND)):
+        value, error = estimates[f"{name}.{parameter}"]
+        assert abs(value - expected) < 4.0 * error
+    assert estimates[f"{name}.ground"][1] < 0.5

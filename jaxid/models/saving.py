@@ -14,6 +14,7 @@ from .base import AbstractModel, as_float, canonical
 from .errors import EstimateErrors, errors_of
 from .free import Free, all_names, with_values
 from .free import free as free_parameters
+from .innovation import InnovationModel
 from .names import flat_vector, parameter_names
 from .stochastic import StochasticModel
 
@@ -54,7 +55,8 @@ def save(path: str | Path, model: AbstractModel | Fitted, free: Free | None = No
     The file holds numbers by name, channels and units, and no code: `load` needs a model of the
     same structure. Values are read back bit for bit. An estimate is written with its free
     parameters, standard errors, covariance and R; residuals and records are not. Of one by
-    `FilterError` the model without its noises is written, whose sizes stand among the errors.
+    `FilterError` or `InnovationForm` the model without its noises or gains is written, which stand
+    among the errors.
 
     Args:
         path: path of the new file, in an existing folder.
@@ -110,7 +112,7 @@ def _parts(
         )
     require(free is None, "An estimate has its free parameters. Leave `free` out.")
     model, free = given.model, given.free
-    if isinstance(model, StochasticModel):
+    if isinstance(model, StochasticModel | InnovationModel):
         model = model.model
         free = free.only(all_names(model))
     return model, free if free.shared or free.per_record else None, given.errors

@@ -145,6 +145,15 @@ def test_a_fit_by_filter_error_is_saved_as_the_model_without_noises(tmp_path):
     assert errors.standard_error("sensor.x") == fit.standard_error("sensor.x")
 
 
+def test_a_fit_by_innovation_form_is_saved_as_the_model_without_gains(tmp_path):
+    model, fit = fit_of(jaxid.InnovationForm({"v": {"x": 0.1}}))
+    loaded, chosen, errors = jaxid.load(jaxid.save(tmp_path / "fit.json", fit), model)
+    assert type(loaded) is Spring
+    assert chosen.shared == ("k", "c")
+    assert errors.names == fit.names
+    assert set(errors.names) > {"k", "c"}
+
+
 @pytest.mark.parametrize(
     ("entries", "words"),
     [

@@ -95,8 +95,8 @@ def known_combinations(estimate: Estimate, added: Collection[str]) -> list[Combi
         names, power = (estimate.names[i], estimate.names[j]), -np.sign(relative[i, j])
         variance = errors[i] ** 2 + errors[j] ** 2 + 2.0 * power * relative[i, j]
         error = np.sqrt(max(variance, 0.0))
-        least = min(COMBINED_ERROR * errors[i], COMBINED_ERROR * errors[j], 1.0 / DETERMINED)
-        if error < least and set(names) & set(added):
+        allowed = min(COMBINED_ERROR * min(errors[i], errors[j]), 1.0 / DETERMINED)
+        if error < allowed and set(names) & set(added):
             value = values[i] * values[j] ** power
             combinations.append(
                 Combination(*names, float(power), float(value), float(abs(value) * error))

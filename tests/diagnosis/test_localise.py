@@ -124,9 +124,8 @@ def test_scores_follow_no_more_than_F_where_the_noise_is_estimated():
         return jnp.minimum(white_noise_variance(v, mask), jnp.diagonal(fit.noise))
 
     score, dof = scores_of_noise(1000, jaxid.OutputError(), 30, variance)
-    result = LocalisationResult(
-        (), np.zeros((1, 2)), {}, (30, ROWS), 1.0, ROWS / SAMPLES_PER_DEGREE
-    )
+    degrees = ROWS / SAMPLES_PER_DEGREE
+    result = LocalisationResult((), NOTHING, {}, (30, ROWS), 1.0, degrees)
     _, high = binomial_band(1000, 0.01, dof.size)
     for place, values in enumerate(score.T):
         places = [Place(PLACE, value, int(dof[place]), 0.0, NOTHING, NOTHING) for value in values]

@@ -1,4 +1,4 @@
-"""Caveats of a study: parameters of which only the product or the ratio is determined."""
+"""Caveats of a study: products and ratios that are determined although their parameters are not."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -64,7 +64,7 @@ WITH_MACH = (("CZ", "alpha", -4.0), ("Cm", "alpha", -1.0), ("Cn", "beta", 0.4))
 AS_MACH = {"mach": 1.0, "qbar": 24000.0, "altitude": 1000.0}
 POWERS = {"Cm": (-0.5, -2.0), "CZ": (2.0, 5.0)}  # of alpha^2 and alpha^3
 STALL = {"f4": (0.21, 0.24), "f16": (0.16, 0.19)}  # rad; 1 to 3 deg above the trimmed alpha
-LATE = ("alpha", "beta", "q", "r", "pitch")  # sensors of which two are late
+LATE = ("alpha", "beta", "q", "r", "pitch")  # sensors: a draw makes two of them late
 STABILATOR = (Location(LocationKind.INPUT, "stabilator"), Location(LocationKind.EQUATION, "q"))
 
 

@@ -118,6 +118,7 @@ class InputDelay(InputEffect):
             description=f"the input {self.channel} acts {when} than it is recorded",
             location=Location(LocationKind.INPUT, self.channel),
             signals=(self.channel,),
+            delay="gain",
         )
 
     def input_signal(self, path, inputs):
@@ -221,6 +222,7 @@ class InputLag(InputEffect, AbstractLag):
             complexity=2,
             bounds={"time": (1e-6, float("inf"))},
             unit_gain=True,
+            delay="time",
         )
 
     @property

@@ -173,6 +173,7 @@ class SensorDelay(SensorEffect):
             description=f"the sensor of {self.channel} is {when}",
             location=Location(LocationKind.SENSOR, self.channel),
             signals=(self.channel,),
+            delay="gain",
         )
 
     def reading(self, t, signal):
@@ -206,6 +207,7 @@ class SensorLag(SensorEffect):
             location=Location(LocationKind.SENSOR, self.channel),
             signals=(self.channel,),
             bounds=PRESENT,
+            delay="gain",
             by_record=("start",),
         )
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from .._foundation.checks import require
 from .._foundation.location import Location, LocationKind
@@ -23,7 +24,7 @@ from .dependence import followed_signals
 from .evidence import DETERMINED, SETTLED, inflation, is_drift, is_noise_like, memory
 from .fit import LoopFit
 from .hypothesis import White
-from .linear import falls, reduce
+from .linear import falls, joint_fall, reduce
 from .noise import above_known_noise
 from .options import LoopOptions
 from .outcome import Outcome
@@ -56,6 +57,7 @@ class Check(enum.Enum):
     ONE_FUNCTION = enum.auto()
     IN_PLACE = enum.auto()
     UNIT_GAIN = enum.auto()
+    SPREAD = enum.auto()
     ALTERNATIVE = enum.auto()
     CARRIES_OVER = enum.auto()
     BORNE_OUT = enum.auto()
@@ -97,7 +99,7 @@ def assess(tree: SearchTree, tests: Mapping[str, Record], options: LoopOptions) 
         return Assessment(best.hypothesis.noise.outcome)
     effects = [best.problem.effects[name] for name in best.effects]
     at = in_place(effects, tree.where, options.level)
-    results = [more, one_function(effects), at, unit_gain(best)]
+    results = [more, one_function(effects), at, unit_gain(best), spread(best, options.level)]
     if not any(results):
         results.append(alternative(tree))
     results.append(carries_over(tree, tests))
@@ -213,6 +215,40 @@ def unit_gain(best: LoopFit) -> Objection | None:
         if not (error <= UNIT_GAIN_ERROR and abs(gain - 1.0) <= allowed):
             partial[name] = gain
     return Objection(Check.UNIT_GAIN, tuple(partial), tuple(partial.values())) if partial else None
+
+
+def spread(best: LoopFit, level: float) -> Objection | None:
+    """Return an objection if a delay or a lag has another course in time than the records.
+
+    It alone decides when a sensor lags and the library has only a delay of this sensor
+    (`test_lag_taken_for_delay_is_proxy`).
+    """
+    gained = falls_by_spread(best)
+    allowed = scipy.stats.chi2.isf(level / max(len(gained), 1), 1) * inflation(best, best.effects)
+    larger = {name: fall for name, fall in gained.items() if fall > allowed}
+    return Objection(Check.SPREAD, tuple(larger), tuple(larger.values())) if larger else None
+
+
+def falls_by_spread(best: LoopFit) -> dict[str, float]:
+    """Return the fall of chi-square if each delay and each lag may have another course in time.
+
+    A delay moves a signal as a whole, a lag spreads it in time, a filter of second order does both.
+    With the same mean they differ by a response in which half of the signal arrives earlier and
+    half later (`LinearMotion.response_to_spread`). Its fall has one degree of freedom.
+    """
+    columns = {}
+    for effect in (best.problem.effects[name] for name in best.effects):
+        if effect.card.delay:
+            time, _ = best.estimates[f"{effect.name}.{effect.card.delay}"]
+            # a disturbance of an input passes through the states of its lag
+            centre = 0.0 if effect.extra_states else time
+            at = effect.card.location
+            columns[effect.name] = best.motion.response_to_spread(at, time, centre)
+    if not columns:
+        return {}
+    triangle = best.triangle_with(columns)
+    reduced = reduce(triangle)
+    return {name: joint_fall(reduced, triangle.at([name]))[0] for name in columns}
 
 
 def alternative(tree: SearchTree) -> Objection | None:

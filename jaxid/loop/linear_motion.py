@@ -10,10 +10,11 @@ import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
-from .._foundation.location import LocationKind
+from .._foundation.location import Location, LocationKind
 from .._foundation.types import Array, Float
 from ..data.record import INITIAL_STATE, Record
 from ..diagnosis.free_form import Linear, Places, gusts_of, linear_models, responses
+from ..effects.sensor import delayed_signal
 from ..effects.shape_initialisation import RECORD
 from ..estimation.model_programs import PROGRAMS, FlatProblem
 from ..estimation.problem import Problem
@@ -224,6 +225,35 @@ class LinearMotion:
             values = _term_values(term, self.signals)[..., None]
             total += np.asarray(responses(linear, values))[..., 0, 0]
         return total
+
+    def response_to_spread(
+        self, at: Location, time: float, centre: float
+    ) -> Float[np.ndarray, "case time output"]:
+        """Return the response of the outputs, in the linear model, if half of a signal arrives
+        earlier and half of it later.
+
+            d(t) = (s(t - centre + time) + s(t - centre - time)) / 2 - s(t - centre)
+
+        Args:
+            at: the sensor whose output, or the input, that is the signal `s`.
+            time: how much earlier and later [s].
+            centre: delay of the signal as a whole [s].
+        """
+        if at.kind is LocationKind.SENSOR:
+            signal = self.linear.y[..., self.problem.model.outputs.index(at.name)]
+        else:
+            signal = self.signals[at.name]
+        delays = centre + time * np.array([-1.0, 0.0, 1.0])
+        early, middle, late = _delayed(self.problem.train.t, signal, delays)
+        d = to_device((early + late) / 2 - middle)[..., None]
+        return np.asarray(responses(self.linear_at({at.kind: (at.name,)}), d))[..., 0, 0]
+
+
+@fast_compile_jit
+def _delayed(t, signal, delays) -> Float[Array, "delay case time"]:
+    """Return a signal with each delay."""
+    of_records = jax.vmap(delayed_signal, (0, 0, None))
+    return jax.vmap(of_records, (None, None, 0))(t, signal, delays)
 
 
 @fast_compile_jit

@@ -86,6 +86,8 @@ def objection_words(objection: Objection) -> str:
         Check.IN_PLACE: f"The residual of the declared model acts elsewhere than {names}.",
         Check.UNIT_GAIN: f"An effect that is absent or present has another gain than one: "
         f"{numbers}.",
+        Check.SPREAD: "A delay or a lag with another course in time fits better, with chi-square "
+        f"smaller by: {numbers}.",
         Check.BORNE_OUT: f"On the complete training records it is insignificant: {names}.",
         Check.CARRIES_OVER: "The error of test records, in units of the training error, is: "
         f"{numbers}.",

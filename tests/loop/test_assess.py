@@ -1,7 +1,9 @@
 """Each check of a search's result, in the scenario that it alone decides."""
 
 import jax.numpy as jnp
+import numpy as np
 import pytest
+from scipy.stats import chi2
 from searched_spring import NOISE, Spring, fly, problem
 
 from jaxid import InputError, OutputError
@@ -12,10 +14,14 @@ from jaxid.effects import (
     Placement,
     QuadraticDrag,
     SensorBias,
+    SensorDelay,
+    SensorLag,
     Term,
 )
 from jaxid.loop import Outcome, search_effects
-from jaxid.loop.assess import Check, Objection, one_function
+from jaxid.loop.assess import Check, Objection, falls_by_spread, one_function
+from jaxid.loop.fit import fit
+from jaxid.loop.hypothesis import Hypothesis
 from jaxid.loop.wording import objection_words
 from jaxid.models import FixedNoise
 
@@ -59,6 +65,28 @@ def test_effects_elsewhere_are_proxies():
     assert set(found.effects) == {"delay of x", "delay of v"}
     assert checks(found) == [Check.IN_PLACE]
     assert found.outcome is Outcome.PROXIES
+
+
+def test_lag_taken_for_delay_is_proxy():
+    """The library has no lag of a sensor; a delay leaves white noise, but the course in time."""
+    late = problem(34, SensorLag("x", gain=jnp.array(0.1)))
+    found = search_effects(late.without("lag of input force", "scale of v"))
+    assert found.effects == ("delay of x",)
+    assert checks(found) == [Check.SPREAD]
+    words = objection_words(found.assessment.objections[0])
+    assert "another course in time fits better" in words
+
+
+@pytest.mark.parametrize("late", [LATE_INPUT, SensorDelay("x", jnp.array(0.1))])
+def test_true_delay_has_its_course_in_time(late):
+    """Its fall of chi-square is chance: of 30 draws more than 9 exceed its 10 % quantile with
+    a probability of 0.0005.
+    """
+    true, gain = Hypothesis((late.name,)), {f"{late.name}.gain": 0.1}
+    draws = [fit(problem(seed, late), true, start=gain) for seed in range(100, 130)]
+    falls = np.array([falls_by_spread(drawn)[late.name] for drawn in draws])
+    assert np.sum(falls > chi2.isf(0.1, 1)) <= 9
+    assert np.max(falls) > 1  # the response is tested at all
 
 
 def test_lag_of_partial_gain_is_proxy():

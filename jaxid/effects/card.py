@@ -44,8 +44,8 @@ class EffectCard:
         refines: family of a simpler effect that this effect describes in more detail; empty by
             default. The effect is tried while the simpler effect is in the model, replaces it, and
             starts from its values of the parameters that both have.
-        delay: parameter that is a delay or a time constant [s]; empty if the effect is neither. A
-            found one is compared with another course in time.
+        delay: parameter that is a delay or a time constant [s] of an input or a sensor; empty if
+            the effect is neither. A found one is compared with another course in time.
         stage: order among the effects of a model; a higher stage acts later, e.g. the saturation
             of a sensor after its scale.
         fixed: shape parameters that keep the value of `initialise_shape`; the others are estimated

@@ -42,6 +42,13 @@ def check_candidates(model: AbstractModel, effects: Sequence[Effect]) -> None:
         if location.kind in channels:
             kind = f"{location.kind.label} of the model, named by the candidate {effect.name!r},"
             require_known(kind, [location.name], channels[location.kind])
+        delay, fields = effect.card.delay, effect.__dataclass_fields__
+        delayed = location.kind in (LocationKind.INPUT, LocationKind.SENSOR) and delay in fields
+        require(
+            not delay or delayed,
+            f"The candidate {effect.name!r} has {delay!r} as `delay` of its card. Give the name of "
+            "one of its parameters, of an effect at an input or a sensor, or leave `delay` out.",
+        )
         if isinstance(effect, CommonInputEffect):
             kind = f"input of the model, named by the candidate {effect.name!r},"
             require_known(kind, effect.channels, model.inputs)

@@ -20,6 +20,7 @@ from ..diagnosis.heldout_error import (
 )
 from ..diagnosis.places import LocalisationResult
 from ..effects.base import Effect
+from ..estimation.likelihoods import OutputError
 from .dependence import followed_signals
 from .evidence import DETERMINED, SETTLED, inflation, is_drift, is_noise_like, memory
 from .fit import LoopFit
@@ -236,6 +237,8 @@ def falls_by_spread(best: LoopFit) -> dict[str, float]:
     With the same mean they differ by a response in which half of the signal arrives earlier and
     half later (`LinearMotion.response_to_spread`). Its fall has one degree of freedom.
     """
+    if not isinstance(best.estimation.problem.likelihood, OutputError):
+        return {}  # with random forces effects are never the cause
     columns = {}
     for effect in (best.problem.effects[name] for name in best.effects):
         if effect.card.delay:

@@ -82,7 +82,7 @@ class Polynomial(eqx.Module):
         """The value at an instant.
 
         Raises:
-            InputError: when `signals` has no signal that a term needs.
+            InputError: when `signals` has no signal that a term or a centre needs.
         """
         if 0 < len(self.terms) <= FEW_TERMS:
             return jnp.sum(self.coefficients * monomials(self.terms, signals, self.centre))
@@ -107,7 +107,8 @@ def monomials(
         centre: value by signal that is subtracted first; zero by default.
 
     Raises:
-        InputError: when a term cannot be parsed, or `signals` has no signal that a term needs.
+        InputError: when a term cannot be parsed, or `signals` has no signal that a term or a centre
+            needs.
     """
     values, indices = _factor_values(terms, signals, centre)
     if len(terms) <= FEW_TERMS:
@@ -237,8 +238,8 @@ def _centred(
     signals: Mapping[str, Signal], centre: Mapping[str, Float[Numbers, ""]]
 ) -> dict[str, Signal]:
     """Signals minus their centres; signals without a centre are not changed."""
-    differences = {name: signals[name] - value for name, value in centre.items() if name in signals}
-    return {**signals, **differences}
+    require_known("signal", centre, signals)
+    return {**signals, **{name: signals[name] - value for name, value in centre.items()}}
 
 
 def _factor_indices(products: list[list[str]], bases: list[str]) -> np.ndarray:

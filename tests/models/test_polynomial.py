@@ -71,6 +71,12 @@ def test_centre_is_subtracted_before_absolute_value_and_knot():
     np.testing.assert_allclose(about_beta, [0.39, 0.19], rtol=1e-13)
 
 
+def test_centre_of_unknown_signal_is_refused():
+    poly = Polynomial({"alpha": 2.0}, centre={"alpah": 0.1})
+    with pytest.raises(InputError, match=r"no signal 'alpah'.*'alpha'"):
+        poly({"alpha": jnp.array(0.3)})
+
+
 def test_polynomial_without_centre_has_only_coefficients():
     plain = Polynomial({"alpha": 2.0, "1": 1.0})
     assert len(jax.tree.leaves(plain)) == 1

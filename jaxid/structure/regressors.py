@@ -36,7 +36,7 @@ def columns(
     require_known("signal (in `centre`)", centre or {}, signals)
     needed = signals_in(terms)
     used = {name: np.asarray(signals[name], float) for name in needed if name in signals}
-    about = {name: np.asarray(value, float) for name, value in (centre or {}).items()}
+    about = {n: np.asarray(value, float) for n, value in (centre or {}).items() if n in used}
     if not used:  # all terms are constants, or a name is unknown, which `monomials` reports
         require(bool(signals), "There are no signals, so there are no samples. Give at least one.")
         count = len(next(iter(signals.values())))

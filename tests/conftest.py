@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # In the environment, so that programs started by tests use the same.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".jax_cache"))
+# Small programs too: most are compiled by both workers, and reading one takes a ninth of the time.
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ["MPLBACKEND"] = "Agg"
 # Tests compile much and compute little: without XLA's optimisations the suite takes half the time,

@@ -225,8 +225,8 @@ def spread(best: LoopFit, level: float) -> Objection | None:
     (`test_lag_taken_for_delay_is_proxy`).
     """
     gained = falls_by_spread(best)
-    shared = level / (len(Check) * max(len(gained), 1))  # a false doubt of any check has the level
-    allowed = scipy.stats.chi2.isf(shared, 1) * inflation(best, best.effects)
+    share = level / (len(Check) * max(len(gained), 1))  # of one effect in one of the checks
+    allowed = scipy.stats.chi2.isf(share, 1) * inflation(best, best.effects)
     larger = {name: fall for name, fall in gained.items() if fall > allowed}
     return Objection(Check.SPREAD, tuple(larger), tuple(larger.values())) if larger else None
 

@@ -221,9 +221,7 @@ class LinearMotion:
         for name, term in terms:
             is_state = name in self.problem.model.states
             kind = LocationKind.EQUATION if is_state else LocationKind.SENSOR
-            linear = self.linear_at({kind: (name,)})
-            values = _term_values(term, self.signals)[..., None]
-            total += np.asarray(responses(linear, values))[..., 0, 0]
+            total += self._response_to(_term_values(term, self.signals), Location(kind, name))
         return total
 
     def response_to_spread(
@@ -245,8 +243,14 @@ class LinearMotion:
             signal = self.signals[at.name]
         delays = centre + time * np.array([-1.0, 0.0, 1.0])
         early, middle, late = _delayed(self.problem.train.t, signal, delays)
-        d = to_device((early + late) / 2 - middle)[..., None]
-        return np.asarray(responses(self.linear_at({at.kind: (at.name,)}), d))[..., 0, 0]
+        return self._response_to((early + late) / 2 - middle, at)
+
+    def _response_to(
+        self, disturbance: Float[Array, "case time"], at: Location
+    ) -> Float[np.ndarray, "case time output"]:
+        """Return the response of the outputs to a disturbance at one place."""
+        linear = self.linear_at({at.kind: (at.name,)})
+        return np.asarray(responses(linear, disturbance[..., None]))[..., 0, 0]
 
 
 @fast_compile_jit

@@ -3,12 +3,15 @@
 """
 
 import argparse
+import functools
 import importlib
 import itertools
 import json
+import multiprocessing
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -82,35 +85,66 @@ def logged(log: Path | None) -> list[dict[str, Any]]:
     return [json.loads(line) for line in lines if line.endswith("}")]
 
 
+@functools.cache
+def system_of(name: str, *, harder: bool) -> System:
+    """Return the system with this name."""
+    folder = "benchmarks.missing_effects" + (".harder" if harder else "")
+    return importlib.import_module(f"{folder}.{name}").system()
+
+
+def measured(wanted: list[Task], *, harder: bool, workers: int) -> Iterator[tuple[Task, dict]]:
+    """Yield each study with its results when it ends; several processes end them in any order."""
+    if workers == 1:
+        for system, scenario, seed, removed in wanted:
+            result = measure(system, scenario, seed, removed=removed)
+            yield (system, scenario, seed, removed), result
+        return
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        futures = {
+            pool.submit(measure_by_name, system.name, scenario.name, seed, removed, harder): task
+            for task in wanted
+            for system, scenario, seed, removed in (task,)
+        }
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
+def measure_by_name(system: str, scenario: str, seed: int, removed: bool, harder: bool) -> dict:
+    """Return the results of a study in a process of its own, where systems are known by name."""
+    jax.config.update("jax_enable_x64", True)
+    one = system_of(system, harder=harder)
+    return measure(one, one.scenario(scenario), seed, removed=removed)
+
+
 def run(options: argparse.Namespace) -> list[dict[str, Any]]:
     """Run all studies that the log does not hold yet, system by system."""
     log = Path(options.log) if options.log else None
-    done = {key_of(one): one for one in logged(log)}
-    folder = "benchmarks.missing_effects" + (".harder" if options.harder else "")
-    systems = [importlib.import_module(f"{folder}.{name}").system() for name in options.systems]
+    results = {key_of(one): one for one in logged(log)}
+    systems = [system_of(name, harder=options.harder) for name in options.systems]
     wanted = sorted(tasks(systems, options), key=lambda task: options.systems.index(task[0].name))
-    results, begin = [], time.perf_counter()
-    for number, (system, scenario, seed, removed) in enumerate(wanted, 1):
-        result = done.get((system.name, scenario.name, seed, removed))
-        if result is None:
-            result = measure(system, scenario, seed, removed=removed)
-            summary = (
-                result["failed"] or f"{result['outcome']}: {', '.join(result['effects']) or '-'}"
-            )
-            where = (
-                f"{number}/{len(wanted)} {time.perf_counter() - begin:.0f} s, "
-                f"{system.name}, {scenario.name}"
-            )
-            print(
-                f"{where}{', removed' if removed else ''}, seed {seed}: {summary}",
-                file=sys.stderr,
-                flush=True,
-            )
-            if log:
-                with log.open("a") as file:
-                    file.write(json.dumps(result) + "\n")
-        results.append(result)
-    return results
+    left = [task for task in wanted if _key(task) not in results]
+    begin = time.perf_counter()
+    studies = measured(left, harder=options.harder, workers=options.workers)
+    for number, (task, result) in enumerate(studies, 1 + len(wanted) - len(left)):
+        summary = result["failed"] or f"{result['outcome']}: {', '.join(result['effects']) or '-'}"
+        system, scenario, seed, removed = task
+        print(
+            f"{number}/{len(wanted)} {time.perf_counter() - begin:.0f} s, {system.name}, "
+            f"{scenario.name}{', removed' if removed else ''}, seed {seed}: {summary}",
+            file=sys.stderr,
+            flush=True,
+        )
+        if log:
+            with log.open("a") as file:
+                file.write(json.dumps(result) + "\n")
+        results[_key(task)] = result
+    return [results[_key(task)] for task in wanted]
+
+
+def _key(task: Task) -> tuple:
+    """Return the key of a study as `key_of` returns it of its results."""
+    system, scenario, seed, removed = task
+    return system.name, scenario.name, seed, removed
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -146,6 +180,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--log", metavar="FILE", help="append each study here, and skip those that it holds"
     )
+    parser.add_argument("--workers", type=int, default=1, help="processes (default: 1)")
     options = parser.parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
     begin = time.perf_counter()

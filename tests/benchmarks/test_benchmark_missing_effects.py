@@ -4,6 +4,7 @@ import contextlib
 import importlib
 import io
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -88,12 +89,14 @@ def test_failed_study_reports_its_error(of):
     assert "occurs twice" in summary["failed"]
 
 
-def test_interrupted_run_resumes_from_log(of, tmp_path, monkeypatch):
-    """With a stand-in for the studies: the log is read, each study runs once, all are printed."""
+@pytest.mark.parametrize("workers", [1, 2])
+def test_interrupted_run_resumes_from_log(of, tmp_path, monkeypatch, workers):
+    """With a stand-in for the studies, and threads for processes: the log is read, each study runs
+    once, all are printed.
+    """
     requested, log = [], tmp_path / "log.jsonl"
 
-    def stand_in(system, scenario, seed, *, removed=False, over_hypotheses=False):
-        assert not over_hypotheses
+    def stand_in(system, scenario, seed, *, removed=False):
         requested.append((scenario.name, seed, removed))
         effects = ["a"] if scenario.kind == "single" else []
         return result(
@@ -101,8 +104,13 @@ def test_interrupted_run_resumes_from_log(of, tmp_path, monkeypatch):
         )
 
     monkeypatch.setattr(of("__main__"), "measure", stand_in)
+    monkeypatch.setattr(
+        of("__main__"), "ProcessPoolExecutor", lambda count, _: ThreadPoolExecutor(count)
+    )
     main = [
         "--json",
+        "--workers",
+        str(workers),
         "--systems",
         "spring",
         "--scenarios",

@@ -3,8 +3,6 @@
 """
 
 import argparse
-import functools
-import importlib
 import itertools
 import json
 import multiprocessing
@@ -18,7 +16,7 @@ from typing import Any
 import jax
 
 from benchmarks.missing_effects.judge import goals, rows
-from benchmarks.missing_effects.measure import measure
+from benchmarks.missing_effects.measure import measure_by_name, system_of
 from benchmarks.missing_effects.scenarios import Scenario, System
 from benchmarks.missing_effects.table import text
 
@@ -85,35 +83,14 @@ def logged(log: Path | None) -> list[dict[str, Any]]:
     return [json.loads(line) for line in lines if line.endswith("}")]
 
 
-@functools.cache
-def system_of(name: str, *, harder: bool) -> System:
-    """Return the system with this name."""
-    folder = "benchmarks.missing_effects" + (".harder" if harder else "")
-    return importlib.import_module(f"{folder}.{name}").system()
-
-
-def measured(wanted: list[Task], *, harder: bool, workers: int) -> Iterator[tuple[Task, dict]]:
-    """Yield each study with its results when it ends; several processes end them in any order."""
+def measured(keys: list[tuple], *, harder: bool, workers: int) -> Iterator[dict[str, Any]]:
+    """Yield the results of each study when it ends; several processes end them in any order."""
     if workers == 1:
-        for system, scenario, seed, removed in wanted:
-            result = measure(system, scenario, seed, removed=removed)
-            yield (system, scenario, seed, removed), result
+        yield from (measure_by_name(*key, harder) for key in keys)
         return
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        futures = {
-            pool.submit(measure_by_name, system.name, scenario.name, seed, removed, harder): task
-            for task in wanted
-            for system, scenario, seed, removed in (task,)
-        }
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-
-
-def measure_by_name(system: str, scenario: str, seed: int, removed: bool, harder: bool) -> dict:
-    """Return the results of a study in a process of its own, where systems are known by name."""
-    jax.config.update("jax_enable_x64", True)
-    one = system_of(system, harder=harder)
-    return measure(one, one.scenario(scenario), seed, removed=removed)
+        futures = [pool.submit(measure_by_name, *key, harder) for key in keys]
+        yield from (future.result() for future in as_completed(futures))
 
 
 def run(options: argparse.Namespace) -> list[dict[str, Any]]:
@@ -122,29 +99,24 @@ def run(options: argparse.Namespace) -> list[dict[str, Any]]:
     results = {key_of(one): one for one in logged(log)}
     systems = [system_of(name, harder=options.harder) for name in options.systems]
     wanted = sorted(tasks(systems, options), key=lambda task: options.systems.index(task[0].name))
-    left = [task for task in wanted if _key(task) not in results]
+    keys = [(system.name, one.name, seed, removed) for system, one, seed, removed in wanted]
+    left = [key for key in keys if key not in results]
     begin = time.perf_counter()
     studies = measured(left, harder=options.harder, workers=options.workers)
-    for number, (task, result) in enumerate(studies, 1 + len(wanted) - len(left)):
+    for number, result in enumerate(studies, 1 + len(keys) - len(left)):
+        results[key_of(result)] = result
         summary = result["failed"] or f"{result['outcome']}: {', '.join(result['effects']) or '-'}"
-        system, scenario, seed, removed = task
         print(
-            f"{number}/{len(wanted)} {time.perf_counter() - begin:.0f} s, {system.name}, "
-            f"{scenario.name}{', removed' if removed else ''}, seed {seed}: {summary}",
+            f"{number}/{len(keys)} {time.perf_counter() - begin:.0f} s, {result['system']}, "
+            f"{result['scenario']}{', removed' if result['removed'] else ''}, "
+            f"seed {result['seed']}: {summary}",
             file=sys.stderr,
             flush=True,
         )
         if log:
             with log.open("a") as file:
                 file.write(json.dumps(result) + "\n")
-        results[_key(task)] = result
-    return [results[_key(task)] for task in wanted]
-
-
-def _key(task: Task) -> tuple:
-    """Return the key of a study as `key_of` returns it of its results."""
-    system, scenario, seed, removed = task
-    return system.name, scenario.name, seed, removed
+    return [results[key] for key in keys]
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,6 +1,8 @@
 """Comparison of one study with its truth, as plain numbers for JSON."""
 
 import dataclasses
+import functools
+import importlib
 import time
 from typing import Any
 
@@ -17,6 +19,22 @@ from jaxid.loop import EffectSearch, search_effects
 from jaxid.loop.moves import MoveKind, Proposals
 from jaxid.loop.options import LoopOptions
 from jaxid.study.candidates import candidates
+
+
+@functools.cache
+def system_of(name: str, *, harder: bool) -> System:
+    """Return the system with this name."""
+    folder = "benchmarks.missing_effects" + (".harder" if harder else "")
+    return importlib.import_module(f"{folder}.{name}").system()
+
+
+def measure_by_name(system: str, scenario: str, seed: int, removed: bool, harder: bool) -> dict:
+    """Return `measure` of a system and a scenario with these names, as another process knows
+    them.
+    """
+    jax.config.update("jax_enable_x64", True)
+    one = system_of(system, harder=harder)
+    return measure(one, one.scenario(scenario), seed, removed=removed)
 
 
 def measure(

@@ -4,6 +4,7 @@ import contextlib
 import importlib
 import io
 import json
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -89,6 +90,14 @@ def test_failed_study_reports_its_error(of):
     assert "occurs twice" in summary["failed"]
 
 
+def pool_of_threads(count, context):
+    """Return a pool of threads in place of one of processes, whose functions must be importable."""
+    pool = ThreadPoolExecutor(count)
+    submit = pool.submit
+    pool.submit = lambda function, *key: submit(pickle.loads(pickle.dumps(function)), *key)
+    return pool
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_interrupted_run_resumes_from_log(of, tmp_path, monkeypatch, workers):
     """With a stand-in for the studies, and threads for processes: the log is read, each study runs
@@ -103,10 +112,8 @@ def test_interrupted_run_resumes_from_log(of, tmp_path, monkeypatch, workers):
             scenario=scenario.name, kind=scenario.kind, seed=seed, removed=removed, effects=effects
         )
 
-    monkeypatch.setattr(of("__main__"), "measure", stand_in)
-    monkeypatch.setattr(
-        of("__main__"), "ProcessPoolExecutor", lambda count, _: ThreadPoolExecutor(count)
-    )
+    monkeypatch.setattr(of("measure"), "measure", stand_in)
+    monkeypatch.setattr(of("__main__"), "ProcessPoolExecutor", pool_of_threads)
     main = [
         "--json",
         "--workers",

@@ -183,7 +183,7 @@ def test_option_runs_only_harder_truths(of, monkeypatch):
         requested.append((scenario.name, seed, removed))
         return harder_result(scenario=scenario.name, seed=seed)
 
-    monkeypatch.setattr(of("__main__"), "measure", stand_in)
+    monkeypatch.setattr(of("measure"), "measure", stand_in)
     words = io.StringIO()
     with contextlib.redirect_stdout(words), contextlib.redirect_stderr(io.StringIO()):
         main = of("__main__").main

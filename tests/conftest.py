@@ -157,6 +157,22 @@ def data_folder() -> Path:
 
 
 @pytest.fixture
+def compilations():
+    """Names of the functions that JAX compiles during a test, from the events that it records: one
+    for every program, cached on disk or not.
+    """
+    names = []
+
+    def listen(event, duration, *, fun_name="", **_):
+        if event == "/jax/core/compile/backend_compile_duration":
+            names.append(fun_name)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    yield names
+    jax.monitoring.unregister_event_duration_listener(listen)
+
+
+@pytest.fixture
 def user_environment(reader_environment) -> dict[str, str]:
     """As `reader_environment`, for one test."""
     return dict(reader_environment)

@@ -71,7 +71,7 @@ def with_undetermined(result: RESULTS, deviations: Float[Array, "*batch paramete
         deviations: standard errors of its parameters.
     """
     drifting = _drifting(is_one_of(result, CONVERGED), deviations)
-    if not isinstance(drifting, Tracer) and not np.any(drifting):
+    if not isinstance(drifting, Tracer) and not np.any(np.asarray(drifting)):
         return result  # `where` would compile a program
     return RESULTS.where(drifting, RESULTS.undetermined, result)
 

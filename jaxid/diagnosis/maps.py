@@ -11,6 +11,7 @@ from jax.scipy.special import gammaincc
 
 from .._foundation.checks import require
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import to_device
 from .._foundation.notebook import Table
 from .._foundation.types import Array, Bool, Float
 from ..estimation.coloured import score_covariance, score_covariance_under
@@ -94,11 +95,10 @@ def residual_maps(
     )
     require(len(variables) > 0, "There is no variable to map the residual over. Name one.")
     require(bins >= 2, f"There are {bins} bins. A map has two at least.")
-    s = jnp.stack([jnp.asarray(variable, float) for variable in variables.values()], axis=-1)
-    inside = np.asarray(jnp.any(mask, axis=-1))
-    edges = jnp.asarray(
-        np.quantile(np.asarray(s)[inside], np.linspace(0.0, 1.0, bins + 1), axis=0).T
-    )
+    s = np.stack([np.asarray(variable, float) for variable in variables.values()], axis=-1)
+    inside = np.any(np.asarray(mask), axis=-1)
+    edges = np.quantile(s[inside], np.linspace(0.0, 1.0, bins + 1), axis=0).T
+    s, edges = to_device((s, edges))
     means = _numbers(residuals, mask, s, edges)
     return ResidualMaps(tuple(outputs), tuple(variables), edges, *means)
 

@@ -24,7 +24,7 @@ import optimistix as optx
 
 from .._foundation.checks import InputError, require
 from .._foundation.grid import is_uniform
-from .._foundation.types import Array, Bool, Float
+from .._foundation.types import Array, Bool, Float, Numbers
 from ..models.noise import AbstractNoise, AbstractWhitening
 
 # Samples with valid predecessors that a channel needs for each coefficient (chosen).
@@ -123,7 +123,7 @@ class AutoregressiveNoise(AbstractNoise):
         return 2.0 / jnp.maximum(jnp.sum(usable(mask, self.order), axis=(0, 1)), 1)
 
     def check(self, mask, outputs):
-        count = np.sum(np.asarray(usable(jnp.asarray(mask), self.order)), axis=(0, 1))
+        count = np.sum(usable(np.asarray(mask), self.order, np), axis=(0, 1))
         needed = SAMPLES_PER_COEFFICIENT * self.order
         for name, samples in zip(outputs, count, strict=True):
             require(
@@ -235,14 +235,15 @@ def select_order(
 
     Source: G. Schwarz, Annals of Statistics 6, 1978.
     """
-    used = np.array(usable(mask, largest))
+    residuals, valid_samples = np.asarray(v), np.asarray(mask)
+    used = usable(valid_samples, largest, np)
     used[:, :largest] = False
     count = np.maximum(np.sum(used, axis=(0, 1)), 1)
-    past = np.asarray(_lagged(jnp.where(mask, v, 0.0), largest).swapaxes(1, 2))
+    past = _lagged(np.where(valid_samples, residuals, 0.0), largest, np).swapaxes(1, 2)
     criteria = np.zeros(largest + 1)
     for channel, samples in enumerate(count):
         valid = used[..., channel]
-        present, X = np.asarray(v)[..., channel][valid], past[..., channel][:, valid].T
+        present, X = residuals[..., channel][valid], past[..., channel][:, valid].T
         for order in range(largest + 1):
             a = np.linalg.lstsq(X[:, :order], present, rcond=None)[0]
             power = max(float(np.mean((present - X[:, :order] @ a) ** 2)), np.finfo(float).tiny)
@@ -250,11 +251,13 @@ def select_order(
     return int(np.argmin(criteria))
 
 
-def usable(mask: Bool[Array, "case time output"], order: int) -> Bool[Array, "case time output"]:
+def usable(
+    mask: Bool[Numbers, "case time output"], order: int, xp=jnp
+) -> Bool[Numbers, "case time output"]:
     """Return the valid samples whose `order` predecessors, as far as the record has them, are
-    valid too.
+    valid too; by NumPy if `xp` is NumPy.
     """
-    return mask & ~jnp.any(_lagged(~mask, order).swapaxes(1, 2), axis=0)
+    return mask & ~xp.any(_lagged(~mask, order, xp).swapaxes(1, 2), axis=0)
 
 
 def _counts(mask: Bool[Array, "case time output"], order: int) -> Float[Array, "output order"]:
@@ -264,10 +267,10 @@ def _counts(mask: Bool[Array, "case time output"], order: int) -> Float[Array, "
     return jnp.concatenate([by_time[:order], rest]).T
 
 
-def _lagged(rows: Array, order: int) -> Array:
+def _lagged(rows: Numbers, order: int, xp=jnp) -> Numbers:
     """Return the predecessors of all samples, shape (lag, time, case, output, ...)."""
     rows = rows.swapaxes(0, 1)
-    empty = jnp.zeros((order, *rows.shape[1:]), rows.dtype)
-    padded = jnp.concatenate([empty, rows])
+    empty = xp.zeros((order, *rows.shape[1:]), rows.dtype)
+    padded = xp.concatenate([empty, rows])
     count = rows.shape[0]
-    return jnp.stack([padded[order - lag : order - lag + count] for lag in range(1, order + 1)])
+    return xp.stack([padded[order - lag : order - lag + count] for lag in range(1, order + 1)])

@@ -5,13 +5,12 @@ from collections.abc import Mapping
 from functools import cached_property
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import InputError
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
-from .._foundation.results import RESULTS
+from .._foundation.results import RESULTS, is_one_of
 from .._foundation.types import Array, Float
 from ..diagnosis.autoregression import autoregressive_r2
 from ..diagnosis.validation import Prediction
@@ -78,10 +77,7 @@ class LoopFit:
     @property
     def converged(self) -> bool:
         """True if the solver met its tolerance."""
-        return bool(
-            (self.solution.result == RESULTS.successful)
-            | (self.solution.result == RESULTS.at_bound)
-        )
+        return bool(is_one_of(self.solution.result, (RESULTS.successful, RESULTS.at_bound)))
 
     @property
     def count(self) -> int:
@@ -112,7 +108,8 @@ class LoopFit:
         own = tuple(problem.columns.names[k] for k in problem.columns.chosen(self.effects))
         effects = tuple(problem.effects[name] for name in self.effects)
         model = Augmented(problem.model, effects) if effects else problem.model
-        model = with_values(model, own, jnp.array([self.estimates[name][0] for name in own]))
+        values = np.array([self.estimates[name][0] for name in own])
+        model = with_values(model, own, to_device(values))
         return model, self.estimation.free
 
     @property
@@ -196,7 +193,7 @@ class LoopFit:
         likelihood, mask = self.estimation.problem.likelihood, self.problem.train.mask
         if isinstance(likelihood, OutputError):
             v = self.solution.residuals
-            return _white(likelihood.noise, v, jnp.zeros((*v.shape, 0)), mask)[0]
+            return _white(likelihood.noise, v, to_device(np.zeros((*v.shape, 0))), mask)[0]
         case = FlatProblem.of(self.estimation.problem)
         rows, _ = PROGRAMS.sensitivities(*case.sensitivities_arguments(self.solution.parameters))
         return rows[..., : mask.shape[-1]]
@@ -204,7 +201,7 @@ class LoopFit:
     @cached_property
     def predictable(self) -> dict[str, float]:
         """Share of the power of each whitened residual that its own past explains."""
-        share = autoregressive_r2(self.white_residuals, self.problem.train.mask)
+        share = np.asarray(autoregressive_r2(self.white_residuals, self.problem.train.mask))
         return dict(zip(self.problem.model.outputs, map(float, share), strict=True))
 
     @property
@@ -260,7 +257,8 @@ def fit(
         solution = fit_by_steps(estimation.problem, estimation.parameters, solver, S)
         costs, S = [*costs, float(solution.cost)], None
         fitted = LoopFit(problem, hypothesis, estimation, solution)
-        if solution.result != RESULTS.steps_exhausted or not worth_continuing(costs, target):
+        stopped = bool(is_one_of(solution.result, (RESULTS.steps_exhausted,)))
+        if not stopped or not worth_continuing(costs, target):
             return fitted
         rows = fitted.rows
         shared = np.asarray(solution.parameters.shared)

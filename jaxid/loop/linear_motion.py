@@ -250,7 +250,8 @@ class LinearMotion:
     ) -> Float[np.ndarray, "case time output"]:
         """Return the response of the outputs to a disturbance at one place."""
         linear = self.linear_at({at.kind: (at.name,)})
-        return np.asarray(responses(linear, disturbance[..., None]))[..., 0, 0]
+        disturbances = to_device(np.asarray(disturbance)[..., None])
+        return np.asarray(responses(linear, disturbances))[..., 0, 0]
 
 
 @fast_compile_jit

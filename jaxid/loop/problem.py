@@ -6,7 +6,6 @@ from collections.abc import Collection
 from functools import cached_property
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require, require_known
@@ -352,7 +351,7 @@ def operations(model: AbstractModel) -> int:
 
     Every later program reuses the trace made here.
     """
-    t, x, u = jnp.zeros(()), jnp.zeros(len(model.states)), jnp.zeros(len(model.inputs))
+    t, x, u = np.zeros(()), np.zeros(len(model.states)), np.zeros(len(model.inputs))
     return _count(jax.make_jaxpr(lambda *instant: rate(model, *instant))(t, x, u).jaxpr)
 
 

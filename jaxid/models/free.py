@@ -262,14 +262,14 @@ def with_values_at(model: Model, at: Int[np.ndarray, " p"], values: Float[Number
     for k in np.unique(leaf_of):
         chosen = leaf_of == k
         own = np.asarray(at)[chosen] - (ends[k] - leaves[k].size)
-        leaves[k] = _replaced(leaves[k], values[chosen], own=own)
+        leaves[k] = _replaced(leaves[k], values, own=own, chosen=chosen)
     return with_array_leaves(model, leaves)
 
 
 @on_host
-def _replaced(xp, leaf, values, *, own):
-    """Return a leaf with values at positions of its flat vector."""
-    vector = xp.ravel(leaf)
+def _replaced(xp, leaf, values, *, own, chosen):
+    """Return a leaf with the chosen values at positions of its flat vector."""
+    vector, values = xp.ravel(leaf), values[chosen]
     if xp is np:
         vector = vector.copy()
         vector[own] = values

@@ -3,10 +3,10 @@
 import dataclasses
 from collections.abc import Callable
 
-import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import to_device
 from .._foundation.linalg import triangle
 from .._foundation.types import Array, Float
 from ..data.record import Record
@@ -115,14 +115,14 @@ def _where(tree: SearchTree):
 def _residual_reports(tree: SearchTree) -> dict[str, ResidualReport]:
     """Return the tests of the training residual before and after, noise models removed."""
     train = tree.problem.train
-    signals = {name: jnp.asarray(signal) for name, signal in tree.declared.motion.variables.items()}
+    signals = to_device(dict(tree.declared.motion.variables))
 
     def report(residuals):
         return analyse_residual(residuals, train.mask, signals, train.outputs)
 
     return {
         "before": report(tree.declared.solution.residuals),
-        "after": report(jnp.asarray(tree.best.white_residuals)),
+        "after": report(tree.best.white_residuals),
     }
 
 
@@ -186,7 +186,7 @@ def _declared_start(problem: LoopProblem, estimate: Estimate) -> Float[Array, " 
     """
     declared = dict(zip(problem.columns.names, problem.initial_values, strict=True))
     last = zip(estimate.names, np.asarray(estimate.start), strict=True)
-    return jnp.asarray(np.array([declared.get(name, start) for name, start in last], float))
+    return to_device(np.array([declared.get(name, start) for name, start in last], float))
 
 
 def _noise(best: LoopFit, outcome: Outcome, used: Record) -> dict[str, float]:

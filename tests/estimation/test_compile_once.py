@@ -18,22 +18,6 @@ from jaxid.data import record, stack
 from jaxid.estimation import Clip, GaussNewton, OutputError, estimate
 from jaxid.models import DiagonalNoise, FixedNoise, FullNoise, free
 
-COMPILED = "/jax/core/compile/backend_compile_duration"
-
-
-@pytest.fixture
-def compilations():
-    """List of the names of the compiled functions, extended by every compilation."""
-    names = []
-
-    def listen(event, duration, *, fun_name="", **_):
-        if event == COMPILED:
-            names.append(fun_name)
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    yield names
-    jax.monitoring.unregister_event_duration_listener(listen)
-
 
 def lag_record(seed, name=""):
     t = 0.05 * np.arange(120)

@@ -13,22 +13,6 @@ from jaxid.models import LinearModel
 from jaxid.models.base import AbstractModel
 from jaxid.simulation import RK4, Adaptive, BandLimited, Cubic, Linear, ZeroOrder, simulate
 
-COMPILED = "/jax/core/compile/backend_compile_duration"
-
-
-@pytest.fixture
-def compilations():
-    """List of the names of the compiled functions, extended by every compilation."""
-    names = []
-
-    def listen(event, duration, *, fun_name="", **_):
-        if event == COMPILED:
-            names.append(fun_name)
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    yield names
-    jax.monitoring.unregister_event_duration_listener(listen)
-
 
 class Lag(AbstractModel):
     """A lag of first order."""

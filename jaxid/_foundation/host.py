@@ -37,6 +37,18 @@ def on_host(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
+@on_host
+def columns_at(xp, values, at: tuple[int, ...]):
+    """Return some columns, the last axis of an array, in the given order."""
+    return values[..., xp.asarray(at, int)]
+
+
+@on_host
+def as_columns(xp, arrays):
+    """Return arrays of numbers as the columns of one, along a new last axis."""
+    return xp.stack([xp.asarray(array, float) for array in arrays], axis=-1)
+
+
 def to_device(tree):
     """Return a tree with its NumPy arrays as JAX arrays of the same type, without compilation.
 

@@ -12,7 +12,7 @@ from jax.core import Tracer
 
 from .._foundation.checks import require, require_known
 from .._foundation.grid import holes
-from .._foundation.host import on_host
+from .._foundation.host import columns_at, on_host
 from .._foundation.notebook import Table, preformatted
 from .._foundation.types import Array, Bool, Float, Int
 
@@ -109,9 +109,9 @@ class Record(eqx.Module):
         )
         return _replace(
             self,
-            u=_columns(self.u, at=tuple(u)),
-            z=_columns(self.z, at=tuple(z)),
-            mask=_columns(self.mask, at=tuple(z)),
+            u=columns_at(self.u, at=tuple(u)),
+            z=columns_at(self.z, at=tuple(z)),
+            mask=columns_at(self.mask, at=tuple(z)),
             inputs=tuple(self.inputs[k] for k in u),
             outputs=tuple(self.outputs[k] for k in z),
             input_units=tuple(self.input_units[k] for k in u),
@@ -239,12 +239,6 @@ def _column(xp, values, mask, index: int):
     """Return one channel, NaN where there is no valid sample."""
     column = values[..., index]
     return column if mask is None else xp.where(mask[..., index], column, xp.nan)
-
-
-@on_host
-def _columns(xp, values, at: tuple[int, ...]):
-    """Return some columns of the last axis."""
-    return values[..., xp.asarray(at, int)]
 
 
 @on_host

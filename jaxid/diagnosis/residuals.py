@@ -11,6 +11,7 @@ from jax.scipy.stats import norm
 
 from .._foundation.checks import InputError, require, require_level
 from .._foundation.compiler import fast_compile_jit
+from .._foundation.host import as_columns, on_host, to_device
 from .._foundation.notebook import Table
 from .._foundation.types import Array, Bool, Float, Int, Numbers
 from ..data.record import Record
@@ -149,14 +150,14 @@ class ResidualTests(eqx.Module):
         """True for each channel whose residual is white (Bonferroni over the channels); False if a
         valid sample is not finite.
         """
-        return self.whiteness.p_value >= self.level / len(self.outputs)
+        return _at_least(self.whiteness.p_value, level=self.level / len(self.outputs))
 
     @property
     def follows(self) -> Bool[Array, "output signal"]:
         """True if a channel's residual is correlated with a signal (Bonferroni over channels and
         signals).
         """
-        return self.cross_p < self.level / max(self.cross_p.size, 1)
+        return _below(self.cross_p, level=self.level / max(self.cross_p.size, 1))
 
     @property
     def passed(self) -> Bool[Array, ""]:
@@ -174,19 +175,19 @@ class ResidualTests(eqx.Module):
 
     def _table(self) -> Table:
         """Return both tests of each channel in words."""
-        middle, tests = self.autocorrelation.shape[1] - 1, self.whiteness
+        known = jax.tree.map(np.asarray, self)
+        middle, tests = self.autocorrelation.shape[1] - 1, known.whiteness
         lines, nothing = [], "-" if self.signals else "no signals were given"
-        rows = zip(
-            self.outputs, tests.statistic, tests.p_value, self.white, self.follows, strict=True
-        )
+        answers = np.asarray(self.white), np.asarray(self.follows)
+        rows = zip(self.outputs, tests.statistic, tests.p_value, *answers, strict=True)
         for j, (name, Q, p, white, follows) in enumerate(rows):
             correlations = [
-                f"{self.signals[k]} ({self.cross_correlation[j, k, middle + lag]:+.2f}, {lag})"
-                for k, lag in enumerate(np.asarray(self.cross_lag)[j])
+                f"{self.signals[k]} ({known.cross_correlation[j, k, middle + lag]:+.2f}, {lag})"
+                for k, lag in enumerate(known.cross_lag[j])
                 if bool(follows[k])
             ]
             numbers = (f"{float(Q):.4g}", f"{float(p):.2g}", "yes" if bool(white) else "no")
-            if float(self.autocorrelation[j, 0]) == 0:  # no sample, or no residual at all
+            if known.autocorrelation[j, 0] == 0:  # no sample, or no residual at all
                 numbers = ("-", "-", "-")
             lines.append((name, *numbers, ", ".join(correlations) or nothing))
         heads = ("residual", "Ljung-Box", "p", "white", "follows (correlation, lag)")
@@ -233,13 +234,9 @@ def residual_tests(
     rows, channels = residuals.shape[1:]
     require_level(level, 0.01)
     require(lags >= 1, f"lags is {lags}; choose 1 or more.")
-    s = (
-        jnp.stack([jnp.asarray(x, float) for x in by_name.values()], -1)
-        if by_name
-        else jnp.zeros((*mask.shape[:2], 0))
-    )
+    s = as_columns([*by_name.values()]) if by_name else to_device(np.zeros((*mask.shape[:2], 0)))
     numbers = _numbers(
-        residuals, mask, s, jnp.asarray(level / channels), min(lags, max(rows // 5, 1))
+        residuals, mask, s, to_device(np.asarray(level / channels)), min(lags, max(rows // 5, 1))
     )
     return ResidualTests(names, tuple(by_name), level, *numbers)
 
@@ -290,6 +287,18 @@ def _signals(signals, shape: tuple[int, ...]) -> dict[str, Array]:
             f"{shape[0]} records of {shape[1]} samples. Give the records of the estimate.",
         )
     return dict(signals)
+
+
+@on_host
+def _at_least(xp, p_values, *, level: float):
+    """Return True for each p-value from a level on."""
+    return xp.asarray(p_values >= level)
+
+
+@on_host
+def _below(xp, p_values, *, level: float):
+    """Return True for each p-value below a level."""
+    return xp.asarray(p_values < level)
 
 
 @fast_compile_jit

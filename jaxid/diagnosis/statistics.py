@@ -1,10 +1,11 @@
 """Measures of fit between measured and computed outputs, channel by channel."""
 
 import equinox as eqx
-import jax.numpy as jnp
+import numpy as np
 
 from .._foundation.checks import require
-from .._foundation.types import Array, Bool, Float, Int
+from .._foundation.host import on_host
+from .._foundation.types import Array, Bool, Float, Int, Numbers
 
 
 class FitStatistics(eqx.Module):
@@ -42,7 +43,7 @@ class FitStatistics(eqx.Module):
         """Fit by channel, `100 (1 - |z - y| / |z - mean z|)` [percent]; below zero, a constant
         predicts better.
         """
-        return 100.0 * (1.0 - jnp.sqrt(1.0 - self.r_squared))
+        return _percent(self.r_squared)
 
     def __str__(self) -> str:
         width = max(len(name) for name in (*self.outputs, "output"))
@@ -62,9 +63,10 @@ class FitStatistics(eqx.Module):
             + "".join(f" {head:>10}" for head in heads)
             + "  unit"
         ]
+        known = {column: np.asarray(getattr(self, column)) for column in ("count", *columns)}
         for j, (name, unit) in enumerate(zip(self.outputs, self.units, strict=True)):
-            values = "".join(f" {float(getattr(self, column)[j]):>10.4g}" for column in columns)
-            lines.append(f"{name:<{width}} {int(self.count[j]):>8}{values}  {unit}")
+            values = "".join(f" {float(known[column][j]):>10.4g}" for column in columns)
+            lines.append(f"{name:<{width}} {int(known['count'][j]):>8}{values}  {unit}")
         return "\n".join(lines)
 
 
@@ -117,27 +119,40 @@ def statistics(
         0 <= skip < rows,
         f"skip is {skip}, and the records have {rows} rows. Choose 0 to {rows - 1}.",
     )
-    mask = mask & (jnp.arange(rows) >= skip)[None, :, None]
-    count = jnp.sum(mask, axis=(0, 1))
+    return FitStatistics(
+        outputs=tuple(outputs), units=units, **_measures(z, y, mask, noise, skip=skip)
+    )
+
+
+@on_host
+def _percent(xp, r_squared):
+    """Return the fit in percent."""
+    return 100.0 * (1.0 - xp.sqrt(1.0 - r_squared))
+
+
+@on_host
+def _measures(xp, z, y, mask, noise, *, skip: int) -> dict[str, Numbers]:
+    """Return the arrays of `FitStatistics` by name."""
+    rows, channels = z.shape[1:]
+    mask = mask & (xp.arange(rows) >= skip)[None, :, None]
+    count = xp.sum(mask, axis=(0, 1))
 
     def mean(x):
-        return jnp.sum(jnp.where(mask, x, 0.0), axis=(0, 1)) / count
+        return xp.sum(xp.where(mask, x, 0.0), axis=(0, 1)) / count
 
-    v, z_mean, y_mean = jnp.where(mask, z - y, 0.0), mean(z), mean(y)
+    v, z_mean, y_mean = xp.where(mask, z - y, 0.0), mean(z), mean(y)
     z_off, y_off = z - z_mean[None, None], y - y_mean[None, None]
     square, product = mean(v**2), mean(z_off * y_off)
-    z_sd, y_sd = jnp.sqrt(mean(z_off**2)), jnp.sqrt(mean(y_off**2))
-    deviation = jnp.full(channels, jnp.nan) if noise is None else jnp.sqrt(jnp.diagonal(noise))
-    return FitStatistics(
-        outputs=tuple(outputs),
-        units=units,
-        count=count,
-        rms=jnp.sqrt(square),
-        max_abs=jnp.max(jnp.abs(v), axis=(0, 1)),
-        r_squared=jnp.where(z_sd > 0, 1.0 - square / z_sd**2, jnp.nan),
-        theil=jnp.sqrt(square) / (jnp.sqrt(mean(z**2)) + jnp.sqrt(mean(y**2))),
-        bias=(z_mean - y_mean) ** 2 / square,
-        variance=(z_sd - y_sd) ** 2 / square,
-        covariance=2.0 * (z_sd * y_sd - product) / square,
-        normalised=jnp.sqrt(square) / deviation,
-    )
+    z_sd, y_sd = xp.sqrt(mean(z_off**2)), xp.sqrt(mean(y_off**2))
+    deviation = xp.full(channels, xp.nan) if noise is None else xp.sqrt(xp.diagonal(noise))
+    return {
+        "count": count,
+        "rms": xp.sqrt(square),
+        "max_abs": xp.max(xp.abs(v), axis=(0, 1)),
+        "r_squared": xp.where(z_sd > 0, 1.0 - square / z_sd**2, xp.nan),
+        "theil": xp.sqrt(square) / (xp.sqrt(mean(z**2)) + xp.sqrt(mean(y**2))),
+        "bias": (z_mean - y_mean) ** 2 / square,
+        "variance": (z_sd - y_sd) ** 2 / square,
+        "covariance": 2.0 * (z_sd * y_sd - product) / square,
+        "normalised": xp.sqrt(square) / deviation,
+    }

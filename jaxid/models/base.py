@@ -10,7 +10,7 @@ from equinox import AbstractVar
 from jax.core import Tracer
 
 from .._foundation.checks import InputError, require, require_known
-from .._foundation.host import is_integer_array
+from .._foundation.host import as_columns, columns_at, is_integer_array, to_device
 from .._foundation.types import Array, Float
 from ..data.arguments import OTHER_NAMES
 from ..data.record import Record
@@ -327,14 +327,14 @@ def selected(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ...]) 
         gaps = (
             0
             if name in record.inputs
-            else int(jnp.sum(~record.mask[..., record.outputs.index(name)]))
+            else int(np.sum(~np.asarray(record.mask)[..., record.outputs.index(name)]))
         )
         require(
             gaps == 0,
             f"Record {record.names[0]!r}: {name!r} is used as an input and {gaps} of its samples "
             "are missing. Fill the gaps first, or keep the equation of this state.",
         )
-    columns = [record.outputs.index(name) for name in outputs]
+    columns = tuple(record.outputs.index(name) for name in outputs)
     units = dict(
         zip(
             (*record.inputs, *record.outputs),
@@ -345,9 +345,9 @@ def selected(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ...]) 
     u = [record.channel(name) for name in inputs]
     return Record(
         t=record.t,
-        u=jnp.stack(u, axis=-1) if u else jnp.zeros((*record.t.shape, 0)),
-        z=record.z[..., columns],
-        mask=record.mask[..., columns],
+        u=as_columns(u) if u else to_device(np.zeros((*record.t.shape, 0))),
+        z=columns_at(record.z, at=columns),
+        mask=columns_at(record.mask, at=columns),
         constants=record.constants,
         inputs=inputs,
         outputs=outputs,

@@ -59,7 +59,7 @@ class Polynomial(eqx.Module):
         centre: Mapping[str, float | Float[Array, ""]] | None = None,
     ):
         self.terms = tuple(coefficients)
-        self.coefficients = jnp.array([coefficients[term] for term in self.terms], float)
+        self.coefficients = _vector([coefficients[term] for term in self.terms])
         self.centre = {
             signal: jnp.asarray(value, float) for signal, value in (centre or {}).items()
         }
@@ -115,6 +115,12 @@ def monomials(
         one = values[0]
         return jnp.stack([math.prod((values[k] for k in row if k), start=one) for row in indices.T])
     return _products(jnp.stack(values), indices)
+
+
+@on_host
+def _vector(xp, numbers: list) -> Float[Numbers, " number"]:
+    """Return numbers as a vector."""
+    return xp.asarray(numbers, float)
 
 
 @on_host

@@ -307,6 +307,7 @@ class Aircraft(AbstractModel):
         )
         return eqx.tree_at(lambda a: (a.controls.trim, a.engines), self, (settings, engines))
 
+    @eqx.filter_jit
     def flight_state(
         self,
         velocity: Float[Array, "3"],

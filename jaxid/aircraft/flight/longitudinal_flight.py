@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._foundation.host import to_device
 from ..._foundation.types import Array, Float
 from ...data.build import record
 from ...data.multisine import multisine
@@ -115,10 +116,9 @@ def declared(truth: Augmented) -> AbstractModel:
         for name in parameter_names(truth.model)
         if name.partition(".")[0] in ("CX", "CZ", "Cm")
     ]
-    factors = 1.0 + DECLARED_ERROR * jnp.where(jnp.arange(len(coefficients)) % 2 == 0, 1.0, -1.0)
-    return with_values(
-        truth.model, coefficients, factors * read_parameters(truth.model, tuple(coefficients))
-    )
+    factors = 1.0 + DECLARED_ERROR * np.where(np.arange(len(coefficients)) % 2 == 0, 1.0, -1.0)
+    true = np.asarray(read_parameters(truth.model, tuple(coefficients)))
+    return with_values(truth.model, coefficients, to_device(factors * true))
 
 
 class LevelTrim(NamedTuple):

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._foundation.checks import require
-from ..._foundation.types import Array, Bool
+from ..._foundation.host import on_host
+from ..._foundation.types import Bool, Numbers
 from ...data.record import Record
 from ...models.pseudo_measurements import PseudoMeasurements, WeakMeasurements
 from ..instruments.channels import ANGULAR, FORCE, RATES
@@ -140,10 +141,11 @@ def _without_angular(histories: Histories) -> Histories:
     return {name: value for name, value in histories.items() if name not in ANGULAR}
 
 
-def _finite(*histories: Histories) -> Bool[Array, " time"]:
+@on_host
+def _finite(xp, *histories: dict) -> Bool[Numbers, " time"]:
     """Return True for each sample with finite values of all histories."""
     values = [value for each in histories for value in each.values()]
-    return jnp.all(jnp.isfinite(jnp.stack(values)), axis=0)
+    return xp.all(xp.isfinite(xp.stack(values)), axis=0)
 
 
 def _require_needed(

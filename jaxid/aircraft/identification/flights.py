@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
+import numpy as np
 
 from ..._foundation.checks import require_known
+from ..._foundation.host import as_columns, to_device
 from ...data.record import Record
 from ..flight.aircraft import Aircraft
 from ..flight.simulate_flight import Flight
@@ -73,7 +74,7 @@ def flight_record(flight: Flight, also: Sequence[str] | None = None) -> Record:
     fields = {name: getattr(recorded, name) for name in Record.__dataclass_fields__}
     u = [truth.channel(name) for name in true]
     inputs = {
-        "u": jnp.stack(u, axis=-1) if u else jnp.zeros((*recorded.t.shape, 0)),
+        "u": as_columns(u) if u else to_device(np.zeros((*recorded.t.shape, 0))),
         "inputs": true,
         "input_units": tuple(units[name] for name in true),
     }

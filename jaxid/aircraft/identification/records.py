@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._foundation.checks import InputError, require, require_known
+from ..._foundation.host import as_columns, columns_at, to_device
 from ..._foundation.types import Array, Float
 from ...data.arguments import OTHER_NAMES
 from ...data.record import Record
@@ -78,12 +79,12 @@ def prepared(readings: Readings, record: Record) -> Record:
     if lacking:
         raise missing(record, readings.channels, lacking, "as an input")
     _require_complete(inputs, motions, record)
-    columns = [k for k, name in enumerate(record.outputs) if name not in inputs]
+    columns = tuple(k for k, name in enumerate(record.outputs) if name not in inputs)
     return Record(
         t=record.t,
-        u=jnp.stack([motions[name] for name in inputs], axis=-1),
-        z=record.z[:, np.array(columns, int)],
-        mask=record.mask[:, np.array(columns, int)],
+        u=as_columns([motions[name] for name in inputs]),
+        z=columns_at(record.z, at=columns),
+        mask=columns_at(record.mask, at=columns),
         constants=_first_values_of_hidden_states(readings, motions) | record.constants,
         inputs=inputs,
         outputs=tuple(record.outputs[k] for k in columns),
@@ -96,7 +97,7 @@ def prepared(readings: Readings, record: Record) -> Record:
 def _require_complete(inputs: tuple[str, ...], motions: Histories, record: Record) -> None:
     """Refuse an input with missing samples."""
     for name in inputs:
-        gaps = int(jnp.sum(~jnp.isfinite(motions[name])))
+        gaps = int(np.sum(~np.isfinite(np.asarray(motions[name]))))
         require(
             gaps == 0,
             f"Record {record.names[0]!r}: the model takes {name!r} as an input, and {gaps} of its "
@@ -181,5 +182,5 @@ def _first_values_of_hidden_states(
     for name in readings.channels.states:
         finite = np.isfinite(np.asarray(motions[name])) if name in motions else np.zeros(1, bool)
         if finite.any() and AIR_DATA.get(name, name) not in readings.channels.outputs:
-            first[name] = motions[name][int(np.argmax(finite))]
+            first[name] = to_device(np.asarray(motions[name])[int(np.argmax(finite))])
     return first

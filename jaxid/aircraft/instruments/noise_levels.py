@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 
+from ..._foundation.host import on_host
 from ..._foundation.types import Array, Float
 from ..air.atmosphere import GRAVITY
 from ..physics.imperial import DEGREE, FOOT
@@ -186,11 +186,16 @@ def _moved(
     """Return the values with a normal error added to each."""
     if not values.channels:
         return values
-    size = jnp.stack([jnp.asarray(sigma.get(name, 0.0), float) for name in values.channels])
-    parts = values.values.shape[1:]
-    errors = jax.random.normal(key, (len(CHANNELS), *parts))[
-        jnp.array([CHANNELS.index(n) for n in values.channels])
-    ]
+    sizes = [sigma.get(name, 0.0) for name in values.channels]
+    errors = jax.random.normal(key, (len(CHANNELS), *values.values.shape[1:]))
+    at = tuple(CHANNELS.index(name) for name in values.channels)
     return eqx.tree_at(
-        lambda v: v.values, values, values.values + size.reshape(-1, *(1 for _ in parts)) * errors
+        lambda v: v.values, values, _with_errors(values.values, errors, sizes, at=at)
     )
+
+
+@on_host
+def _with_errors(xp, values, errors, sizes, *, at: tuple[int, ...]):
+    """Return values with the errors at some positions, each times its size."""
+    scale = xp.stack([xp.asarray(size, float) for size in sizes])
+    return values + scale.reshape(-1, *(1 for _ in values.shape[1:])) * errors[xp.asarray(at, int)]

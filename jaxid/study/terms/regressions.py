@@ -103,7 +103,7 @@ def _fitted(
 def _signals(measured: Sequence[Measured]) -> dict[str, np.ndarray]:
     """Return the signals over the valid samples of all records."""
     require(
-        any(np.any(one.valid) for one in measured),
+        any(np.any(np.asarray(one.valid)) for one in measured),
         "No sample has valid values of all channels of the regression. Look at the gaps of the "
         "records.",
     )

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import equinox as eqx
 import numpy as np
 
+from .._foundation.host import to_device
+from .._foundation.types import Array
 from ..effects.base import Effect
 from ..models.free import Free
 
@@ -73,23 +75,20 @@ class Padding(NamedTuple):
     shared: int
     shared_width: int
 
-    @classmethod
-    def none(cls, own: int, shared: int) -> "Padding":
-        """Return the padding of a program without any."""
-        return cls(own, own, shared, shared)
-
-    def padded_own(self, values, fill: int | float = 0) -> np.ndarray:
+    def padded_own(self, values, fill: int | float = 0) -> Array:
         """Return values of the per-record parameters, along the last axis, with padding."""
-        return _filled(values, self.own_width - self.own, fill)
+        return to_device(_filled(values, self.own_width - self.own, fill))
 
-    def padded_shared(self, values, fill: int | float = 0) -> np.ndarray:
+    def padded_shared(self, values, fill: int | float = 0) -> Array:
         """Return values of the shared parameters, along the last axis, with padding."""
-        return _filled(values, self.shared_width - self.shared, fill)
+        return to_device(_filled(values, self.shared_width - self.shared, fill))
 
-    def padded_columns(self, columns) -> np.ndarray:
+    def padded_columns(self, columns) -> Array:
         """Return columns of all parameters, the per-record ones first, with columns of zeros."""
         own, shared = np.split(np.asarray(columns), [self.own], axis=-1)
-        return np.concatenate([self.padded_own(own), self.padded_shared(shared)], axis=-1)
+        own = _filled(own, self.own_width - self.own, 0)
+        shared = _filled(shared, self.shared_width - self.shared, 0)
+        return to_device(np.concatenate([own, shared], axis=-1))
 
 
 def padded_number(number: int, block: int, least: int = 1) -> int:

@@ -27,9 +27,9 @@ from .._foundation.types import Array, Float
 from ..diagnosis.free_form import Linear, answers
 from ..estimation.likelihoods import OutputError
 from .evidence import SETTLED
-from .fit import LoopFit, triangular_factor
+from .fit import LoopFit
 from .hypothesis import RandomForces
-from .linear import Triangle, joint_fall, reduce
+from .linear import joint_fall, reduce
 from .linear_motion import LinearMotion
 from .random_forces import (
     ForceFit,
@@ -86,14 +86,8 @@ def followed_signals(best: LoopFit, level: float) -> tuple[str, ...]:
 def followed_by_forces(
     fitted: LoopFit, forces: ForceFit, noise: RandomForces, level: float
 ) -> tuple[str, ...]:
-    """Return the candidates and the signals that random forces follow, with a probability of a
-    false alarm of `level` over all of them.
-
-    Args:
-        fitted: fit whose free parameters may explain the innovations.
-        forces: the most probable forces.
-        noise: their places.
-        level: the probability.
+    """Return the candidates and signals that random forces at the places of a noise follow
+    (`followed_signals`); the free parameters of `fitted` may explain the innovations.
     """
     motion = forces.motion
 
@@ -107,7 +101,9 @@ def followed_by_forces(
     places = [(kind, name) for kind, names in noise.places.items() for name in names]
     whitened = Whitened(motion, predicted | inputs, places, white)
     share = 0.0 if motion.is_linear else APPROXIMATION_SHARE
-    least = share * 2.0 * (motion.white_cost - forces.cost)
+    v, mask = motion.sensitivities[0], motion.problem.train.mask
+    white_cost = float(motion.problem.likelihood.noise.cost(v, mask))
+    least = share * 2.0 * (white_cost - forces.cost)
     return _followed(fitted, whitened, level, least)
 
 
@@ -130,7 +126,8 @@ def _followed(
 def _candidate_tests(fitted: LoopFit, whitened: Whitened) -> Iterator[Test]:
     """Yield each candidate with its fall of chi-square."""
     names = fitted.problem.columns.names
-    triangle = _triangle(fitted, whitened, *whitened.motion.sensitivities, names)
+    white = whitened.white(*whitened.motion.sensitivities)
+    triangle = fitted.white_triangle(*white, names)
     reduced = reduce(triangle)
     for name in fitted.problem.effects:
         yield name, joint_fall(reduced, triangle.at([f"{name}.gain"]))
@@ -147,32 +144,22 @@ def _signal_tests(fitted: LoopFit, whitened: Whitened) -> Iterator[Test]:
     for kind, place in whitened.places:
         forced = probes(motion.linear_at({kind: (place,)}), signals)
         columns = jnp.concatenate([S, forced], axis=-1)
-        reduced = reduce(_triangle(fitted, whitened, v, columns, labels))
+        reduced = reduce(fitted.white_triangle(*whitened.white(v, columns), labels))
         for first, name in zip(itertools.count(len(free), COSINES), names, strict=False):
             for order in ORDERS:
                 yield name, joint_fall(reduced, range(first, first + order))
-
-
-def _triangle(fitted: LoopFit, whitened: Whitened, v, S, names: tuple[str, ...]) -> Triangle:
-    """Return the triangular factor of whitened columns, the per-record ones eliminated."""
-    factor = triangular_factor(*whitened.white(v, S), fitted.motion.own)
-    return fitted.triangle_of(np.asarray(factor), names)
 
 
 @fast_compile_jit
 def probes(
     linear: Linear, signals: Float[Array, "case time signal"]
 ) -> Float[Array, "case time output column"]:
-    """Return the responses to disturbances that are cosines of signals, place by place, signal by
-    signal.
+    """Return the responses to disturbances that are cosines over the range of each signal, place by
+    place, signal by signal.
     """
-    forced = jax.vmap(answers)(linear, _cosines(signals))
-    return forced.reshape(*forced.shape[:3], -1)
-
-
-def _cosines(signals):
-    """Return the cosines over the range of each signal."""
     least, most = jnp.min(signals, axis=(0, 1)), jnp.max(signals, axis=(0, 1))
     share = (signals - least[None, None]) / jnp.where(most > least, most - least, 1.0)[None, None]
     half_periods = jnp.arange(1, COSINES + 1)[None, None, None]
-    return jnp.cos(jnp.pi * share[..., None] * half_periods).reshape(*signals.shape[:2], -1)
+    cosines = jnp.cos(jnp.pi * share[..., None] * half_periods).reshape(*signals.shape[:2], -1)
+    forced = jax.vmap(answers)(linear, cosines)
+    return forced.reshape(*forced.shape[:3], -1)

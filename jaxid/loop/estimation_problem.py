@@ -69,7 +69,8 @@ def estimation_of(
             model = with_values(model, extra, jnp.array([known[name] for name in extra]))
         base = Problem.of(model, free, problem.train, likelihood)
         shared = initial_parameters(model, base.positions, problem.train).shared
-        padding = Padding.none(len(free.per_record), len(free.shared))
+        width, count = len(free.per_record), len(free.shared)
+        padding = Padding(width, width, count, count)
     first = np.array(initial_parameters(base.model, base.positions, problem.train).rows)
     for k, name in enumerate(free.per_record):
         first[:, k] = rows.get(name, first[:, k])
@@ -111,13 +112,7 @@ def padded_problem(
     """
     chosen, own = problem.columns.chosen(free), problem.per_record(effects)
     padding, nowhere = problem.padding(effects, free), len(problem.position)
-
-    def shared(values, fill):
-        return to_device(padding.padded_shared(values, fill))
-
-    def rows(values, fill):
-        return to_device(padding.padded_own(values, fill))
-
+    shared, rows = padding.padded_shared, padding.padded_own
     positions = Positions(
         shared(problem.positions[chosen], nowhere),
         rows(np.array([problem.position[name] for name in own], int), nowhere),

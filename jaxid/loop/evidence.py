@@ -38,7 +38,8 @@ class Decision(enum.Enum):
         BETTER: the new hypothesis replaces the old one.
         CHECK_WORSE: it predicts the check records worse.
         UNDETERMINED: the gain of an added effect is within two standard errors of zero.
-        DEGENERATE: an added effect is on a bound where it has no effect.
+        DEGENERATE: an added effect is on a bound where it has no effect, or has a parameter that
+            the records do not determine.
         NOT_SIGNIFICANT: the decrease of the cost may be due to chance.
         DRIFT: a noise has so long a memory that it is as well a constant or a drift.
         FOLLOWS: a noise depends on a candidate or a signal.
@@ -62,7 +63,8 @@ class Comparison:
         fall: decrease of twice the cost of the training records (chi-square).
         required: least fall for the change, for its number of parameters, the number of candidates
             and the colour of the residual.
-        check_fall: decrease of the mean logarithm of the check records' error.
+        check_fall: decrease of the mean logarithm of the check records' error; NaN between
+            different noises.
     """
 
     decision: Decision
@@ -81,10 +83,12 @@ def compare(old: LoopFit, new: LoopFit, options: LoopOptions, count: int) -> Com
 
     Added parameters must lower twice the cost by more than chance would with as many candidates
     (chi-square, Bonferroni), multiplied by the variance inflation of the new residual. A removal
-    must raise it by less; a swap must pay the price of its parameters, multiplied by the same
-    inflation. Where the residual is still predictable, train and check records decide together, by
-    the probability of both improvements (`improvement_chance`), and the check records must gain
-    materially. A noise must not be as slow as a drift.
+    must raise it by less. A swap must pay the price of its parameters, multiplied by the same
+    inflation if it has more, or lower twice the cost by `INSEPARABLE` times the inflation if it has
+    as many. Another noise must pay the price of its parameters and `INSEPARABLE`. Where the
+    residual is still predictable, train and check records decide together, by the probability of
+    both improvements (`improvement_chance`), and the check records must gain materially. A noise
+    must not be as slow as a drift.
 
     Args:
         count: number of candidates among which the change was selected.
@@ -206,12 +210,10 @@ def best_of_families(fits: Sequence[LoopFit]) -> list[LoopFit]:
     local minimum is not its maximum likelihood estimate, even where it predicts the check records
     better.
     """
-    keys = [_families(fit) for fit in fits]
-    lowest = {key: np.inf for key in keys}
-    for key, fit in zip(keys, fits, strict=True):
-        lowest[key] = min(lowest[key], fit.cost)
+    pairs = [(_families(fit), fit) for fit in fits]
+    lowest = {key: min(fit.cost for other, fit in pairs if other == key) for key, _ in pairs}
     near = INSEPARABLE / 2  # of the cost, half of chi-square
-    return [fit for key, fit in zip(keys, fits, strict=True) if fit.cost <= lowest[key] + near]
+    return [fit for key, fit in pairs if fit.cost <= lowest[key] + near]
 
 
 def _families(fit: LoopFit) -> tuple:

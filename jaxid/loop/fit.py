@@ -22,7 +22,7 @@ from ..estimation.model_programs import PROGRAMS, FlatProblem
 from ..estimation.solver import GaussNewton
 from ..estimation.spectrum_policy import AbstractPolicy, Damp
 from ..models.base import AbstractModel
-from ..models.free import Free, with_values
+from ..models.free import with_values
 from ..models.noise import AbstractNoise, FixedNoise
 from .estimation_problem import Estimation, estimation_of
 from .hypothesis import Hypothesis, RandomForces
@@ -100,17 +100,14 @@ class LoopFit:
         return {n: (float(shared[k]), float(deviation[k])) for k, n in enumerate(names)}
 
     @cached_property
-    def model_and_free(self) -> tuple[AbstractModel, Free]:
-        """The declared model with the effects and the values of the fit, and its free parameters,
-        those of the noise included.
-        """
+    def model(self) -> AbstractModel:
+        """The declared model with the effects and the values of the fit."""
         problem = self.problem
         own = tuple(problem.columns.names[k] for k in problem.columns.chosen(self.effects))
         effects = tuple(problem.effects[name] for name in self.effects)
         model = Augmented(problem.model, effects) if effects else problem.model
         values = np.array([self.estimates[name][0] for name in own])
-        model = with_values(model, own, to_device(values))
-        return model, self.estimation.free
+        return with_values(model, own, to_device(values))
 
     @property
     def information(self) -> Float[np.ndarray, "row parameter"]:
@@ -141,7 +138,8 @@ class LoopFit:
     @cached_property
     def triangle(self) -> Triangle:
         """Triangular factor of the sensitivities to all columns, and of the residual."""
-        return self._triangle(self.motion.sensitivities[1], self.problem.columns.names)
+        v, S = self.motion.sensitivities
+        return self.white_triangle(*self.whitened(v, S), self.problem.columns.names)
 
     @cached_property
     def free_triangle(self) -> Triangle:
@@ -156,11 +154,12 @@ class LoopFit:
         names = tuple(self.problem.columns.names[k] for k in chosen)
         S = np.stack([*columns.values()], axis=-1)
         S = np.concatenate([self.motion.chosen(chosen), S], axis=-1)
-        return self._triangle(to_device(S), (*names, *columns))
+        white = self.whitened(self.motion.sensitivities[0], to_device(S))
+        return self.white_triangle(*white, (*names, *columns))
 
-    def _triangle(self, S, names: tuple[str, ...]) -> Triangle:
-        white = self.whitened(self.motion.sensitivities[0], S)
-        factor = triangular_factor(*white, self.motion.own)
+    def white_triangle(self, v, S, names: tuple[str, ...]) -> Triangle:
+        """Return the triangular factor of whitened columns, the per-record ones eliminated."""
+        factor = triangular_factor(v, S, self.motion.own)
         return self.triangle_of(np.asarray(factor), names)
 
     def whitened(
@@ -304,7 +303,7 @@ def _known_sensitivities(
         if name in known:
             own[..., k] = S[..., known.index(name)]
     columns = np.concatenate([own, S[..., len(known) :]], axis=-1)
-    return to_device(estimation.padding.padded_columns(columns))
+    return estimation.padding.padded_columns(columns)
 
 
 def worth_continuing(costs: list[float], target: float = np.inf) -> bool:

@@ -239,5 +239,5 @@ class Hypothesis:
 
     @property
     def key(self) -> tuple:
-        """Identity of the hypothesis; starting values of a noise do not count."""
+        """Identity of the hypothesis; starting values of random forces do not count."""
         return frozenset(self.effects), self.noise.key

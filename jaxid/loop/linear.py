@@ -31,7 +31,7 @@ BATCH = 1_000_000
 
 
 class Triangle(NamedTuple):
-    """Triangular factor of the sensitivities to all columns, at a fit.
+    """Triangular factor of the sensitivities to some or all columns, at a fit.
 
     Attributes:
         names: names of the columns.

@@ -65,8 +65,7 @@ class LinearMotion:
         """The problem of the model with all candidates at these values, and its parameters."""
         problem = self.problem
         base, shared = padded_problem(problem, problem.likelihood, self.effects, self.values)
-        rows = problem.padding(self.effects, ()).padded_own(self.rows)
-        return base, Parameters(shared, to_device(rows))
+        return base, Parameters(shared, problem.padding(self.effects, ()).padded_own(self.rows))
 
     @cached_property
     def sensitivities(self) -> tuple[Float[Array, "case time output"], Array]:
@@ -75,14 +74,6 @@ class LinearMotion:
         A column that is not finite is zero (`infinite_columns`).
         """
         return self._columns[:2]
-
-    @property
-    def white_cost(self) -> float:
-        """Negative log-likelihood of the training records along the motion, under the declared
-        noise.
-        """
-        v, mask = self.sensitivities[0], self.problem.train.mask
-        return float(self.problem.likelihood.noise.cost(v, mask))
 
     @cached_property
     def infinite_columns(self) -> tuple[str, ...]:

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from .._foundation.host import to_device
 from .._foundation.location import LocationKind
 from .._foundation.types import Float
 from ..diagnosis.localise import localise, resolution
@@ -46,7 +45,8 @@ class Move:
         into: effects that it adds.
         expected: fall of chi-square in the linear model.
         start: starting values by name.
-        estimated: values of the added gains in the linear model, by name.
+        estimated: values of the added gains in the linear model, by name; of a pair with a refused
+            addition, whose values are its start, that of the other one.
     """
 
     kind: MoveKind
@@ -97,7 +97,7 @@ class Proposals:
 
     def additions(self) -> list[Move]:
         """Return the best candidates, the best of each place, the best of those with a shape, and
-        those without a score.
+        the best of those whose score does not predict their fall.
 
         A place is a location of a card: many shapes at one place must not crowd out the others. The
         score of a candidate with a shape holds at a guess of this shape. Candidates that the
@@ -181,7 +181,8 @@ class Proposals:
 
     def _swaps_of(self, out: tuple[str, ...], margin: float) -> list[Move]:
         """Return the best exchanges of some effects for another one."""
-        reduced = self._without(out)
+        own = [name for effect in out for name in self.problem.columns.of_effect[effect]]
+        reduced = reduce(self.fit.triangle, self.fit.triangle.at(own))
         rest = self.problem.absent(self.fit.hypothesis.changed(out).effects)
         others = [n for n in rest if n not in out and not self.problem.cards[n].refines]
         expected = self._falls(reduced, [(name,) for name in others])
@@ -201,11 +202,6 @@ class Proposals:
     def _removable(self) -> list[str]:
         return [name for name in self.fit.effects if not self.problem.is_evident(name)]
 
-    def _without(self, out: tuple[str, ...]) -> Reduced:
-        """Return the linear model without some effects of the fit."""
-        own = [name for effect in out for name in self.problem.columns.of_effect[effect]]
-        return reduce(self.fit.triangle, self.fit.triangle.at(own))
-
     def _falls(self, reduced: Reduced, sets) -> Float[np.ndarray, " set"]:
         """Return the fall of chi-square by sets of effects of one size."""
         index = self.problem.columns.index
@@ -214,10 +210,8 @@ class Proposals:
 
     def _gains(self, reduced: Reduced, names: tuple[str, ...]) -> list[float]:
         """Return the gains of effects in the linear model."""
-        if not names:
-            return []
-        at = self.fit.triangle.at([f"{name}.gain" for name in names])
-        return gains(reduced, at).tolist()
+        index = self.problem.columns.index
+        return gains(reduced, [index[f"{name}.gain"] for name in names]).tolist()
 
     def _distinct(self, ordered: list[str]) -> list[str]:
         """Return the candidates without those that the records cannot distinguish from another."""
@@ -269,4 +263,4 @@ def localise_fit(fit: LoopFit, splines: tuple[int, int] | None = None) -> Locali
     splines = splines or resolution(problem.train, fit.solution.residuals)
     R = regular(fit.noise_covariance)
     linear = motion.linear_at(places)
-    return localise(base, linear, (motion.sensitivities[0], to_device(S)), R, splines, places)
+    return localise(base, linear, (motion.sensitivities[0], S), R, splines, places)

@@ -23,7 +23,7 @@ class LoopOptions(eqx.Module):
             fall of the cost (a stop, an overflow).
         swap_limit: number of swaps, of pairs, and of pairs with the best refused addition, that are
             refitted from each hypothesis; with 0 there is none.
-        max_rounds: largest number of rounds; each adds an effect or a pair.
+        max_rounds: largest number of rounds, which are all changes but removals.
         beam_width: number of hypotheses that are kept in each round.
         max_predictable_share: largest share of the residual's power that its past may explain for
             the residual to count as noise.

@@ -74,12 +74,13 @@ class LoopProblem:
     def of(
         cls, model, library, free, likelihood, train, check, *, window=None, solver=SEARCH_SOLVER
     ) -> "LoopProblem":
-        """Return the problem of a model and its records; the arguments are the attributes.
+        """Return the problem of a model and its records; the arguments are attributes.
 
         Raises:
-            InputError: if channels differ, records are too short for the window or sampled in a way
-                that the model, the likelihood or a candidate cannot use, the check records have no
-                valid sample after the window, or a candidate occurs twice or is already present.
+            InputError: if the likelihood is not output error with white noise, channels differ,
+                records are too short for the window or sampled in a way that the model, the
+                likelihood or a candidate cannot use, the check records have no valid sample after
+                the window, or a candidate occurs twice or is already present.
         """
         require(
             isinstance(likelihood, OutputError)

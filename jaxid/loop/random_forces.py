@@ -15,7 +15,6 @@ another minimum where gusts are strong.) No program holds the model but those of
 noise, so that a search tries random forces without compiling a filter for them.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -179,10 +178,9 @@ def _filtered(
     valid, the logarithm of the determinant of each innovation's factor, and the predicted deviation
     of the states from the motion.
     """
-
     columns = jnp.concatenate([motion.v[..., None], columns], axis=-1)
-    of_one = partial(_filtered_record, noise=noise)
-    return jax.vmap(of_one)(motion.linear, motion.t, motion.mask, columns)
+    of_records = jax.vmap(_filtered_record, (0, 0, 0, 0, None))
+    return of_records(motion.linear, motion.t, motion.mask, columns, noise)
 
 
 def _filtered_record(

@@ -49,8 +49,9 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
     From each hypothesis of the beam the moves are refitted in stages: removals; additions, groups
     and profitable swaps; pairs, also of the best refused addition; swaps where there are two
     effects; noise models; the next best random forces. The first stage with an accepted move ends
-    the expansion, and the best `beam_width` results of all expansions are the next beam. The search
-    stops when no move is accepted. Ctrl-C ends it with the best hypothesis so far.
+    the expansion, and the best `beam_width` results of all expansions are the next beam. When no
+    move is accepted, exchanges that may be nearly as good as the best hypothesis are refitted.
+    Ctrl-C ends the search with the best hypothesis so far.
     """
     progress("compilation of the model with its candidates")
     compile_programs(problem)
@@ -262,19 +263,13 @@ def _step(
     if faster is not None:
         tree.steps.append(step)
         return _step(tree, parent, faster, count, options, target)
-    if move.kind is MoveKind.NOISE and step.comparison.accepted:
-        return _without_dependence(tree, step, options)
+    is_noise = move.kind is MoveKind.NOISE and step.comparison.accepted
+    followed = followed_signals(new, options.level) if is_noise else ()
+    if followed:
+        tree.note_followed(followed)
+        refused = dataclasses.replace(step.comparison, decision=Decision.FOLLOWS)
+        step = dataclasses.replace(step, comparison=refused)
     return step
-
-
-def _without_dependence(tree: SearchTree, step: Step, options: LoopOptions) -> Step:
-    """Return a step to another noise, refused if that noise depends on a signal."""
-    followed = followed_signals(step.fit, options.level)
-    if not followed:
-        return step
-    tree.note_followed(followed)
-    refused = dataclasses.replace(step.comparison, decision=Decision.FOLLOWS)
-    return dataclasses.replace(step, comparison=refused)
 
 
 def refit(parent: LoopFit, move: Move, target: float = np.inf) -> LoopFit:

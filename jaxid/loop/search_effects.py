@@ -60,7 +60,7 @@ class EffectSearch:
     @property
     def model(self) -> AbstractModel:
         """The declared model with the effects and values of the best hypothesis."""
-        return self.tree.best.model_and_free[0]
+        return self.tree.best.model
 
     def __str__(self) -> str:
         tree, width = self.tree, max(map(len, (*self.estimates, "parameter")))

@@ -76,12 +76,10 @@ class SearchTree:
         each is in chi-square, priced by parameters; the nearest first.
         """
         best = self.best
-        others = [
-            other
+        worse = [
+            (other, other.price - best.price)
             for other in self.fits()
             if not set(best.effects) <= set(other.effects)
             or type(other.hypothesis.noise) is not type(best.hypothesis.noise)
         ]
-        worse = [other.price - best.price for other in others]
-        pairs = [(o, w) for o, w in zip(others, worse, strict=True) if np.isfinite(w)]
-        return sorted(pairs, key=lambda pair: pair[1])
+        return sorted((one for one in worse if np.isfinite(one[1])), key=lambda one: one[1])

@@ -41,7 +41,7 @@ def verdict_words(tree: SearchTree, best: LoopFit, assessment: Assessment) -> st
 
 def effect_words(best: LoopFit) -> str:
     """Return the effects of a fit, described at their estimates, repeated ones once."""
-    estimated = split_effects(best.model_and_free[0])[1] if best.effects else ()
+    estimated = split_effects(best.model)[1] if best.effects else ()
     known = set(best.effects)
     counts = Counter(effect.card.description for effect in estimated if effect.name in known)
     return "; ".join(w if n == 1 else f"{w} ({n} of them)" for w, n in counts.items())

@@ -105,11 +105,9 @@ def assemble_study(
 
 def _where(tree: SearchTree):
     """Return the location of the residual before and after."""
-    before = tree.where
-    white = isinstance(tree.best.estimation.problem.likelihood, OutputError)
-    if not tree.best.effects or not white:
-        return {"before": before, "after": before}
-    return {"before": before, "after": tree.where_after}
+    before, best = tree.where, tree.best
+    after = best.effects and isinstance(best.estimation.problem.likelihood, OutputError)
+    return {"before": before, "after": tree.where_after if after else before}
 
 
 def _residual_reports(tree: SearchTree) -> dict[str, ResidualReport]:
@@ -168,7 +166,7 @@ def _side(predicting: LoopFit, fitted: LoopFit, records: StudyRecords) -> Side:
         name: dict(zip(used.outputs, map(float, np.asarray(prediction.rms)), strict=True))
         for name, prediction in predictions.items()
     }
-    problem, (model, free) = fitted.problem, fitted.model_and_free
+    problem, model, free = fitted.problem, fitted.model, fitted.estimation.free
     threshold = problem.solver.policy.threshold
     solution = _unpadded(fitted.solution, fitted.estimation.padding)
     estimated = fitted.estimation.problem

@@ -51,11 +51,12 @@ class Candidate:
         instead_of: names of the effects that it removes.
         locations: places where the effects act.
         score: fall of chi-square in the linear model.
-        estimated_gain: gain in the linear model; NaN for more than one effect.
+        estimated_gain: gain in the linear model, of a pair with a refused addition that of the
+            other one; NaN for other changes of more than one effect.
         cost_fall: fall of twice the training cost by the refit (chi-square); None without a refit.
         required: least fall for the change; None without a refit.
-        check_fall: fall of the logarithm of the check records' error, averaged over channels; None
-            without a refit.
+        check_fall: fall of the logarithm of the check records' error, averaged over channels; NaN
+            for a change of noise, None without a refit.
         decision: decision after the refit; None without a refit.
         added: True if the next round starts with it.
     """
@@ -249,7 +250,7 @@ def alternatives_of(tree: SearchTree, margin: float) -> tuple[Alternative, ...]:
     for other, worse in tree.alternatives():
         new = tuple(name for name in other.effects if name not in best.effects)
         if worse < margin and new:
-            model, free = other.model_and_free
+            model, free = other.model, other.estimation.free
             effects = other.problem.effects
             description = " and ".join(effects[name].card.description for name in new)
             missing = tuple(name for name in best.effects if name not in other.effects)

@@ -164,7 +164,7 @@ class LoopFit:
 
     def whitened(
         self, v: Float[Array, "case time output"], S: Float[Array, "case time output column"]
-    ):
+    ) -> tuple[Float[Array, "case time output"], Float[Array, "case time output column"]]:
         """Return residuals and columns along the motion in units of the noise, with its memory
         removed.
         """

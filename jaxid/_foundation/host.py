@@ -44,8 +44,12 @@ def columns_at(xp, values, at: tuple[int, ...]):
 
 
 @on_host
-def as_columns(xp, arrays):
-    """Return arrays of numbers as the columns of one, along a new last axis."""
+def as_columns(xp, arrays, *, shape: tuple[int, ...]):
+    """Return arrays of numbers, each of this shape, as the columns of one, along a new last axis;
+    there may be none.
+    """
+    if not arrays:
+        return xp.zeros((*shape, 0))
     return xp.stack([xp.asarray(array, float) for array in arrays], axis=-1)
 
 

@@ -234,7 +234,7 @@ def residual_tests(
     rows, channels = residuals.shape[1:]
     require_level(level, 0.01)
     require(lags >= 1, f"lags is {lags}; choose 1 or more.")
-    s = as_columns([*by_name.values()]) if by_name else to_device(np.zeros((*mask.shape[:2], 0)))
+    s = as_columns([*by_name.values()], shape=mask.shape[:2])
     numbers = _numbers(
         residuals, mask, s, to_device(np.asarray(level / channels)), min(lags, max(rows // 5, 1))
     )

@@ -45,8 +45,8 @@ class Move:
         into: effects that it adds.
         expected: fall of chi-square in the linear model.
         start: starting values by name.
-        estimated: values of the added gains in the linear model, by name; of a pair with a refused
-            addition, whose values are its start, that of the other one.
+        estimated: gains of the added effects in the linear model, by name; where a pair starts from
+            the values of a refused addition, only the gain of the second effect.
     """
 
     kind: MoveKind

@@ -10,7 +10,7 @@ from equinox import AbstractVar
 from jax.core import Tracer
 
 from .._foundation.checks import InputError, require, require_known
-from .._foundation.host import as_columns, columns_at, is_integer_array, to_device
+from .._foundation.host import as_columns, columns_at, is_integer_array
 from .._foundation.types import Array, Float
 from ..data.arguments import OTHER_NAMES
 from ..data.record import Record
@@ -345,7 +345,7 @@ def selected(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ...]) 
     u = [record.channel(name) for name in inputs]
     return Record(
         t=record.t,
-        u=as_columns(u) if u else to_device(np.zeros((*record.t.shape, 0))),
+        u=as_columns(u, shape=record.t.shape),
         z=columns_at(record.z, at=columns),
         mask=columns_at(record.mask, at=columns),
         constants=record.constants,

@@ -51,8 +51,8 @@ class Candidate:
         instead_of: names of the effects that it removes.
         locations: places where the effects act.
         score: fall of chi-square in the linear model.
-        estimated_gain: gain in the linear model, of a pair with a refused addition that of the
-            other one; NaN for other changes of more than one effect.
+        estimated_gain: gain in the linear model; where a pair starts from the values of a refused
+            addition, the gain of the second effect; NaN for other changes of several effects.
         cost_fall: fall of twice the training cost by the refit (chi-square); None without a refit.
         required: least fall for the change; None without a refit.
         check_fall: fall of the logarithm of the check records' error, averaged over channels; NaN

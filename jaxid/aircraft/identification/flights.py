@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
-import numpy as np
 
 from ..._foundation.checks import require_known
-from ..._foundation.host import as_columns, to_device
+from ..._foundation.host import as_columns
 from ...data.record import Record
 from ..flight.aircraft import Aircraft
 from ..flight.simulate_flight import Flight
@@ -74,7 +73,7 @@ def flight_record(flight: Flight, also: Sequence[str] | None = None) -> Record:
     fields = {name: getattr(recorded, name) for name in Record.__dataclass_fields__}
     u = [truth.channel(name) for name in true]
     inputs = {
-        "u": as_columns(u) if u else to_device(np.zeros((*recorded.t.shape, 0))),
+        "u": as_columns(u, shape=recorded.t.shape),
         "inputs": true,
         "input_units": tuple(units[name] for name in true),
     }

@@ -82,7 +82,7 @@ def prepared(readings: Readings, record: Record) -> Record:
     columns = tuple(k for k, name in enumerate(record.outputs) if name not in inputs)
     return Record(
         t=record.t,
-        u=as_columns([motions[name] for name in inputs]),
+        u=as_columns([motions[name] for name in inputs], shape=record.t.shape),
         z=columns_at(record.z, at=columns),
         mask=columns_at(record.mask, at=columns),
         constants=_first_values_of_hidden_states(readings, motions) | record.constants,

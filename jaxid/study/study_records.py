@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require
+from .._foundation.host import to_device
+from .._foundation.types import Bool
 from ..data.record import Record
 from ..data.stack import split_at, stack, unstack
 from ..estimation.estimate import as_stack
@@ -158,15 +159,15 @@ def _cut_last_third(train: Record, window: int | None) -> tuple[Record, Record]:
     a motion.
     """
     ends = [round(2 / 3 * record.t.shape[0]) for record in unstack(train)]
-    row = jnp.arange(train.t.shape[1])[None]
-    kept = (row >= jnp.array(ends)[:, None]) | (row < (window or 0))
+    row = np.arange(train.t.shape[1])[None]
+    kept = (row >= np.array(ends)[:, None]) | (row < (window or 0))
     return _parts(train, ends, 0), _valid(train, kept)
 
 
 def _cut_first_third(train: Record, window: int | None) -> tuple[Record, Record]:
     """Return the last two thirds of each record, and the records with their first third valid."""
     ends = [round(1 / 3 * record.t.shape[0]) for record in unstack(train)]
-    kept = jnp.arange(train.t.shape[1])[None] < jnp.maximum(jnp.array(ends)[:, None], window or 0)
+    kept = np.arange(train.t.shape[1])[None] < np.maximum(np.array(ends)[:, None], window or 0)
     return _parts(train, ends, 1), _valid(train, kept)
 
 
@@ -176,6 +177,11 @@ def _parts(train: Record, ends: Sequence[int], part: int) -> Record:
     return stack([split_at(record, end)[part] for record, end in cut])
 
 
-def _valid(train: Record, kept) -> Record:
-    """Return the records with the valid samples of some rows only."""
-    return eqx.tree_at(lambda record: record.mask, train, train.mask & kept[..., None])
+def _valid(train: Record, kept: Bool[np.ndarray, "case time"]) -> Record:
+    """Return the records with the valid samples of some rows only, and the first of each output,
+    from which the model may read the initial state (`test_check_starts_as_its_record`).
+    """
+    mask = np.asarray(train.mask)
+    first = np.cumsum(mask, axis=1) == 1
+    valid = mask & (first | kept[..., None])
+    return eqx.tree_at(lambda record: record.mask, train, to_device(valid))

@@ -63,7 +63,28 @@ def test_first_third_is_the_check_where_the_last_alone_is_large(starts_free):
     else:  # a fitted record would start in motion, from an unknown state
         assert "force" in cut.beyond
         assert rows[:, -third:].all()
-        assert not rows[:, :-third].any()
+        assert rows[:, 0].all()  # from which the initial state is read
+        assert not rows[:, 1:-third].any()
+
+
+def test_check_starts_as_its_record():
+    """The check of a spring that is released from 1 m begins there, and not where the samples that
+    decide begin; so it does where the first positions are missing.
+    """
+    t, rng = 0.05 * np.arange(300), np.random.default_rng(4)
+    clean = np.asarray(jaxid.simulate(TRUTH, t, np.zeros((300, 1)), np.array([1.0, 0.0])).y)
+    z = clean + 0.01 * rng.normal(size=clean.shape)
+    z[0, 0] = 1.0
+    record = jaxid.record(t, np.zeros((300, 1)), z, inputs=("force",), outputs=("x", "v"))
+    check = study_records(record, None, None, None).check
+    starts = [np.asarray(TRUTH.initial_state(one)) for one in (record, check[0])]
+    np.testing.assert_array_equal(*starts)
+    prediction = jaxid.predict(TRUTH, check, jaxid.OutputError())
+    assert np.asarray(prediction.rms) == pytest.approx([0.01, 0.01], rel=0.3)
+    late = dataclasses.replace(record, mask=record.mask.at[:3, 0].set(False))
+    check = study_records(late, None, None, None).check
+    starts = [np.asarray(TRUTH.initial_state(one)) for one in (late, check[0])]
+    np.testing.assert_array_equal(*starts)
 
 
 def test_study_tells_range_of_check_before_it_searches():

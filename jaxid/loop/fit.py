@@ -246,13 +246,14 @@ def fit(
     """
     values, known = _start(problem, hypothesis, parent, start or {})
     rows = {} if parent is None else parent.rows
-    S, costs = None, []
+    S, costs = None, [np.inf]
     policies = problem.solver.policy, SECOND_POLICY
     while True:
         estimation = estimation_of(problem, hypothesis, values, known, rows)
-        if not costs:  # a continuation starts elsewhere
+        if len(costs) == 1:  # a continuation starts elsewhere
             S = _known_sensitivities(parent, estimation, hypothesis, values)
-        solver = _solver(estimation, problem.solver, policies[len(costs) % len(policies)])
+            costs = costs if parent is None or S is None else [parent.cost]
+        solver = _solver(estimation, problem.solver, policies[(len(costs) - 1) % len(policies)])
         solution = fit_by_steps(estimation.problem, estimation.parameters, solver, S)
         costs, S = [*costs, float(solution.cost)], None
         fitted = LoopFit(problem, hypothesis, estimation, solution)
@@ -310,17 +311,23 @@ def worth_continuing(costs: list[float], target: float = np.inf) -> bool:
     """Return True if a fit that its iteration limit stopped should be continued.
 
     Args:
-        costs: its cost after the first run and after each continuation so far.
-        target: cost that it should reach, with as much fall in each further continuation.
+        costs: its cost at the start, infinite if unknown, and after each run so far.
+        target: cost that it should reach, with as much fall in each further run.
 
     Two policies take turns, so that the larger one of the last two falls counts.
     """
-    left = MAX_CONTINUATIONS - len(costs) + 1
-    if left < 1 or len(costs) < 3:
-        return left > 0  # the fall by each policy is not known yet
-    fall, total = max(costs[-3] - costs[-2], costs[-2] - costs[-1]), costs[0] - costs[-1]
-    enough = fall > max(MIN_COST_FALL, MIN_CONTINUATION_SHARE * total)
-    return enough and costs[-1] - left * fall < target
+    runs, fall = len(costs) - 1, -float(np.min(np.diff(costs[-3:])))
+    left = MAX_CONTINUATIONS + 1 - runs
+    if left < 1 or not within_reach(costs[-1], fall, target, left):
+        return False
+    if runs < 3:  # the fall of the continuations by each policy is not known yet
+        return True
+    return fall > max(MIN_COST_FALL, MIN_CONTINUATION_SHARE * (costs[1] - costs[-1]))
+
+
+def within_reach(cost: float, fall: float, target: float, runs: int = MAX_CONTINUATIONS) -> bool:
+    """Return True if a cost that falls as much in each of some runs becomes lower than a target."""
+    return cost - runs * fall < target
 
 
 def check_finite(declared: LoopFit) -> None:

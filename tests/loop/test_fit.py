@@ -103,14 +103,14 @@ def test_fit_stopped_by_its_iteration_limit_is_continued(monkeypatch):
 @pytest.mark.parametrize(
     ("costs", "continues"),
     [
-        ([50.0], True),  # no fall is known yet
-        ([50.0, 50.0], True),  # the fall by the first policy is not known yet
-        ([50.0, 20.0, 18.0], True),
-        ([50.0, 20.0, 18.0, 17.0], False),
-        ([50.0, 20.0, 18.0, 14.0], True),  # more than a tenth of all falls
-        ([50.0, 49.7, 49.4], False),
-        ([-(2.0**k) for k in range(10)], True),
-        ([-(2.0**k) for k in range(11)], False),  # the limit of continuations
+        ([np.inf, 50.0], True),  # no fall is known yet
+        ([60.0, 50.0, 50.0], True),  # the fall of a continuation by the first policy is not known
+        ([60.0, 50.0, 20.0, 18.0], True),
+        ([60.0, 50.0, 20.0, 18.0, 17.0], False),
+        ([60.0, 50.0, 20.0, 18.0, 14.0], True),  # more than a tenth of all falls
+        ([60.0, 50.0, 49.7, 49.4], False),
+        ([0.0, *(-(2.0**k) for k in range(10))], True),
+        ([0.0, *(-(2.0**k) for k in range(11))], False),  # the limit of continuations
     ],
 )
 def test_creeping_fit_is_continued_only_to_finish_it(costs, continues):
@@ -133,9 +133,12 @@ def test_fit_is_continued_by_the_other_policy(monkeypatch):
 
 
 def test_fit_that_cannot_reach_its_target_is_not_continued():
-    falling = [100.0, 80.0, 60.0]  # by 20 in the first two of ten continuations
+    falling = [120.0, 100.0, 80.0, 60.0]  # by 20 in the first two of ten continuations
     assert worth_continuing(falling, -99.0)
     assert not worth_continuing(falling, -100.0)
+    assert worth_continuing([120.0, 110.0], 11.0)  # by 10 in its first run
+    assert not worth_continuing([120.0, 110.0], 10.0)
+    assert worth_continuing([np.inf, 110.0], 10.0)
 
 
 @pytest.mark.parametrize("effects", [(), ("x^3 in v", "bias of x")])

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from searched_spring import problem
 
+from jaxid._foundation.results import RESULTS
 from jaxid.effects import InputDelay, SensorBias, Term
 from jaxid.loop import Coloured, Hypothesis, LoopOptions, RandomForces, search_effects
+from jaxid.loop import search as loop_search
 from jaxid.loop.evidence import Comparison, Decision, compare, least_expected_fall
 from jaxid.loop.fit import fit
 from jaxid.loop.moves import Move, MoveKind, Proposals
@@ -172,3 +174,32 @@ def test_refinement_of_refused_effect_replaces_it(refused_cubic, monkeypatch):
     monkeypatch.setattr(Proposals, "additions", lambda _: [finer])
     (move,) = second_steps(refused_cubic, refused_cubic.declared, OPTIONS)
     assert (move.into, move.hypothesis.effects) == (("bias of v",), ("bias of v",))
+
+
+@pytest.mark.parametrize(
+    ("expected", "cost", "target", "fits"),
+    [
+        (4.0, -1.0, -15.0, 3),  # as expected in each of ten runs, it reaches its target
+        (4.0, -1.0, -25.0, 1),
+        (4.0, -3.0, -25.0, 3),  # it falls by more than expected
+        (60.0, -1.0, -25.0, 3),  # it stalls, and much more was expected
+        (4.0, -1.0, np.inf, 3),
+    ],
+)
+def test_refit_out_of_reach_of_its_target_is_not_repeated(
+    monkeypatch, expected, cost, target, fits
+):
+    parent, tried = fit(problem(6), Hypothesis()), []
+    solution = dataclasses.replace(
+        parent.solution, cost=parent.solution.cost + cost, result=RESULTS.steps_exhausted
+    )
+    unfinished = dataclasses.replace(parent, solution=solution)
+
+    def recorded(*arguments):
+        tried.append(arguments)
+        return unfinished
+
+    monkeypatch.setattr(loop_search, "fit", recorded)
+    move = Move(MoveKind.ADD, Hypothesis(("x^3 in v",)), ("x^3 in v",), expected, {}, {})
+    refit(parent, move, parent.cost + target)
+    assert len(tried) == fits

@@ -7,8 +7,10 @@ import json
 import types
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import jaxid
 from jaxid.loop.outcome import Outcome
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,7 +52,9 @@ def study():
 
     def side(level):
         return types.SimpleNamespace(
-            rms={"validation": {"level": level}}, estimate=types.SimpleNamespace(status="converged")
+            rms={"validation": {"level": level}},
+            estimate=types.SimpleNamespace(status="converged"),
+            model=None,
         )
 
     candidate = {
@@ -77,9 +81,33 @@ def study():
     )
 
 
-def test_table_marks_missed_goal_and_unnamed_effect(benchmark, study):
-    row = benchmark.row("tanks", study)
-    (figure,) = row["figures"]
+@pytest.fixture
+def short_predictions(benchmark, monkeypatch):
+    """Predictions of 32,000 samples of the arrow, or with a longer window, without a simulation."""
+    asked = []
+
+    def predict(model, record, likelihood, *, window):
+        asked.append((record.t.size, window))
+        return types.SimpleNamespace(rms=np.array([0.2e-3]))
+
+    monkeypatch.setattr(benchmark, "predict", predict)
+    return asked
+
+
+def measured(test, samples):
+    """A declared set with one test record of zeros."""
+    t = np.arange(float(samples))
+    zeros = np.zeros((samples, 1))
+    record = jaxid.record(t, zeros, zeros, inputs=("u",), outputs=("y",))
+    data = types.SimpleNamespace(test={test: record}, window={test: 5})
+    return types.SimpleNamespace(data=data, likelihood=None)
+
+
+def test_table_marks_missed_goal_and_unnamed_effect(benchmark, study, short_predictions):
+    row = benchmark.row("tanks", study, measured("validation", 60))
+    assert short_predictions == [(60, 50)] * 2
+    figure, longer = row["figures"]
+    assert longer["after"] == pytest.approx(0.2e-3)
     assert (figure["before"], figure["after"], figure["goal"], figure["met"]) == (
         0.675,
         0.37,
@@ -94,11 +122,16 @@ def test_table_marks_missed_goal_and_unnamed_effect(benchmark, study):
     assert "sensor clip NOT named" in words
 
 
-def test_silverbox_errors_have_unit_of_goal(benchmark, study):
+def test_silverbox_errors_have_unit_of_goal(benchmark, study, short_predictions):
     """Errors of Silverbox are in millivolts: 0.3 mV meets the goal, 0.3 V would not."""
     for side, error in ((study.before, 14e-3), (study.after, 0.3e-3)):
         side.rms.clear()
         side.rms.update({test: {"y": error} for test in ("arrow", "multisine")})
-    for figure in benchmark.row("silverbox", study)["figures"]:
+    arrow, inside, multisine = benchmark.row("silverbox", study, measured("arrow", 40_000))[
+        "figures"
+    ]
+    for figure in (arrow, multisine):
         assert (figure["before"], figure["after"]) == pytest.approx((14.0, 0.3))
         assert figure["met"]
+    assert (inside["label"], inside["after"]) == ("arrow, 32000", pytest.approx(0.2))
+    assert short_predictions == [(32_000, 5)] * 2

@@ -278,17 +278,18 @@ def refit(parent: LoopFit, move: Move, target: float = np.inf) -> LoopFit:
     A refit that does not converge is repeated from the gain that the linear model predicts, and
     from the declared values; one with a shape that brings much less than predicted from the first
     of them. Without a shape the first step goes to that gain. A refit that cannot reach its target
-    by several times its fall, or the expected one, is neither continued nor repeated.
+    by several times its fall, or by what it lacks of the expected one, is neither continued nor
+    repeated.
     """
     first = fit(parent.problem, move.hypothesis, parent, move.start, target)
     others: list[tuple[LoopFit | None, Mapping[str, float]]] = []
     fall, expected = parent.cost - first.cost, move.expected / 2.0  # of the cost
-    low = fall < STALLED * expected
+    low, gain = fall < STALLED * expected, max(fall, expected - fall)
     stalled = low and _has_shape(parent.problem, move)
     if move.kind is MoveKind.NOISE:
         if not (move.start and first.converged):  # forces start at their most probable values
             others.append((None, move.start))
-    elif move.kind is not MoveKind.DROP and within_reach(first.cost, max(fall, expected), target):
+    elif move.kind is not MoveKind.DROP and within_reach(first.cost, gain, target):
         if not first.converged or stalled:
             others.append((parent, {**move.start, **move.estimated}))
         if not first.converged:

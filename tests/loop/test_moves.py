@@ -179,10 +179,11 @@ def test_refinement_of_refused_effect_replaces_it(refused_cubic, monkeypatch):
 @pytest.mark.parametrize(
     ("expected", "cost", "target", "fits"),
     [
-        (4.0, -1.0, -15.0, 3),  # as expected in each of ten runs, it reaches its target
+        (4.0, -1.0, -10.5, 3),  # as expected in each of ten runs, it reaches its target
         (4.0, -1.0, -25.0, 1),
         (4.0, -3.0, -25.0, 3),  # it falls by more than expected
         (60.0, -1.0, -25.0, 3),  # it stalls, and much more was expected
+        (-4.0, 20.0, -15.0, 3),  # an exchange: far from the expected cost, slightly above
         (4.0, -1.0, np.inf, 3),
     ],
 )

@@ -275,27 +275,37 @@ def _step(
 def refit(parent: LoopFit, move: Move, target: float = np.inf) -> LoopFit:
     """Return the fit of a move: from the parent's values, and if it stalls from others.
 
-    A refit that does not converge is repeated from the gain that the linear model predicts, and
-    from the declared values; one with a shape that brings much less than predicted from the first
-    of them. Without a shape the first step goes to that gain. A refit that cannot reach its target
-    by several times its fall, or by what it lacks of the expected one, is neither continued nor
+    A refit that cannot reach its target by several times its fall is neither continued nor
     repeated.
     """
     first = fit(parent.problem, move.hypothesis, parent, move.start, target)
-    others: list[tuple[LoopFit | None, Mapping[str, float]]] = []
-    fall, expected = parent.cost - first.cost, move.expected / 2.0  # of the cost
-    low, gain = fall < STALLED * expected, max(fall, expected - fall)
-    stalled = low and _has_shape(parent.problem, move)
-    if move.kind is MoveKind.NOISE:
-        if not (move.start and first.converged):  # forces start at their most probable values
-            others.append((None, move.start))
-    elif move.kind is not MoveKind.DROP and within_reach(first.cost, gain, target):
-        if not first.converged or stalled:
-            others.append((parent, {**move.start, **move.estimated}))
-        if not first.converged:
-            others.append((None, move.start))
-    fits = [first, *(fit(parent.problem, move.hypothesis, *other, target) for other in others)]
+    starts = _other_starts(parent, move, first, target)
+    fits = [first, *(fit(parent.problem, move.hypothesis, *start, target) for start in starts)]
     return min(fits, key=lambda fitted: fitted.cost)
+
+
+Start = tuple[LoopFit | None, Mapping[str, float]]  # None for the declared values
+
+
+def _other_starts(parent: LoopFit, move: Move, first: LoopFit, target: float) -> list[Start]:
+    """Return from where a refit is repeated after its first fit.
+
+    One that does not converge is repeated from the gain that the linear model predicts, and from
+    the declared values; one with a shape that brings much less than predicted from the first of
+    them. Without a shape the first step goes to that gain.
+    """
+    if move.kind is MoveKind.DROP:
+        return []
+    if move.kind is MoveKind.NOISE:  # forces start at their most probable values
+        return [] if move.start and first.converged else [(None, move.start)]
+    fall, expected = parent.cost - first.cost, move.expected / 2.0  # of the cost
+    if not within_reach(first.cost, max(fall, expected - fall), target):
+        return []
+    predicted: Start = parent, {**move.start, **move.estimated}
+    if not first.converged:
+        return [predicted, (None, move.start)]
+    stalled = fall < STALLED * expected and _has_shape(parent.problem, move)
+    return [predicted] if stalled else []
 
 
 def _ordered(steps: list[Step]) -> list[Step]:

@@ -6,8 +6,10 @@ import jax.numpy as jnp
 import pytest
 
 from jaxid import AbstractModel, InputError
-from jaxid.effects import InputScale, SensorDelay, Term
+from jaxid.effects import InputScale, SensorDelay, Term, channel_checks
+from jaxid.effects.augmented import split_effects
 from jaxid.effects.channel_checks import check_candidates
+from jaxid.models.equation_shapes import check_equations
 
 
 class Lag(AbstractModel):
@@ -39,3 +41,20 @@ def test_delay_that_is_no_time_of_an_input_or_a_sensor_is_refused(effect):
     check_candidates(model, (SensorDelay("y"),))
     with pytest.raises(InputError, match=r"as `delay` of its card.*at an input or a sensor"):
         check_candidates(model, (effect,))
+
+
+def test_candidates_are_evaluated_together_until_one_fails(monkeypatch):
+    """One evaluation for all of a library; alone only to name an effect of an unknown signal."""
+    model, evaluated = Lag(jnp.array(1.0)), []
+
+    def counted(augmented):
+        evaluated.append(len(split_effects(augmented)[1]))
+        check_equations(augmented)
+
+    monkeypatch.setattr(channel_checks, "check_equations", counted)
+    good = (Term("x", "x^2"), Term("x", "x^3"), SensorDelay("y"))
+    check_candidates(model, good)
+    assert evaluated == [3]
+    with pytest.raises(InputError, match=r"The candidate 'z in x'"):
+        check_candidates(model, (*good, Term("x", "z")))
+    assert evaluated == [3, 4, 1, 1, 1, 1]

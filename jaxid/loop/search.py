@@ -298,12 +298,15 @@ def _other_starts(parent: LoopFit, move: Move, first: LoopFit, target: float) ->
         return []
     if move.kind is MoveKind.NOISE:  # forces start at their most probable values
         return [] if move.start and first.converged else [(None, move.start)]
+    predicted: Start = parent, {**move.start, **move.estimated}
+    everywhere: list[Start] = [predicted, (None, move.start)]
+    if not np.isfinite(first.cost):
+        return everywhere
     fall, expected = parent.cost - first.cost, move.expected / 2.0  # of the cost
     if not within_reach(first.cost, max(fall, expected - fall), target):
         return []
-    predicted: Start = parent, {**move.start, **move.estimated}
     if not first.converged:
-        return [predicted, (None, move.start)]
+        return everywhere
     stalled = fall < STALLED * expected and _has_shape(parent.problem, move)
     return [predicted] if stalled else []
 

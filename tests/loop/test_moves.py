@@ -184,6 +184,7 @@ def test_refinement_of_refused_effect_replaces_it(refused_cubic, monkeypatch):
         (4.0, -3.0, -25.0, 3),  # it falls by more than expected
         (60.0, -1.0, -25.0, 3),  # it stalls, and much more was expected
         (-4.0, 20.0, -15.0, 3),  # an exchange: far from the expected cost, slightly above
+        (4.0, np.inf, -25.0, 3),  # its simulation fails
         (4.0, -1.0, np.inf, 3),
     ],
 )

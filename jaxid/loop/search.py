@@ -41,6 +41,8 @@ HOPELESS_SHARE = 0.3
 NEAR_LOWEST = 25.0
 Progress = Callable[[str], None]
 Branch = tuple[LoopFit, list[Step]]  # a fit, and the steps from the declared model to it
+# The fit from whose values a refit starts, None for the declared ones, and other values by name.
+Start = tuple[LoopFit | None, Mapping[str, float]]
 
 
 def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> SearchTree:
@@ -275,16 +277,13 @@ def _step(
 def refit(parent: LoopFit, move: Move, target: float = np.inf) -> LoopFit:
     """Return the fit of a move: from the parent's values, and if it stalls from others.
 
-    A refit that cannot reach its target by several times its fall is neither continued nor
-    repeated.
+    A refit that cannot reach its target, a cost, with as much fall in each further run is neither
+    continued nor repeated.
     """
     first = fit(parent.problem, move.hypothesis, parent, move.start, target)
     starts = _other_starts(parent, move, first, target)
     fits = [first, *(fit(parent.problem, move.hypothesis, *start, target) for start in starts)]
     return min(fits, key=lambda fitted: fitted.cost)
-
-
-Start = tuple[LoopFit | None, Mapping[str, float]]  # None for the declared values
 
 
 def _other_starts(parent: LoopFit, move: Move, first: LoopFit, target: float) -> list[Start]:

@@ -289,9 +289,9 @@ def refit(parent: LoopFit, move: Move, target: float = np.inf) -> LoopFit:
 def _other_starts(parent: LoopFit, move: Move, first: LoopFit, target: float) -> list[Start]:
     """Return from where a refit is repeated after its first fit.
 
-    One that does not converge is repeated from the gain that the linear model predicts, and from
-    the declared values; one with a shape that brings much less than predicted from the first of
-    them. Without a shape the first step goes to that gain.
+    One that brings much less than the linear model predicts is repeated from the gain that this
+    model predicts, unless it has no shape, as its first step then went there; and from the declared
+    values if it did not converge.
     """
     if move.kind is MoveKind.DROP:
         return []
@@ -304,10 +304,11 @@ def _other_starts(parent: LoopFit, move: Move, first: LoopFit, target: float) ->
     fall, expected = parent.cost - first.cost, move.expected / 2.0  # of the cost
     if not within_reach(first.cost, max(fall, expected - fall), target):
         return []
+    if fall >= STALLED * expected:
+        return []
     if not first.converged:
         return everywhere
-    stalled = fall < STALLED * expected and _has_shape(parent.problem, move)
-    return [predicted] if stalled else []
+    return [predicted] if _has_shape(parent.problem, move) else []
 
 
 def _ordered(steps: list[Step]) -> list[Step]:

@@ -179,16 +179,16 @@ def test_refinement_of_refused_effect_replaces_it(refused_cubic, monkeypatch):
 @pytest.mark.parametrize(
     ("expected", "cost", "target", "fits"),
     [
-        (4.0, -1.0, -10.5, 3),  # as expected in each of ten runs, it reaches its target
-        (4.0, -1.0, -25.0, 1),
-        (4.0, -3.0, -25.0, 3),  # it falls by more than expected
+        (8.0, -0.9, -31.5, 3),  # it stalls; as expected in each of ten runs, it reaches its target
+        (8.0, -0.9, -32.5, 1),
+        (8.0, -1.1, -31.5, 1),  # it brings more than a quarter of what is expected
         (60.0, -1.0, -25.0, 3),  # it stalls, and much more was expected
         (-4.0, 20.0, -15.0, 3),  # an exchange: far from the expected cost, slightly above
         (4.0, np.inf, -25.0, 3),  # its simulation fails
-        (4.0, -1.0, np.inf, 3),
+        (8.0, -0.9, np.inf, 3),
     ],
 )
-def test_refit_out_of_reach_of_its_target_is_not_repeated(
+def test_refit_is_repeated_if_it_stalls_within_reach_of_its_target(
     monkeypatch, expected, cost, target, fits
 ):
     parent, tried = fit(problem(6), Hypothesis()), []

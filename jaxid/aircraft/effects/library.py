@@ -113,7 +113,7 @@ def aircraft_effects(
 
     Returns:
         The effects, all at zero gain; give them to `close_loop` as `effects`, together with
-        `jaxid.models.general_effects`.
+        `jaxid.effects.general_effects(model)`.
 
     Raises:
         InputError: for an unknown group.

@@ -66,7 +66,7 @@ class LocalisationResult(NamedTuple):
         first, *others = self.places
         return (first, *(place for place in others if place.share > first.share - within))
 
-    def is_significant(self, level: float = 0.01) -> bool:
+    def is_significant(self, level: float) -> bool:
         """Return True if a free-form disturbance at a place explains more than chance would.
 
         Args:
@@ -87,7 +87,7 @@ class LocalisationResult(NamedTuple):
             return float(scipy.stats.f.sf(place.score / place.dof, place.dof, self.noise_dof))
         return float(scipy.stats.chi2.sf(place.score, place.dof))
 
-    def significant(self, level: float = 0.01) -> tuple[Place, ...]:
+    def significant(self, level: float) -> tuple[Place, ...]:
         """Return the places near the best one, none if it explains no more than chance would.
 
         Args:

@@ -26,6 +26,7 @@ from .evidence import DETERMINED, SETTLED, inflation, is_drift, is_noise_like, m
 from .fit import LoopFit
 from .hypothesis import White
 from .linear import falls, joint_fall, reduce
+from .moves import MoveKind
 from .noise import above_known_noise
 from .options import LoopOptions
 from .outcome import Outcome
@@ -136,6 +137,8 @@ def noise_like(tree: SearchTree, options: LoopOptions) -> Objection | None:
 def _noise_model(tree: SearchTree, followed: tuple[str, ...], level: float) -> Objection | None:
     """Return an objection if the noise model of the best hypothesis is no noise."""
     best = tree.best
+    if tree.path and tree.path[-1].move.kind is MoveKind.NOISE:
+        return None  # both were looked at before it was accepted
     signals = followed_signals(best, level)
     more = signals or is_drift(best, memory(best))
     return Objection(Check.NOISE_LIKE, signals or followed) if more else None

@@ -297,12 +297,13 @@ def worth(fit: LoopFit) -> float:
     """Return the evidence of a fit: twice the log-likelihood less a price for each parameter.
 
     For white noise the check records count as well: a short check record alone is a matter of
-    chance.
+    chance. It is minus infinity where the prediction of one diverges.
     """
     if not isinstance(fit.hypothesis.noise, White):
         return -fit.price
     noise = fit.estimation.problem.likelihood.noise
-    return -fit.price - 2.0 * float(_cost(noise, fit.check_prediction))
+    value = -fit.price - 2.0 * float(_cost(noise, fit.check_prediction))
+    return value if np.isfinite(value) else -np.inf
 
 
 def _is_determined(fit: LoopFit, effect: str) -> bool:

@@ -7,7 +7,7 @@ from functools import cached_property
 import equinox as eqx
 import numpy as np
 
-from .._foundation.checks import InputError
+from .._foundation.checks import InputError, require
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.host import to_device
 from .._foundation.results import RESULTS, is_one_of
@@ -245,7 +245,7 @@ def fit(
         target: cost from which on the fit is of interest.
     """
     values, known = _start(problem, hypothesis, parent, start or {})
-    rows = {} if parent is None else parent.rows
+    rows = {} if parent is None else rows_at_start(problem, parent)
     S, costs = None, [np.inf]
     policies = problem.solver.policy, SECOND_POLICY
     while True:
@@ -285,6 +285,15 @@ def _start(problem: LoopProblem, hypothesis: Hypothesis, parent: LoopFit | None,
         values[index[name]] = known[name]
     values[[index[f"{name}.gain"] for name in absent]] = 0.0
     return values, known
+
+
+def rows_at_start(problem: LoopProblem, parent: LoopFit) -> dict[str, Float[np.ndarray, " case"]]:
+    """Return the per-record values of a parent from which a fit starts: without its initial states
+    where its records begin at another time.
+    """
+    begin, known = problem.train.t[:, 0], parent.problem.train.t[:, 0]
+    left = () if np.array_equal(begin, known) else problem.starts
+    return {name: values for name, values in parent.rows.items() if name not in left}
 
 
 def _known_sensitivities(
@@ -338,13 +347,21 @@ def check_finite(declared: LoopFit) -> None:
     together with it.
 
     Raises:
-        InputError: if a candidate spoils the column of another parameter than its own.
+        InputError: if a candidate spoils the column of another parameter than its own, or the
+            derivative by a declared parameter is not finite without any candidate.
     """
     problem, columns = declared.problem, declared.motion.infinite_columns
-    infinite = {problem.columns.owners.get(column) for column in columns} - problem.excluded
-    if len(infinite) < 2 and None not in infinite:  # None for a declared parameter
+    infinite = {problem.columns.owners.get(column) for column in columns}
+    if len(infinite - problem.excluded) < 2 and None not in infinite:  # None: a declared parameter
         return
-    suspects = tuple(name for name in problem.effects if name in infinite)
+    own = _infinite_with(declared, ())
+    require(
+        not own,
+        f"On the training records the derivative of the declared model by {', '.join(own)} is not "
+        "finite, so that no candidate can be scored. Keep it finite (a root of zero needs a "
+        "floor), or leave the parameter out.",
+    )
+    suspects = tuple(effect.name for effect in problem.library if effect.name in infinite)
     names = " and of ".join(map(repr, _spoiling(declared, suspects)))
     raise InputError(
         f"On the training records the derivative at zero gain of {names} is not finite, so that "
@@ -355,13 +372,17 @@ def check_finite(declared: LoopFit) -> None:
 
 def _spoiling(declared: LoopFit, names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the candidates among `names` whose derivative is not finite."""
-    problem = declared.problem
-    library = tuple(problem.effects[name] for name in names)
-    alone = dataclasses.replace(problem, library=library, excluded=frozenset())
-    if not dataclasses.replace(declared, problem=alone).motion.infinite_columns:
+    if not _infinite_with(declared, names):
         return ()
     half = len(names) // 2
     return _spoiling(declared, names[:half]) + _spoiling(declared, names[half:]) if half else names
+
+
+def _infinite_with(declared: LoopFit, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the columns that are not finite in a library of the candidates among `names`."""
+    library = tuple(effect for effect in declared.problem.library if effect.name in names)
+    alone = dataclasses.replace(declared.problem, library=library, excluded=frozenset())
+    return dataclasses.replace(declared, problem=alone).motion.infinite_columns
 
 
 @fast_compile_jit

@@ -227,9 +227,13 @@ class Hypothesis:
 
     def count(self, problem: LoopProblem) -> int:
         """Return the number of parameters that the hypothesis determines: the shared ones, those
-        beyond white noise, and the memory of its effects (`Effect.starts`) in each record.
+        beyond white noise, and the memory of its effects (`Effect.starts`) in each record. Another
+        noise than white also determines the variances of the sensors, where white noise has given
+        ones.
         """
-        own = self.noise.count(len(problem.model.outputs))
+        outputs = len(problem.model.outputs)
+        given = problem.likelihood.noise.is_known and not isinstance(self.noise, White)
+        own = self.noise.count(outputs) + outputs * given
         starts = len(problem.per_record(self.effects)) - len(problem.free.per_record)
         return len(problem.columns.chosen(self.effects)) + own + starts * problem.train.n_cases
 

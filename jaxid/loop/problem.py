@@ -110,22 +110,26 @@ class LoopProblem:
             problem = dataclasses.replace(problem, likelihood=likelihood)
         for effect in problem.library:
             effect.check(np.asarray(train.t))
-        problem.check_predicted(check)
-        require(
-            bool(np.any(np.asarray(check.mask)[:, window or 0 :])),
-            "No output of the check records has a valid sample after the window. Give other "
-            "records, or leave `check` out.",
-        )
+        problem.check_predicted(check, "check records")
         return problem
 
-    def check_predicted(self, records: Record) -> None:
-        """Refuse a stack of records that the model, its effects, or the window cannot predict."""
+    def check_predicted(self, records: Record, which: str) -> None:
+        """Refuse a stack of records that the model, its effects, or the window cannot predict.
+
+        Args:
+            records: the stack.
+            which: what it is, for the message.
+        """
         check_channels(self.model, records)
         check_sampling(self.model, records, self.likelihood)
         for effect in self.library:
             effect.check(np.asarray(records.t))
         if self.window is not None:
             check_window(self.model, records, self.window, len(self.declared_starts))
+        require(
+            bool(np.any(np.asarray(records.mask)[:, self.window or 0 :])),
+            f"No output of the {which} has a valid sample after the window. Give other records.",
+        )
 
     def on(self, records) -> "LoopProblem":
         """Return the same problem with other training records."""

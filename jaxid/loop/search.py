@@ -69,7 +69,16 @@ def search(problem: LoopProblem, options: LoopOptions, progress: Progress) -> Se
         _refit_alternatives(tree, options, progress)
     except KeyboardInterrupt:
         tree.interrupted = True
+        _keep_accepted(tree)
     return tree
+
+
+def _keep_accepted(tree: SearchTree) -> None:
+    """Take the best accepted refit from the best hypothesis, whose stage was not finished."""
+    accepted = [s for s in tree.steps if s.parent is tree.best and s.comparison.accepted]
+    if accepted:
+        first = _ordered(accepted)[0]
+        tree.best, tree.path = first.fit, [*tree.path, first]
 
 
 def with_shapes(declared: LoopFit) -> LoopFit:

@@ -26,10 +26,12 @@ class EffectSearch:
     Attributes:
         tree: all fits of the search.
         assessment: outcome and objections.
+        options: levels and limits.
     """
 
     tree: SearchTree
     assessment: Assessment
+    options: LoopOptions
 
     @property
     def outcome(self) -> Outcome:
@@ -65,7 +67,8 @@ class EffectSearch:
     def __str__(self) -> str:
         tree, width = self.tree, max(map(len, (*self.estimates, "parameter")))
         lines = [STOPPED] * tree.interrupted
-        lines += [verdict_words(tree, tree.best, self.assessment), next_best_words(tree), ""]
+        lines.append(verdict_words(tree, tree.best, self.assessment, self.options.level))
+        lines += [next_best_words(tree), ""]
         lines.append(f"{'parameter':<{width}} {'value':>12} {'std. error':>12}")
         lines += [f"{n:<{width}} {v:>12.5g} {e:>12.3g}" for n, (v, e) in self.estimates.items()]
         return "\n".join(lines)
@@ -105,9 +108,9 @@ def search_effects(
     release_compiled_programs_if_needed()
     options, progress = options or LoopOptions(), progress or (lambda _: None)
     tests = {name: as_stack(records) for name, records in (test or {}).items()}
-    for records in tests.values():
-        problem.check_predicted(records)
+    for name, records in tests.items():
+        problem.check_predicted(records, f"test records {name!r}")
     tests = {name: records.anonymous() for name, records in tests.items()}
     tree = search(problem, options, progress)
     progress("assessment")
-    return EffectSearch(tree, assess(tree, tests, options))
+    return EffectSearch(tree, assess(tree, tests, options), options)

@@ -80,6 +80,6 @@ class SearchTree:
             (other, other.price - best.price)
             for other in self.fits()
             if not set(best.effects) <= set(other.effects)
-            or type(other.hypothesis.noise) is not type(best.hypothesis.noise)
+            or other.hypothesis.noise.key != best.hypothesis.noise.key
         ]
         return sorted((one for one in worse if np.isfinite(one[1])), key=lambda one: one[1])

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 
 from ..effects.augmented import split_effects
 from .assess import Assessment, Check, Objection
-from .evidence import Decision
 from .fit import LoopFit
 from .outcome import Outcome
 from .search_tree import SearchTree
@@ -19,10 +18,17 @@ NO_EFFECT = (
 )
 
 
-def verdict_words(tree: SearchTree, best: LoopFit, assessment: Assessment) -> str:
-    """Return the outcome of a search, with its last fit, in a sentence or two."""
+def verdict_words(tree: SearchTree, best: LoopFit, assessment: Assessment, level: float) -> str:
+    """Return the outcome of a search, with its last fit, in a sentence or two.
+
+    Args:
+        tree: the search.
+        best: fit of the best hypothesis.
+        assessment: its assessment.
+        level: probability of a false alarm of the location of the residual.
+    """
     effects, noise = effect_words(best), best.hypothesis.noise.words
-    near = tree.where.significant() if assessment.outcome is Outcome.UNEXPLAINED else ()
+    near = tree.where.significant(level) if assessment.outcome is Outcome.UNEXPLAINED else ()
     places = " or ".join(place.location.label for place in near)
     where = f"The residual acts at: {places}." if places else NO_PLACE
     sentence = {
@@ -127,6 +133,7 @@ def next_best_words(tree: SearchTree) -> str:
         distance = f"worse by {worse:.1f} in chi-square"
     else:
         refused = (s.comparison for s in tree.steps if s.fit is other and not s.comparison.accepted)
-        decisions = [comparison.decision for comparison in refused] or [Decision.CHECK_WORSE]
-        distance = f"better by {-worse:.1f} in chi-square, but refused ({decisions[-1].value})"
+        decisions = [comparison.decision.value for comparison in refused]
+        why = f"refused ({decisions[-1]})" if decisions else "not chosen"
+        distance = f"better by {-worse:.1f} in chi-square, but {why}"
     return f"Next best: {effects} with {noise}, {distance}."

@@ -12,13 +12,14 @@ from .words import percent
 MOST_PLACES_DRAWN = 10  # chosen
 
 
-def where(located: LocalisationResult) -> Figure:
+def where(located: LocalisationResult, level: float) -> Figure:
     """Return a figure of the places by explained share, and of the disturbance in the first one.
 
     The disturbance is drawn in time and against the variable that explains most of it.
 
     Args:
         located: result of the localisation.
+        level: probability of a false alarm.
 
     Returns:
         Three panels.
@@ -27,7 +28,7 @@ def where(located: LocalisationResult) -> Figure:
     figure, ((bars, time, against),) = canvas(
         1.0 + 0.24 * max(len(best), 8), 1, 3, width_ratios=(1, 1, 1)
     )
-    _bars(bars, best, {place.location for place in located.significant()})
+    _bars(bars, best, {place.location for place in located.significant(level)})
     first = best[0]
     _in_time(time, located, first)
     _against(against, located, first)

@@ -105,7 +105,7 @@ def _where(study: Study) -> Picture | None:
     return (
         None
         if study.outcome is Outcome.NOTHING_MISSING
-        else Picture("where", where(study.localisation["before"]), caption)
+        else Picture("where", where(study.localisation["before"], study.options.level), caption)
     )
 
 

@@ -253,7 +253,8 @@ def place_rows(study: Study) -> tuple[PlaceRow, ...]:
         One row for each of the first places.
     """
     after = {place.location: place for place in study.localisation["after"].places}
-    best = {place.location for place in study.localisation["before"].significant()}
+    near = study.localisation["before"].significant(study.options.level)
+    best = {place.location for place in near}
     return tuple(
         PlaceRow(
             place.location.label,

@@ -72,7 +72,7 @@ def assemble_study(
     )
     estimated = {effect.name: effect for effect in split_effects(after.model)[1]}
     words = [
-        verdict_words(tree, best, assessment),
+        verdict_words(tree, best, assessment, options.level),
         *caveats(assessment, before, after, records),
     ]
     return Study(

@@ -215,7 +215,8 @@ class Study:
         stopped = [STOPPED] * self.interrupted
         lines = [*stopped, self.verdict, self.next_best, "", *round_lines(self.rounds)]
         missing = self.outcome is not Outcome.NOTHING_MISSING
-        return [*lines, *[location_line(self.localisation["before"])] * missing]
+        where = location_line(self.localisation["before"], self.options.level)
+        return [*lines, *[where] * missing]
 
     def _errors(self, test: str) -> Table:
         """Table of the errors on one set of test records."""

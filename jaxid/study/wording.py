@@ -96,14 +96,15 @@ def combination_words(a: str, b: str, power: float, value: float, error: float) 
     )
 
 
-def location_line(declared: LocalisationResult) -> str:
+def location_line(declared: LocalisationResult, level: float) -> str:
     """Return a line on the places of the residual of the declared model.
 
     Args:
         declared: its location.
+        level: probability of a false alarm.
     """
     places = ", or ".join(
-        f"{place.location.label} ({place.share:.0%})" for place in declared.significant()
+        f"{place.location.label} ({place.share:.0%})" for place in declared.significant(level)
     )
     where = f"the residual of the declared model is in the {places}" if places else NO_PLACE
     return f"where:   {where}"

@@ -10,7 +10,7 @@ from jaxid._foundation.types import Array
 from jaxid.effects import EffectCard, Location, LocationKind, SensorSaturation, Term
 from jaxid.effects.base import Effect
 from jaxid.loop import Hypothesis, LoopProblem, Outcome, search_effects
-from jaxid.loop.evidence import Decision, compare
+from jaxid.loop.evidence import Decision, compare, worth
 from jaxid.loop.fit import fit
 from jaxid.loop.moves import Proposals
 from jaxid.loop.search import with_shapes
@@ -118,12 +118,14 @@ def test_effect_is_added_if_check_records_stop_diverging():
     assert (rescued.decision, rescued.check_fall) == (Decision.BETTER, float("inf"))
     assert compare(declared, _diverged(found), LoopOptions(), 1).decision is Decision.CHECK_WORSE
     assert compare(away, _diverged(found), LoopOptions(), 1).decision is Decision.CHECK_WORSE
+    for lost in (jnp.inf, jnp.nan):  # such a fit is no better than any other
+        assert worth(_diverged(found, lost)) == -float("inf")
 
 
-def _diverged(fitted):
+def _diverged(fitted, value=jnp.inf):
     """The same fit, whose simulation of the check records is not finite."""
     prediction = fitted.check_prediction
-    lost = jnp.full_like(prediction.y, jnp.inf)
+    lost = jnp.full_like(prediction.y, value)
     copied = type(fitted)(fitted.problem, fitted.hypothesis, fitted.estimation, fitted.solution)
     copied.__dict__["check_prediction"] = eqx.tree_at(lambda p: p.y, prediction, lost)
     return copied

@@ -1,5 +1,6 @@
 """The search over hypotheses on a spring: effects, pairs and noise models, each planted."""
 
+import dataclasses
 import re
 
 import jax.numpy as jnp
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from searched_spring import fly, problem
 
+from jaxid import DiagonalNoise, OutputError
 from jaxid._foundation.types import Array
 from jaxid.effects import (
     Effect,
@@ -20,7 +22,12 @@ from jaxid.effects import (
 )
 from jaxid.loop import Coloured, Hypothesis, Outcome, RandomForces, White, search_effects
 from jaxid.loop.assess import Check
+from jaxid.loop.evidence import Comparison, Decision
 from jaxid.loop.fit import fit
+from jaxid.loop.moves import Move, MoveKind
+from jaxid.loop.search_tree import SearchTree, Step
+from jaxid.loop.wording import next_best_words
+from jaxid.models import FixedNoise
 
 CUBIC = Term("v", "x^3", jnp.array(-0.3))
 LATE = SensorDelay("x", jnp.array(0.1))
@@ -133,6 +140,63 @@ def test_interrupted_search_returns_its_best():
     assert found.tree.interrupted
     assert len(found.effects) == 1
     assert "The search was stopped" in str(found)
+
+
+def test_search_interrupted_within_a_stage_keeps_its_accepted_refit():
+    refits = []
+
+    def stop_at_second_refit(text):
+        if "refit with" in text:
+            refits.append(text)
+            if len(refits) == 2:
+                raise KeyboardInterrupt
+
+    found = search_effects(problem(5, CUBIC), progress=stop_at_second_refit)
+    assert found.tree.interrupted
+    (step,) = found.tree.path
+    assert found.effects == step.fit.effects == (CUBIC.name,)
+
+
+def test_next_best_hypothesis_is_told_with_the_reason():
+    """One that fits better was refused, or was accepted and another one chosen."""
+    declared = fit(problem(5, CUBIC), Hypothesis())
+    cubic, biased = (
+        fit(declared.problem, Hypothesis((n,)), declared) for n in (CUBIC.name, "bias of v")
+    )
+    move = Move(MoveKind.ADD, cubic.hypothesis, cubic.effects, 1.0, {}, {})
+    for decision, words in (
+        (Decision.BETTER, "in chi-square, but not chosen."),
+        (Decision.CHECK_WORSE, "but refused (predicts the check records worse)."),
+    ):
+        comparison = Comparison(decision, 1.0, 0.5, 0.0)
+        tree = SearchTree(declared, biased, [Step(declared, move, cubic, comparison)])
+        assert next_best_words(tree).endswith(words)
+
+
+def test_random_forces_elsewhere_are_an_alternative():
+    """Two noises of one kind differ by their places."""
+    declared = fit(problem(5), Hypothesis())
+    here, there = (
+        dataclasses.replace(declared, hypothesis=Hypothesis((), RandomForces({n: 1.0}, {}, 1.0)))
+        for n in ("x", "v")
+    )
+    move = Move(MoveKind.NOISE, there.hypothesis, (), 1.0, {}, {})
+    comparison = Comparison(Decision.NOT_SIGNIFICANT, 1.0, 0.5, 0.0)
+    tree = SearchTree(declared, here, [Step(declared, move, there, comparison)])
+    assert [other for other, _ in tree.alternatives()] == [declared, there]
+
+
+def test_noise_that_replaces_a_given_one_also_determines_its_variances():
+    """Two coefficients of the memory, one for each sensor, and two variances if they are given."""
+    given, estimated = (
+        dataclasses.replace(problem(5), likelihood=OutputError(noise))
+        for noise in (FixedNoise(jnp.eye(2)), DiagonalNoise())
+    )
+    more = [
+        Hypothesis((), Coloured(1)).count(one) - Hypothesis().count(one)
+        for one in (given, estimated)
+    ]
+    assert more == [4, 2]
 
 
 def test_problem_on_other_records_keeps_its_library():

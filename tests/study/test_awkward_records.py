@@ -64,6 +64,22 @@ def test_candidate_with_nonfinite_derivatives_raises_error_with_its_name():
         close_loop(model, chosen, OutputError(), train=train, check=check, effects=library)
 
 
+class Rooted(Spring):
+    """A spring whose declared damping acts by its root, which is zero at the start."""
+
+    def rhs(self, t, x, u):
+        return jnp.stack([x[1], u[0] - self.k * x[0] - jnp.sqrt(self.c) * x[1]])
+
+
+def test_nonfinite_derivative_of_declared_model_raises_error_with_its_parameter():
+    model = Rooted(1.0, 0.0)
+    train, check = flights(2)
+    with pytest.raises(InputError, match="derivative of the declared model by k, c is not finite"):
+        close_loop(
+            model, free(model, "k", "c"), OutputError(), train=train, check=check, effects=LIBRARY
+        )
+
+
 def test_error_omits_channel_without_samples():
     rng = np.random.default_rng(0)
     v = jnp.asarray(rng.normal(size=(1, 200, 2)))
@@ -80,14 +96,20 @@ def test_error_omits_channel_without_samples():
     assert mean_log(prediction(0.0 * v, complete)) == mean_log(prediction(0.0 * v, dead))
 
 
-def test_check_records_without_samples_raise_error():
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"check": 1}, "No output of the check records has a valid sample after the window"),
+        ({"check": 2, "test": 1}, "No output of the test records 'test' has a valid sample"),
+    ],
+)
+def test_held_out_records_without_samples_raise_error(given, words):
     model, chosen = spring()
-    train = flights(2)
-    blind = eqx.tree_at(lambda node: node.mask, train[1], jnp.zeros_like(train[1].mask))
-    with pytest.raises(
-        InputError, match="No output of the check records has a valid sample after the window"
-    ):
-        close_loop(model, chosen, OutputError(), train=train[0], check=blind, effects=LIBRARY)
+    records = flights(3)
+    records[1] = eqx.tree_at(lambda node: node.mask, records[1], jnp.zeros_like(records[1].mask))
+    held_out = {use: records[number] for use, number in given.items()}
+    with pytest.raises(InputError, match=words):
+        close_loop(model, chosen, OutputError(), train=records[0], effects=LIBRARY, **held_out)
 
 
 def test_loop_without_candidates_and_check_records_returns_declared_model():

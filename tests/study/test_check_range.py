@@ -10,7 +10,8 @@ from searched_spring import TRUTH, fly
 import jaxid
 from jaxid.data.stack import stack
 from jaxid.effects import Term
-from jaxid.loop import Outcome
+from jaxid.loop import Hypothesis, LoopProblem, Outcome
+from jaxid.loop.fit import fit, rows_at_start
 from jaxid.study.study_records import CHECK_BEYOND, channels_beyond, study_records
 
 CUBIC = Term("v", "x^3", jnp.array(-0.3))
@@ -85,6 +86,17 @@ def test_check_starts_as_its_record():
     check = study_records(late, None, None, None).check
     starts = [np.asarray(TRUTH.initial_state(one)) for one in (late, check[0])]
     np.testing.assert_array_equal(*starts)
+
+
+def test_fit_on_complete_records_starts_at_their_first_state():
+    """The initial states of the last two thirds, which were fitted, are none of the whole."""
+    records = [growing(seed) for seed in (1, 2, 3)]
+    cut = study_records(records, None, None, 20, starts_free=True)
+    free = jaxid.free(TRUTH, "k", "c", per_record=("initial_state",))
+    given = LoopProblem.of(TRUTH, (), free, jaxid.OutputError(), cut.fitted, cut.check, window=20)
+    fitted = fit(given, Hypothesis())
+    assert set(rows_at_start(given, fitted)) == {"initial_state.x", "initial_state.v"}
+    assert rows_at_start(given.on(cut.complete), fitted) == {}
 
 
 def test_study_tells_range_of_check_before_it_searches():

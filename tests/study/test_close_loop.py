@@ -43,10 +43,12 @@ from jaxid.loop import Coloured, Hypothesis, LoopProblem, Outcome, RandomForces
 from jaxid.loop.assess import in_place, one_function
 from jaxid.loop.evidence import Decision, is_degenerate
 from jaxid.loop.fit import fit
+from jaxid.loop.wording import NO_PLACE
 from jaxid.models import FixedNoise
 from jaxid.study.candidates import candidates
 from jaxid.study.rivals import discrimination
 from jaxid.study.study_records import TEST_BEYOND, channels_beyond
+from jaxid.study.wording import location_line
 
 WINDOW = 60
 COMPILED = "/jax/core/compile/backend_compile_duration"
@@ -530,6 +532,8 @@ def test_free_form_explanation_beyond_chance_excludes_noise(score, expected):
     where = LocalisationResult((places[0],), np.zeros((1, 2)), {}, (2, 20), 1.0)
     assert where.is_significant(0.01) is expected
     assert where.significant(0.01) == (places[:1] if expected else ())
+    assert (NO_PLACE in location_line(where, 0.01)) is not expected
+    assert NO_PLACE not in location_line(where, 0.5)  # the level that the user sets
     more = where._replace(places=(places[0], places[1]._replace(score=1.0)))
     assert not more.is_significant(0.01)
 

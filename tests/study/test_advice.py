@@ -370,3 +370,48 @@ def test_record_with_more_channels_is_reduced_and_without_them_refused():
         advice(wrong, MODEL)
     with pytest.raises(jaxid.InputError, match="no record"):
         advice([], MODEL)
+
+
+class Tank(jaxid.AbstractModel):
+    """A tank that empties, and its level."""
+
+    outflow: Array
+    states, inputs, outputs = ("level",), ("inflow",), ("measured",)
+
+    def rhs(self, t, x, u):
+        return u - self.outflow * jnp.sqrt(x)
+
+    def output(self, t, x, u):
+        return x
+
+
+class Pipe(Tank):
+    """A tank with a linear outflow, whose rate of flow is measured behind an orifice."""
+
+    def rhs(self, t, x, u):
+        return u - self.outflow * x
+
+    def output(self, t, x, u):
+        return jnp.sqrt(x)
+
+
+@pytest.mark.parametrize("first", [0.0, 0.5])
+@pytest.mark.parametrize("tank", [Tank, Pipe])
+def test_model_with_an_infinite_slope_has_advice(tank, first):
+    """The slope of a root is infinite at zero: at the first sample, or in the test for rest."""
+    rng = np.random.default_rng(0)
+    inflow = 0.3 + 0.05 * excitation("held", rng)
+    measured = 0.7 + 0.3 * TIME / TIME[-1] + 0.002 * rng.normal(size=SAMPLES)
+    given = advice(
+        jaxid.record(
+            TIME,
+            inflow,
+            measured,
+            inputs=("inflow",),
+            outputs=("measured",),
+            constants={"initial_state.level": first},
+        ),
+        tank(jnp.array(0.4)),
+    )
+    assert not given.of(FindingKind.OFFSET)
+    assert len(given.excitation) == 1

@@ -103,7 +103,7 @@ def _findings(record: Measured, piece: Record, model: AbstractModel, at: Respons
 
 def _dynamic(record: Measured, at: Response) -> Iterator[Finding]:
     """Findings that need equal steps and the linear response of the model."""
-    if record.is_uniform and np.isfinite(at.A).all():
+    if record.is_uniform and at.is_finite:
         yield from offset_at_rest(record, at)
         yield from delay_and_drift(record, at)
         yield from feedback(record, at)

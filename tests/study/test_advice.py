@@ -212,6 +212,32 @@ def test_parameters_that_no_record_shows_are_found():
     assert not advice(record, model, only_first).of(FindingKind.UNDETERMINED)
 
 
+class Letters(jaxid.AbstractModel):
+    """An oscillator with forces whose gains have names that words contain."""
+
+    m: Array
+    d: Array
+    e: Array
+    states, inputs, outputs = ("x", "v"), ("a", "b"), ("x",)
+
+    def rhs(self, t, x, u):
+        return jnp.stack([x[1], self.d * u[0] - 2.0 * x[0] - 0.3 * x[1] + 0.0 * self.m])
+
+    def output(self, t, x, u):
+        return x[:1] + self.e * u[1]
+
+
+def test_finding_on_a_direction_has_its_own_parameters_only():
+    """m acts nowhere, and the input of e is always zero; the sentences contain d, e and m."""
+    t, u, z = measure(kind="noise")
+    record = jaxid.record(
+        t, np.stack([u, 0.0 * u], 1), z, inputs=Letters.inputs, outputs=Letters.outputs
+    )
+    given = advice(record, Letters(jnp.array(1.0), jnp.array(1.0), jnp.array(0.5)))
+    names = sorted(finding.names for finding in given.of(FindingKind.UNDETERMINED))
+    assert names == [("e",), ("m",)]
+
+
 def test_hardly_determined_parameters_are_found():
     t, u, z = measure(kind="noise")
     loud = z + 3.0 * np.random.default_rng(1).normal(size=SAMPLES)

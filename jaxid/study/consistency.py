@@ -12,7 +12,7 @@ import numpy as np
 from .._foundation.checks import require, require_level, require_unique
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from ..data.stack import stack
+from ..data.stack import single_records, stack
 from ..diagnosis.validation import root_mean_square
 from ..estimation import Estimate, GaussNewton, OutputError, estimate
 from ..estimation.input_noise import input_noise_covariance
@@ -132,7 +132,7 @@ def _prepared(
     model: AbstractModel, records: Record | Sequence[Record], skip: float, per_record: Sequence[str]
 ) -> Record:
     """Return a stack with the model's channels, the outputs of the first `skip` seconds masked."""
-    single = [records] if isinstance(records, Record) and not records.is_stack else list(records)
+    single = single_records(records)
     require(bool(single), "There is no record to check. Give at least one.")
     if per_record:
         require_unique("record", (record.names[0] for record in single))

@@ -125,7 +125,7 @@ class LoopProblem:
         for effect in self.library:
             effect.check(np.asarray(records.t))
         if self.window is not None:
-            check_window(self.model, records, self.window, len(self.declared_starts))
+            check_window(records, self.window, len(self.declared_starts))
 
     def on(self, records) -> "LoopProblem":
         """Return the same problem with other training records."""

@@ -117,9 +117,7 @@ def identify(
         adaptation = Adaptation(estimate_case(chosen.case, solver), ())
         if options.adapt:
             show("changes of the terms")
-            adaptation = adapted(
-                chosen.case, adaptation.estimate, chosen.admitted, likelihood, options, solver
-            )
+            adaptation = adapted(chosen.case, adaptation.estimate, chosen.admitted, options, solver)
     fit = adaptation.estimate
     own_terms = {name: one.terms for name, one in polynomials_of(chosen.model).items()}
     own_terms |= adaptation.terms({name: own_terms[name] for name in chosen.terms})

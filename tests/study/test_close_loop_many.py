@@ -127,7 +127,29 @@ def test_error_of_a_study_is_returned_with_its_traceback(studies, monkeypatch):
     assert str(Studies((result,))).endswith("ZeroDivisionError: planted")
 
 
+def row(before, after, noise):
+    """Return channel and errors in the table of a result with one set of test records."""
+    tests = {"t": {"before": before, "after": after}}
+    content = {"outcome": "explained", "effects": [], "noise": noise, "tests": tests}
+    cells = StudyResult("a", 1.0, content).row()
+    return cells["channel"], cells["before"], cells["after"]
+
+
 def test_prediction_that_diverges_has_infinite_error_in_the_table():
-    errors = {"before": {"x": None}, "after": {"x": 1.0}}
-    content = {"outcome": "explained", "effects": [], "noise": {"x": 1.0}, "tests": {"t": errors}}
-    assert StudyResult("a", 1.0, content).row()["before"] == float("inf")
+    assert row({"x": None}, {"x": 1.0}, {"x": 1.0}) == ("x", float("inf"), 1.0)
+    both = row({"x": None}, {"x": None}, {"x": 1.0})
+    assert both == ("x", float("inf"), float("inf"))
+
+
+def test_channel_without_a_test_sample_is_not_in_the_table():
+    """Its errors are NaN, which JSON stores as null, and so may be its noise."""
+    before, after = {"x": None, "y": 2.0}, {"x": None, "y": 1.0}
+    for noise in (1.0, None):
+        assert row(before, after, {"x": noise, "y": 0.5}) == ("y", 2.0, 1.0)
+
+
+def test_channel_without_noise_is_in_the_table_if_it_has_an_error():
+    before, after = {"x": 0.1, "y": 2.0}, {"x": 0.0, "y": 1.0}
+    assert row(before, after, {"x": 0.0, "y": 0.5}) == ("x", 0.1, 0.0)
+    before["x"] = 0.0
+    assert row(before, after, {"x": 0.0, "y": 0.5}) == ("y", 2.0, 1.0)

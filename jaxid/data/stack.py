@@ -104,6 +104,12 @@ def unstack(record: Record) -> list[Record]:
     return list(record) if record.is_stack else [record]
 
 
+def single_records(records: Record | Sequence[Record]) -> list[Record]:
+    """Return one record, several records or stacks as a list of single records, without padding."""
+    given = [records] if isinstance(records, Record) else records
+    return [single for record in given for single in unstack(record)]
+
+
 def split(
     records: Record | Sequence[Record],
     *,
@@ -248,6 +254,26 @@ def _require_same_layout(first: Record, other: Record, i: int) -> None:
     require(
         not other.is_stack, f"{where} is a stack already. `unstack` it, then stack all of them."
     )
+    require_same_channels(first, other, where)
+    odd = sorted(first.constants.keys() ^ other.constants.keys())
+    require(
+        not odd,
+        f"{where}: constants {', '.join(map(repr, odd))} are in only one of this record and "
+        "record 0. Give them to all records.",
+    )
+
+
+def require_same_channels(first: Record, other: Record, where: str) -> None:
+    """Refuse a record whose channels or units differ from those of the first record.
+
+    Args:
+        first: record 0.
+        other: another record.
+        where: the number and the name of the other record, for the message.
+
+    Raises:
+        InputError: with the channels that differ.
+    """
     for kind in ("inputs", "outputs"):
         ours, theirs = getattr(first, kind), getattr(other, kind)
         odd = sorted(set(ours) ^ set(theirs))
@@ -268,12 +294,6 @@ def _require_same_layout(first: Record, other: Record, i: int) -> None:
             f"{where}: channel {channel!r} {_unit_words(theirs)}, and in record 0 it "
             f"{_unit_words(ours)}. Give `units` for all.",
         )
-    odd = sorted(first.constants.keys() ^ other.constants.keys())
-    require(
-        not odd,
-        f"{where}: constants {', '.join(map(repr, odd))} are in only one of this record and "
-        "record 0. Give them to all records.",
-    )
 
 
 def _unit_words(unit: str) -> str:

@@ -11,6 +11,7 @@ from .._foundation.grid import is_uniform
 from .._foundation.notebook import Table
 from .._foundation.types import Complex, Float
 from ..data.record import Record
+from ..data.stack import require_same_channels, single_records
 from ..models.base import AbstractModel
 from ..models.free import first_state
 from ..simulation.hold import AbstractHold
@@ -140,11 +141,11 @@ def frequency_response(
         stepper: integration for the simulation.
 
     Raises:
-        InputError: when there is no input, a sample is missing, the steps differ, there are fewer
-            segments than inputs plus one, or the simulation is not finite.
+        InputError: when there is no input, a sample is missing, the steps, the channels or their
+            units differ between records, there are fewer segments than inputs plus one, or the
+            simulation is not finite.
     """
-    given = [records] if isinstance(records, Record) else list(records)
-    singles = [part for record in given for part in (record if record.is_stack else (record,))]
+    singles = single_records(records)
     step = _common_step(singles)
     first, shortest = singles[0], min(part.t.shape[0] for part in singles)
     size = 2 * shortest // (SEGMENTS + 1) if seconds is None else round(seconds / step)
@@ -241,10 +242,11 @@ def _simulated(model: AbstractModel, record: Record, hold: Any, stepper: Any) ->
 
 
 def _common_step(records: Sequence[Record]) -> float:
-    """Return the step of records whose samples are uniform and complete."""
+    """Return the step of records of the same channels, whose samples are uniform and complete."""
     require(len(records) > 0, "There is no record. Give at least one.")
     steps = []
-    for record in records:
+    for number, record in enumerate(records):
+        require_same_channels(records[0], record, f"Record {number} ({record.names[0]!r})")
         name, t = record.names[0], np.asarray(record.t)
         require(len(record.inputs) > 0, f"Record {name!r} has no input, and no frequency response.")
         require(

@@ -185,7 +185,7 @@ def predict(
     states = model.states if states is None else tuple(states)
     require_known("state", states, model.states)
     if window is not None:
-        check_window(model, records, window, len(states))
+        check_window(records, window, len(states))
     held = {f"{INITIAL_STATE}.{name}" for name in model.states if name not in states}
     starts = tuple(name for name in starts_of(model) if name not in held)
     predictor = Predictor(canonical(likelihood), window, starts, records.n_cases)
@@ -193,7 +193,7 @@ def predict(
     return dataclasses.replace(prediction, names=records.names, simulated=likelihood.simulates)
 
 
-def check_window(model: AbstractModel, records: Record, window: int, unknown: int) -> None:
+def check_window(records: Record, window: int, unknown: int) -> None:
     """Refuse a window that cannot determine an initial state, or leaves nothing to score.
 
     Raises:
@@ -260,8 +260,9 @@ class Predictor(eqx.Module):
         after_window = (np.arange(records.t.shape[1]) >= (self.window or 0))[None, :, None]
         scored = to_device(np.asarray(records.mask) & after_window)
         channels = records.outputs, records.output_units, records.names
-        states = sum(name.startswith(f"{INITIAL_STATE}.") for name in self.starts)
-        return Prediction(records.t, records.z, y, scored, rows[:, :states], *channels)
+        states = [k for k, n in enumerate(self.starts) if n.startswith(f"{INITIAL_STATE}.")]
+        initial_state = to_device(np.asarray(rows)[:, states])
+        return Prediction(records.t, records.z, y, scored, initial_state, *channels)
 
     def programs(self, model: AbstractModel, records: Record) -> list[tuple[Any, tuple]]:
         """Return the programs of a prediction, each with its arguments, to compile them."""

@@ -100,10 +100,10 @@ class Effect(eqx.Module):
         """Return the effect with its shape parameters set from the training records.
 
         Args:
-            signals: simulated signals at every valid sample: time `t` [s], states, inputs and the
+            signals: simulated signals at every recorded row: time `t` [s], states, inputs and the
                 model's signals; `number of the record`; for each output `simulated NAME`, the
-                output of the declared model, and `residual NAME`, its residual, zero where that
-                output is not measured.
+                output of the declared model, and `residual NAME`, its residual, both zero where
+                that output is not measured.
             measured: measured outputs, every valid sample.
             step: typical sample interval [s].
         """

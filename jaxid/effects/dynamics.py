@@ -38,9 +38,9 @@ class LaggedSignal(ScalarEffect):
         de/dt = -e/time - d(signal)/dt,             scalar += gain e
 
     An example is unsteady flow, whose force lags the angle of attack. The additional state is `e`.
-    Its initial value is zero, also if the initial state of the model is estimated: at the first
-    sample the lagged signal equals the signal. The signal must be a function of states, as the rate
-    of an input is unknown (for inputs, see `InputLag`).
+    Its initial value is zero: at the first sample the lagged signal equals the signal. Where the
+    initial state of the model is estimated, so is this value. The signal must be a function of
+    states, as the rate of an input is unknown (for inputs, see `InputLag`).
 
     Args:
         placement: equations in which the scalar acts.

@@ -70,7 +70,7 @@ def rates_in(signal: Samples, signals: Mapping[str, Samples]) -> Float[np.ndarra
     """Return the rates of a signal between neighbouring samples of one record.
 
     Args:
-        signal: every valid sample of all records, one record after the other.
+        signal: every recorded row of all records, one record after the other.
         signals: signals that include the time `t` [s].
     """
     within = np.delete(np.arange(signal.size - 1), record_starts(signals) - 1)
@@ -83,7 +83,7 @@ def time_scale_of(signal: Samples, signals: Mapping[str, Samples], step: float) 
     The time scale of a constant signal is one step.
 
     Args:
-        signal: every valid sample of all records, one record after the other.
+        signal: every recorded row of all records, one record after the other.
         signals: signals that include the time `t` [s].
         step: typical sample interval [s].
     """
@@ -105,8 +105,8 @@ def misfit_peak(
     resonance, whatever the model lacks. A residual within the noise floor is not counted.
 
     Args:
-        signals: `t` [s], and `residual NAME` and `simulated NAME` of each output, every valid
-            sample, one record after the other.
+        signals: `t` [s], and `residual NAME` and `simulated NAME` of each output, every
+            recorded row, one record after the other.
         step: typical sample interval [s].
         rank: rank of the peak, 1 being the highest; the surroundings of higher peaks are excluded.
         highest: upper limit of the frequency [rad/s].

@@ -125,7 +125,7 @@ class LoopProblem:
         for effect in self.library:
             effect.check(np.asarray(records.t))
         if self.window is not None:
-            check_window(self.model, records, self.window, len(self.declared_starts))
+            check_window(records, self.window, len(self.declared_starts))
         require(
             bool(np.any(np.asarray(records.mask)[:, self.window or 0 :])),
             f"No output of the {which} has a valid sample after the window. Give other records.",

@@ -10,6 +10,7 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 
 from ..loop.hypothesis import Coloured
+from ..loop.wording import STOPPED
 from ..study.study import Study
 from .error_tables import error_rows, record_error_rows
 from .gallery import Gallery, gallery
@@ -58,6 +59,7 @@ def html(
         script_hash=_source_hash(script),
         study=study,
         verdict=raised(study.verdict),
+        stopped=STOPPED if study.interrupted else "",
         outcome_words=OUTCOMES[study.outcome],
         noise_words=NOISE_KNOWN[study.noise_known] + COLOURED_WORDS * coloured,
         facts=_facts(study),

@@ -1,11 +1,13 @@
 """Spectrum of the information: combinations of parameters that the data do or do not determine."""
 
+from collections.abc import Iterator
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.host import on_host
-from .._foundation.types import Array, Bool, Float, Numbers
+from .._foundation.types import Array, Bool, Float, Int, Numbers
 
 
 class Spectrum(eqx.Module):
@@ -145,9 +147,7 @@ def weak_directions(
         added.
     """
     sentences = []
-    for index in np.flatnonzero(np.asarray(decomposition.weak(threshold))):
-        direction = np.asarray(decomposition.directions[index])
-        kept = np.flatnonzero(np.abs(direction) >= share * np.max(np.abs(direction)))
+    for direction, kept in weak_components(decomposition, threshold, share):
         components = direction[kept] / np.asarray(decomposition.scale)[kept]
         together = [names[i] for i in kept]
         weak = _combination(together, components / components[0])
@@ -160,6 +160,21 @@ def weak_directions(
         else:
             sentences.append(f"{weak} is not determined")
     return tuple(sentences)
+
+
+def weak_components(
+    decomposition: Spectrum, threshold: float, share: float = 0.05
+) -> Iterator[tuple[Float[np.ndarray, " parameter"], Int[np.ndarray, " n"]]]:
+    """Weak directions, each with the positions of the parameters that `weak_directions` names.
+
+    Args:
+        decomposition: the spectrum.
+        threshold: eigenvalues below this share of the largest are weak.
+        share: components smaller than this share of the largest are left out.
+    """
+    for index in np.flatnonzero(np.asarray(decomposition.weak(threshold))):
+        direction = np.asarray(decomposition.directions[index])
+        yield direction, np.flatnonzero(np.abs(direction) >= share * np.max(np.abs(direction)))
 
 
 def _combination(names: list[str], weights: Float[np.ndarray, " n"]) -> str:

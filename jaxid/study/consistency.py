@@ -12,7 +12,7 @@ import numpy as np
 from .._foundation.checks import require, require_level, require_unique
 from .._foundation.types import Array, Float
 from ..data.record import Record
-from ..data.stack import stack
+from ..data.stack import single_records, stack
 from ..diagnosis.validation import root_mean_square
 from ..estimation import Estimate, GaussNewton, OutputError, estimate
 from ..estimation.input_noise import input_noise_covariance
@@ -56,8 +56,8 @@ def consistency(
         records: one, several or a stack; each may hold more channels than the model,
             `model.prepared` selects the channels.
         errors: names of the parameters to try; by default those of `model.sensor_errors()`.
-        per_record: those among them with one value for each record; their standard errors are not
-            corrected for the colour of the residuals.
+        per_record: those with one value for each record, or groups of them; their standard errors
+            are not corrected for the colour of the residuals.
         likelihood: measure of the misfit; `OutputError(hold=Cubic())` by default, because measured
             inputs are smooth. Give another if an input jumps, or if an output has no noise, as in a
             simulation (`FixedNoise`).
@@ -88,6 +88,7 @@ def consistency(
     require_level(level, 0.01)
     require(skip >= 0, f"`skip` is {skip:g} s; it must not be negative.")
     names = _names(model, errors)
+    per_record = free(model, per_record=per_record).per_record if per_record else ()
     shared = tuple(name for name in names if name not in per_record)
     prepared = _prepared(model, records, skip, per_record)
     likelihood, solver = likelihood or OutputError(hold=Cubic()), solver_or_default(solver)
@@ -132,7 +133,7 @@ def _prepared(
     model: AbstractModel, records: Record | Sequence[Record], skip: float, per_record: Sequence[str]
 ) -> Record:
     """Return a stack with the model's channels, the outputs of the first `skip` seconds masked."""
-    single = [records] if isinstance(records, Record) and not records.is_stack else list(records)
+    single = single_records(records)
     require(bool(single), "There is no record to check. Give at least one.")
     if per_record:
         require_unique("record", (record.names[0] for record in single))

@@ -11,13 +11,12 @@ import numpy as np
 from .._foundation.json_text import json_text
 from .._foundation.notebook import Table
 from ..data.record import Record
-from ..data.stack import stack, unstack
+from ..data.stack import single_records, stack
 from ..diagnosis.bands import Band, Bands, prediction_bands
 from ..diagnosis.combined_bands import CombinedBand, combined_bands
 from ..diagnosis.derivative_bands import derivative_bands
 from ..diagnosis.validation import Prediction, predict
 from ..estimation import Estimate, FilterError, OutputError
-from ..estimation.estimate import as_stack
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel
 from ..models.free import all_names, with_values
@@ -155,7 +154,7 @@ class Identification:
             deviations: standard deviations of constants of the model that are not estimated.
         """
         return combined_bands(
-            self.estimate, _single(records), self.likelihood, deviations, self.model
+            self.estimate, single_records(records), self.likelihood, deviations, self.model
         )
 
     def derivatives(
@@ -172,7 +171,7 @@ class Identification:
             Bands of shape (case, time) by name: `dCn/drudder`, `dCn/drhat`.
         """
         kept = {name: one.regression for name, one in self.equations.items() if one.kept}
-        return derivative_bands(self.estimate, kept, self.model, _single(records), pairs)
+        return derivative_bands(self.estimate, kept, self.model, single_records(records), pairs)
 
     def plot(
         self,
@@ -199,7 +198,7 @@ class Identification:
 
         if records is None:
             return figures.responses(self.records, self.prediction_bands().measured, case)
-        single = _single(records)
+        single = single_records(records)
         if derivatives is not None:
             return figures.derivatives(single, self.derivatives(single, derivatives), truth, case)
         measured = [self.model.pseudo_measurements(record) for record in single]
@@ -221,7 +220,7 @@ class Identification:
                 error; None starts at the measured state.
             states: states whose initial value is fitted there, all by default.
         """
-        prepared = [self.model.prepared(record) for record in _single(records)]
+        prepared = [self.model.prepared(record) for record in single_records(records)]
         known = self._simulation()
         model = with_terms(self.model, self.candidates)
         return predict(model, stack(prepared), known, window=window, states=states)
@@ -322,11 +321,6 @@ class Identification:
             f"{self.start.cost:.6g} to {float(self.estimate.cost):.6g})"
         )
         return [*lines, status]
-
-
-def _single(records: Record | Sequence[Record]) -> list[Record]:
-    """Return single records."""
-    return unstack(as_stack(records)) if isinstance(records, Record) else list(records)
 
 
 def _terms(regression: Regression):

@@ -13,7 +13,7 @@ import numpy as np
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.progress import text_progress
 from ..data.record import Record
-from ..data.stack import segment, unstack
+from ..data.stack import segment, single_records
 from ..estimation import Estimate
 from ..estimation.estimate import Case, as_stack, checked_case, divergence
 from ..estimation.likelihoods import AbstractLikelihood, OutputError
@@ -100,7 +100,7 @@ def identify(
     """
     require_float64()
     options, likelihood = options or IdentifyOptions(), likelihood or OutputError()
-    single = unstack(as_stack(records)) if isinstance(records, Record) else list(records)
+    single = single_records(records)
     require(len(single) > 0, "There is no record to identify from. Give at least one.")
     with text_progress(progress) as show:
         show("regression")
@@ -117,9 +117,7 @@ def identify(
         adaptation = Adaptation(estimate_case(chosen.case, solver), ())
         if options.adapt:
             show("changes of the terms")
-            adaptation = adapted(
-                chosen.case, adaptation.estimate, chosen.admitted, likelihood, options, solver
-            )
+            adaptation = adapted(chosen.case, adaptation.estimate, chosen.admitted, options, solver)
     fit = adaptation.estimate
     own_terms = {name: one.terms for name, one in polynomials_of(chosen.model).items()}
     own_terms |= adaptation.terms({name: own_terms[name] for name in chosen.terms})

@@ -19,6 +19,7 @@ from ..design.shapes import AbstractShape
 from ..design.signals import InputSignal
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import as_float
+from ..models.free import all_names
 from ..models.noise import FixedNoise
 from .study import Study
 
@@ -61,8 +62,10 @@ def next_record(
         The design; with alternatives its `chi_square` is the one expected between the explanations.
 
     Raises:
-        InputError: when the study leaves nothing open, and as `design_input`.
+        InputError: when the outcome of the study is process noise, whose parameters no input is
+            designed for, when the study leaves nothing open, and as `design_input`.
     """
+    _require_simulated(study)
     noise = FixedNoise(jnp.array([study.noise[name] ** 2 for name in study.outputs]))
     likelihood = dataclasses.replace(study.likelihood, noise=noise)
     options: dict[str, Any] = {
@@ -87,6 +90,19 @@ def next_record(
         likelihood=likelihood,
         earlier=known.earlier,
         **options,
+    )
+
+
+def _require_simulated(study: Study) -> None:
+    """Refuse a study whose estimate has parameters of random forces, which its model has not."""
+    known = all_names(study.after.model)
+    others = [name for name in study.after.estimate.free.shared if name not in known]
+    require(
+        not others,
+        f"The study ends with {study.noise_model.words}, whose parameters ({', '.join(others)}) "
+        "are in its estimate and not in its model: no input is designed for them. Design for the "
+        "declared model: `jaxid.design.design_input(study.after.model, study.before.estimate.free, "
+        "t, ...)`, or the command `design` without `--after-loop`.",
     )
 
 

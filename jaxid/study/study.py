@@ -77,7 +77,8 @@ class Study:
             residual of the last fit if that is noise, from its white part if effects are missing.
         noise_known: True if the noise was given and the residual was tested against it; False if
             it was estimated.
-        likelihood: the given measure of the misfit.
+        likelihood: the compact form of the given measure of the misfit
+            (`AbstractLikelihood.compact`).
         outputs, output_units: names and units of the channels.
         tests: the test records by name.
         train, check: the training records of the final estimate, and the records that decided.
@@ -129,6 +130,7 @@ class Study:
         return {
             "verdict": self.verdict,
             "outcome": self.outcome.value,
+            "interrupted": self.interrupted,
             "effects": list(self.effects),
             "before": pick(self.before.rms),
             "after": pick(self.after.rms),

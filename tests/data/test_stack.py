@@ -9,6 +9,7 @@ from record_strategies import alike, assert_same
 
 from jaxid._foundation.checks import InputError
 from jaxid.data import record, segment, split, split_at, stack, unstack
+from jaxid.data.stack import single_records
 
 
 def flight(name, rows=6, **changes):
@@ -49,6 +50,14 @@ def test_padding_repeats_last_row_and_is_masked(makes):
         assert not np.asarray(stacked.mask)[i, n:].any()
         assert not np.asarray(stacked.z)[i, n:].any()
         assert (jnp.diff(stacked.t[i])[: n - 1] > 0).all()
+
+
+def test_single_records_of_records_and_stacks_have_no_padding():
+    a, b, c = (flight(name, rows) for name, rows in (("a", 4), ("b", 6), ("c", 5)))
+    assert single_records(a) == [a]
+    assert single_records([]) == []
+    for one, other in zip(single_records((c, stack([a, b]))), (c, a, b), strict=True):
+        assert_same(one, other)
 
 
 DIFFERENT = {

@@ -103,12 +103,17 @@ def test_records_without_a_response_are_refused(noise):
     gap = z.copy()
     gap[7] = np.nan
     other = made(u, z, 2 * T)
+    options = {"inputs": ("u0",), "outputs": ("z0",)}
+    renamed = jaxid.record(T, u, z, **options | {"inputs": ("v",)})
+    in_degrees = jaxid.record(T, u, z, units={"u0": "deg"}, **options)
     cases = {
         "no input": (jaxid.record(T, None, z, inputs=(), outputs=("z",)), {}),
         "1 samples are missing": (made(u, gap), {}),
         "steps of time differ": (made(u, z, T + 0.01 * np.sin(np.arange(SAMPLES))), {}),
         "step 0.1 s, and the first record 0.05 s": ([made(u, z), other], {}),
         "Give other `seconds`": (made(u, z), {"seconds": 1e4}),
+        "Record 1 .*its inputs differ in 'u0', 'v'": ([made(u, z), renamed], {}),
+        "Record 1 .*channel 'u0' is in .rad.": ([made(u, z), in_degrees], {}),
         "no record": ([], {}),
         "1 segments for 1 inputs": (made(u, z), {"seconds": DT * SAMPLES}),
         "other channels": (made(u, z), {"model": Spring(jnp.array(1.0), jnp.array(1.0))}),

@@ -7,6 +7,7 @@ import pytest
 from jaxid import AbstractModel, OutputError, record
 from jaxid._foundation.types import Array
 from jaxid.diagnosis.validation import Predictor
+from jaxid.effects import Augmented, SensorLag
 from jaxid.estimation.estimate import as_stack
 from jaxid.models import FixedNoise
 from jaxid.models.base import canonical
@@ -27,14 +28,17 @@ class Levels(AbstractModel):
         return x[:1]
 
 
-def predicted(prior):
+LEVELS = Levels(jnp.array(0.0))
+STARTS = tuple(f"initial_state.{name}" for name in Levels.states)
+
+
+def predicted(prior, model=LEVELS, starts=STARTS):
     t = STEP * np.arange(20)
     z = 2.0 + SIGMA * np.random.default_rng(3).normal(size=(20, 1))
     stack = as_stack(record(t, np.zeros((20, 0)), z, inputs=(), outputs=("z",))).anonymous()
     likelihood = canonical(OutputError(FixedNoise(jnp.array([[SIGMA**2]]))))
-    starts = tuple(f"initial_state.{name}" for name in Levels.states)
     predictor = Predictor(likelihood, WINDOW, starts, 1, prior)
-    return predictor.predict(canonical(Levels(jnp.array(0.0))), stack), z
+    return predictor.predict(canonical(model), stack), z
 
 
 def test_start_is_weighted_with_its_prior():
@@ -50,3 +54,11 @@ def test_start_without_prior_is_the_mean_of_the_window():
     prediction, z = predicted(None)
     start = np.asarray(prediction.initial_state)[0]
     assert start[0] == pytest.approx(np.mean(z[:WINDOW]), rel=1e-9)
+
+
+def test_initial_state_has_no_memory_of_an_effect():
+    """The memory of a lag stands before the initial states, as between those of two effects."""
+    model = Augmented(LEVELS, (SensorLag("z"),))
+    prediction, z = predicted(None, model, ("lag of z.start", *STARTS))
+    start = np.asarray(prediction.initial_state)
+    assert start[0] == pytest.approx([np.mean(z[:WINDOW]), 0.0], rel=1e-9)

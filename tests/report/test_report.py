@@ -216,6 +216,13 @@ def test_page_qualifies_errors_under_random_forces(study, drawn, quick):
         assert (note in str(shown)) is expected
 
 
+def test_page_and_json_state_that_the_search_was_stopped(study, drawn, quick):
+    stopped = dataclasses.replace(study, interrupted=True)
+    for one in (study, stopped):
+        assert ("The search was stopped" in html(one, drawn=drawn)) is one.interrupted
+        assert json.loads(one.to_json())["interrupted"] is one.interrupted
+
+
 def test_page_names_test_set_that_decided(study, drawn, quick):
     rounds = tuple(
         dataclasses.replace(entry, errors=entry.errors | {"check": study.before.rms["quick"]})

@@ -212,6 +212,32 @@ def test_parameters_that_no_record_shows_are_found():
     assert not advice(record, model, only_first).of(FindingKind.UNDETERMINED)
 
 
+class Letters(jaxid.AbstractModel):
+    """An oscillator with forces whose gains have names that words contain."""
+
+    m: Array
+    d: Array
+    e: Array
+    states, inputs, outputs = ("x", "v"), ("a", "b"), ("x",)
+
+    def rhs(self, t, x, u):
+        return jnp.stack([x[1], self.d * u[0] - 2.0 * x[0] - 0.3 * x[1] + 0.0 * self.m])
+
+    def output(self, t, x, u):
+        return x[:1] + self.e * u[1]
+
+
+def test_finding_on_a_direction_has_its_own_parameters_only():
+    """m acts nowhere, and the input of e is always zero; the sentences contain d, e and m."""
+    t, u, z = measure(kind="noise")
+    record = jaxid.record(
+        t, np.stack([u, 0.0 * u], 1), z, inputs=Letters.inputs, outputs=Letters.outputs
+    )
+    given = advice(record, Letters(jnp.array(1.0), jnp.array(1.0), jnp.array(0.5)))
+    names = sorted(finding.names for finding in given.of(FindingKind.UNDETERMINED))
+    assert names == [("e",), ("m",)]
+
+
 def test_hardly_determined_parameters_are_found():
     t, u, z = measure(kind="noise")
     loud = z + 3.0 * np.random.default_rng(1).normal(size=SAMPLES)
@@ -370,3 +396,48 @@ def test_record_with_more_channels_is_reduced_and_without_them_refused():
         advice(wrong, MODEL)
     with pytest.raises(jaxid.InputError, match="no record"):
         advice([], MODEL)
+
+
+class Tank(jaxid.AbstractModel):
+    """A tank that empties, and its level."""
+
+    outflow: Array
+    states, inputs, outputs = ("level",), ("inflow",), ("measured",)
+
+    def rhs(self, t, x, u):
+        return u - self.outflow * jnp.sqrt(x)
+
+    def output(self, t, x, u):
+        return x
+
+
+class Pipe(Tank):
+    """A tank with a linear outflow, whose rate of flow is measured behind an orifice."""
+
+    def rhs(self, t, x, u):
+        return u - self.outflow * x
+
+    def output(self, t, x, u):
+        return jnp.sqrt(x)
+
+
+@pytest.mark.parametrize("first", [0.0, 0.5])
+@pytest.mark.parametrize("tank", [Tank, Pipe])
+def test_model_with_an_infinite_slope_has_advice(tank, first):
+    """The slope of a root is infinite at zero: at the first sample, or in the test for rest."""
+    rng = np.random.default_rng(0)
+    inflow = 0.3 + 0.05 * excitation("held", rng)
+    measured = 0.7 + 0.3 * TIME / TIME[-1] + 0.002 * rng.normal(size=SAMPLES)
+    given = advice(
+        jaxid.record(
+            TIME,
+            inflow,
+            measured,
+            inputs=("inflow",),
+            outputs=("measured",),
+            constants={"initial_state.level": first},
+        ),
+        tank(jnp.array(0.4)),
+    )
+    assert not given.of(FindingKind.OFFSET)
+    assert len(given.excitation) == 1

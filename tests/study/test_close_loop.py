@@ -14,6 +14,7 @@ from small_spring import SIGMA, Spring, fly
 from jaxid import AbstractModel, LoopOptions, OutputError, close_loop, free, record, simulate
 from jaxid._foundation.checks import InputError
 from jaxid._foundation.types import Array
+from jaxid.design import Determinant, Limits, design_input, sample_times
 from jaxid.diagnosis import LocalisationResult, Place
 from jaxid.effects import (
     Augmented,
@@ -45,6 +46,7 @@ from jaxid.loop.evidence import Decision, is_degenerate
 from jaxid.loop.fit import fit
 from jaxid.loop.wording import NO_PLACE
 from jaxid.models import FixedNoise
+from jaxid.study import next_record
 from jaxid.study.candidates import candidates
 from jaxid.study.rivals import discrimination
 from jaxid.study.study_records import TEST_BEYOND, channels_beyond
@@ -273,8 +275,13 @@ def shaken(seed, samples=300, cubic=0.0):
     return record(t, u[:, None], z, inputs=("force",), outputs=("x",), name=f"record {seed}")
 
 
-def test_random_force_is_reported_as_process_noise_without_effects():
-    result = closed([shaken(10 + index) for index in range(7)])
+@pytest.fixture(scope="module")
+def shaken_study():
+    return closed([shaken(10 + index) for index in range(7)])
+
+
+def test_random_force_is_reported_as_process_noise_without_effects(shaken_study):
+    result = shaken_study
     assert (result.outcome, result.effects) == (Outcome.PROCESS_NOISE, ())
     assert isinstance(result.noise_model, RandomForces)
     assert result.noise_model.equations == ("v",)
@@ -288,6 +295,22 @@ def test_random_force_is_reported_as_process_noise_without_effects():
     note = "does not contain the motion that the random forces cause"
     assert note in str(result)
     assert note in result._repr_html_()
+
+
+def test_next_record_after_random_forces_is_refused(shaken_study):
+    t, limits = sample_times(5.0, 0.1), Limits({"force": 0.3})
+    with pytest.raises(InputError, match=r"random forces in the equation of v.*`jaxid\.design"):
+        next_record(shaken_study, t, limits)
+    design = design_input(
+        shaken_study.after.model,
+        shaken_study.before.estimate.free,
+        t,
+        shape=None,
+        measure=Determinant(),
+        limits=limits,
+        likelihood=OutputError(FixedNoise(jnp.array([SIGMA**2]))),
+    )
+    assert design.information.names == ("k", "c")
 
 
 def coloured(seed, effect=None):

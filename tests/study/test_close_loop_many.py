@@ -2,6 +2,9 @@
 
 import importlib
 import pickle
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from typing import ClassVar
 
 import jax.numpy as jnp
 import pytest
@@ -12,10 +15,12 @@ from jaxid._foundation.checks import InputError
 from jaxid.effects import Term
 from jaxid.models import FixedNoise
 from jaxid.study import close_loop_many
-from jaxid.study.many.close_loop_many import run_study
+from jaxid.study.many.close_loop_many import KILLED, _run, run_study
 from jaxid.study.many.studies import Studies, StudyResult
 from jaxid.study.many.study_folder import StudyFolder
 
+# its package has a function of the same name
+module = importlib.import_module("jaxid.study.many.close_loop_many")
 CUBE = Term("v", "x^3", gain=jnp.array(-0.3))
 OPTIONS = LoopOptions(max_rounds=1, swap_limit=0, beam_width=1)
 
@@ -120,14 +125,80 @@ def test_error_of_a_study_is_returned_with_its_traceback(studies, monkeypatch):
     def fail(**arguments):
         raise ZeroDivisionError("planted")
 
-    module = importlib.import_module("jaxid.study.many.close_loop_many")
     monkeypatch.setattr(module, "close_loop", fail)
     result = run_study("a", pickle.dumps(studies["flight 1"]))
     assert "ZeroDivisionError: planted" in result.failure
     assert str(Studies((result,))).endswith("ZeroDivisionError: planted")
 
 
+class DyingPool(ProcessPoolExecutor):
+    """A pool of processes one of which dies after a number of studies, in each pool another."""
+
+    accepted: ClassVar[list[int]] = []
+
+    def __init__(self, *arguments):
+        self.left = self.accepted.pop(0) if self.accepted else 0
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        pass
+
+    def submit(self, run, name, pickled):
+        if self.left == 0:
+            raise BrokenProcessPool
+        self.left -= 1
+        future = Future()
+        future.set_result(StudyResult(name, 0.0, {}))
+        return future
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize("accepted", [[1, 2], [2, 1], [1, 1, 1]])
+def test_study_that_a_broken_pool_refuses_runs_in_the_next_one(monkeypatch, processes, accepted):
+    monkeypatch.setattr(module, "ProcessPoolExecutor", DyingPool)
+    monkeypatch.setattr(DyingPool, "accepted", list(accepted))
+    results = list(_run({"a": {}, "b": {}, "c": {}}, processes))
+    assert [(result.name, result.failure) for result in results] == [
+        ("a", ""),
+        ("b", ""),
+        ("c", ""),
+    ]
+
+
+def test_pools_that_accept_no_study_come_to_an_end(monkeypatch):
+    monkeypatch.setattr(module, "ProcessPoolExecutor", DyingPool)
+    results = list(_run({"a": {}, "b": {}}, 2))
+    assert sorted((result.name, result.failure) for result in results) == [
+        ("a", KILLED),
+        ("b", KILLED),
+    ]
+
+
+def row(before, after, noise):
+    """Return channel and errors in the table of a result with one set of test records."""
+    tests = {"t": {"before": before, "after": after}}
+    content = {"outcome": "explained", "effects": [], "noise": noise, "tests": tests}
+    cells = StudyResult("a", 1.0, content).row()
+    return cells["channel"], cells["before"], cells["after"]
+
+
 def test_prediction_that_diverges_has_infinite_error_in_the_table():
-    errors = {"before": {"x": None}, "after": {"x": 1.0}}
-    content = {"outcome": "explained", "effects": [], "noise": {"x": 1.0}, "tests": {"t": errors}}
-    assert StudyResult("a", 1.0, content).row()["before"] == float("inf")
+    assert row({"x": None}, {"x": 1.0}, {"x": 1.0}) == ("x", float("inf"), 1.0)
+    both = row({"x": None}, {"x": None}, {"x": 1.0})
+    assert both == ("x", float("inf"), float("inf"))
+
+
+def test_channel_without_a_test_sample_is_not_in_the_table():
+    """Its errors are NaN, which JSON stores as null, and so may be its noise."""
+    before, after = {"x": None, "y": 2.0}, {"x": None, "y": 1.0}
+    for noise in (1.0, None):
+        assert row(before, after, {"x": noise, "y": 0.5}) == ("y", 2.0, 1.0)
+
+
+def test_channel_without_noise_is_in_the_table_if_it_has_an_error():
+    before, after = {"x": 0.1, "y": 2.0}, {"x": 0.0, "y": 1.0}
+    assert row(before, after, {"x": 0.0, "y": 0.5}) == ("x", 0.1, 0.0)
+    before["x"] = 0.0
+    assert row(before, after, {"x": 0.0, "y": 0.5}) == ("y", 2.0, 1.0)

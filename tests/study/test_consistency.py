@@ -253,6 +253,20 @@ def test_per_record_error_has_one_value_per_record(two):
         result.corrected(measured(jax.random.key(0)))
 
 
+def test_group_with_one_value_per_record_is_expanded(two):
+    """`bias` holds an error that is proposed for all records; it has one value for each record."""
+    result = jaxid.consistency(
+        PERFECT, two, ("bias.force", "bias.speed", "scale.speed"), per_record=("bias",)
+    )
+    names = [(error.name, error.record) for error in result.errors]
+    assert names[0] == ("scale.speed", None)
+    assert {name for name, record in names if record == "second"} == {
+        "bias.force",
+        "bias.speed",
+        "bias.place",
+    }
+
+
 def test_refusals(record, two):
     with pytest.raises(InputError, match=r"no parameter 'bias\.forc'"):
         jaxid.consistency(PERFECT, record, ("bias.forc",))

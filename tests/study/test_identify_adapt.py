@@ -37,14 +37,14 @@ def fitted(record, names, likelihood=KNOWN):
 
 def adaptation(record, names, candidates=CANDIDATES, likelihood=KNOWN):
     case, estimate = fitted(record, names, likelihood)
-    return adapted(case, estimate, {"stiffness": candidates}, likelihood, IdentifyOptions(), None)
+    return adapted(case, estimate, {"stiffness": candidates}, IdentifyOptions(), None)
 
 
 def test_score_predicts_reduction_of_the_cost(record):
     """A term without effect in truth: near the optimum the cost is a parabola."""
     case, estimate = fitted(record, tuple(TRUE))
     for term in ("x^2", "x v", "v^2"):
-        (gain,), (tolerance,) = _scores(case, estimate, [f"stiffness.{term}"], KNOWN)
+        (gain,), (tolerance,) = _scores(case, estimate, [f"stiffness.{term}"])
         _, larger = fitted(record, (*TRUE, term))
         reduction = 2.0 * float(estimate.cost - larger.cost)
         np.testing.assert_allclose(gain, reduction, rtol=0.02, atol=1e-6)

@@ -106,23 +106,55 @@ def _run(studies: Mapping[str, Arguments], processes: int) -> Iterator[StudyResu
     """Yield the results of studies as they come.
 
     If a process is killed, its pool fails with all studies that it runs, and a new pool takes the
-    waiting ones. No more studies are submitted than there are processes, so that these wait.
+    waiting ones.
     """
     waiting = deque(studies)
     while waiting:
         context, settings = multiprocessing.get_context("spawn"), settings_in_use()
         count = min(processes, len(waiting))
         with ProcessPoolExecutor(count, context, configure_process, (settings,)) as pool:
-            running: dict[Future, str] = {}
-            broken = False
-            while running or (waiting and not broken):
-                while waiting and not broken and len(running) < count:
-                    name = waiting.popleft()
-                    running[_submitted(pool, name, studies[name])] = name
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    result = _result(future, running.pop(future))
-                    broken = broken or result.failure == KILLED
-                    yield result
+            yield from _run_in(pool, count, studies, waiting)
+
+
+def _run_in(
+    pool: ProcessPoolExecutor, count: int, studies: Mapping[str, Arguments], waiting: deque[str]
+) -> Iterator[StudyResult]:
+    """Yield the results of waiting studies from one pool, until none waits or the pool fails.
+
+    A pool that accepts no study fails the first waiting one, so that each pool ends at least one.
+    """
+    running: dict[Future, str] = {}
+    works = _fill(pool, count, studies, waiting, running)
+    if not running:
+        yield StudyResult(waiting.popleft(), 0.0, None, KILLED)
+    while running:
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            result = _result(future, running.pop(future))
+            works = works and result.failure != KILLED
+            yield result
+        works = works and _fill(pool, count, studies, waiting, running)
+
+
+def _fill(
+    pool: ProcessPoolExecutor,
+    count: int,
+    studies: Mapping[str, Arguments],
+    waiting: deque[str],
+    running: dict[Future, str],
+) -> bool:
+    """Move waiting studies to the running ones, and return False if the pool has failed.
+
+    No more studies are submitted than there are processes, so that the others wait. A study that
+    the failed pool refuses waits again.
+    """
+    while waiting and len(running) < count:
+        name = waiting[0]
+        try:
+            running[_submitted(pool, name, studies[name])] = name
+        except BrokenProcessPool:
+            return False
+        waiting.popleft()
+    return True
 
 
 def _result(future: Future, name: str) -> StudyResult:
@@ -134,13 +166,15 @@ def _result(future: Future, name: str) -> StudyResult:
 
 
 def _submitted(pool: ProcessPoolExecutor, name: str, arguments: Arguments) -> Future:
-    """Return the future of a study, or of its failure if its arguments cannot be sent."""
+    """Return the future of a study, or of its failure if its arguments cannot be sent.
+
+    Raises:
+        BrokenProcessPool: if a process of the pool was killed.
+    """
     try:
         return pool.submit(run_study, name, pickle.dumps(dict(arguments)))
-    except BrokenProcessPool as error:
-        failed: Future = Future()
-        failed.set_exception(error)
-        return failed
+    except BrokenProcessPool:
+        raise
     except Exception as error:  # pickle has many
         unsent: Future = Future()
         unsent.set_result(StudyResult(name, 0.0, None, _unsent(error)))

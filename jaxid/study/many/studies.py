@@ -42,7 +42,8 @@ class StudyResult:
         """Return one row of the table.
 
         The errors are those of the channel and test set with the largest ratio of error to noise
-        before.
+        before. A channel without an error on either side, such as one that is not measured, is left
+        out unless all are.
         """
         row = {
             "study": self.name,
@@ -58,16 +59,24 @@ class StudyResult:
             return row
         noise = self.content["noise"]
         errors = [
-            (_number(test["before"][channel]) / noise[channel], channel, test)
+            (channel, test["before"][channel], test["after"][channel])
             for test in self.content["tests"].values()
             for channel in test["before"]
         ]
-        _, channel, test = max(errors, key=lambda error: error[0])
-        return row | {
-            "channel": channel,
-            "before": _number(test["before"][channel]),
-            "after": _number(test["after"][channel]),
-        }
+        known = [error for error in errors if error[1:] != (None, None)]
+        channel, before, after = max(
+            known or errors, key=lambda error: _ratio(_number(error[1]), noise[error[0]])
+        )
+        return row | {"channel": channel, "before": _number(before), "after": _number(after)}
+
+
+def _ratio(error: float, noise: float | None) -> float:
+    """Return the ratio of an error to a noise; JSON holds no noise for an unmeasured channel."""
+    if noise is None:
+        return 0.0
+    if noise == 0.0:
+        return float("inf") if error > 0.0 else 0.0
+    return error / noise
 
 
 def _number(stored: float | None) -> float:

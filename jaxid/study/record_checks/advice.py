@@ -6,6 +6,7 @@ import numpy as np
 
 from ..._foundation.checks import InputError, require, require_float64
 from ...data.record import Record
+from ...data.stack import single_records
 from ...estimation.likelihoods import AbstractLikelihood, OutputError
 from ...models.base import AbstractModel, canonical
 from ...models.equation_shapes import check_equations
@@ -55,7 +56,8 @@ def advice(
     require_float64()
     model, simulating = canonical(model), _simulating(likelihood)
     check_equations(model)
-    singles = [_selected(model, record) for record in _single_records(records)]
+    singles = [_selected(model, record) for record in single_records(records)]
+    require(len(singles) > 0, "There is no record to advise on. Give at least one.")
     findings: list[Finding] = []
     excitation = []
     finite = True
@@ -103,17 +105,10 @@ def _findings(record: Measured, piece: Record, model: AbstractModel, at: Respons
 
 def _dynamic(record: Measured, at: Response) -> Iterator[Finding]:
     """Findings that need equal steps and the linear response of the model."""
-    if record.is_uniform and np.isfinite(at.A).all():
+    if record.is_uniform and at.is_finite:
         yield from offset_at_rest(record, at)
         yield from delay_and_drift(record, at)
         yield from feedback(record, at)
-
-
-def _single_records(records: Record | Sequence[Record]) -> list[Record]:
-    """Return single records; those of a stack without their padding."""
-    given = [records] if isinstance(records, Record) else list(records)
-    require(len(given) > 0, "There is no record to advise on. Give at least one.")
-    return [single for record in given for single in (record if record.is_stack else (record,))]
 
 
 def _selected(model: AbstractModel, record: Record) -> Record:

@@ -12,11 +12,13 @@ from ...data.stack import stack
 from ...design.information import ROUGHLY, PlannedInformation, information_of
 from ...diagnosis.autoregression import white_noise_variance
 from ...estimation.likelihoods import OutputError
+from ...estimation.spectrum_policy import SPREAD
 from ...models.base import AbstractModel
 from ...models.free import INITIAL_STATE, Free
 from ...models.free import free as free_parameters
 from ...models.names import parameter_names
 from ...models.noise import FixedNoise
+from ...sensitivity.spectrum import spectrum, weak_components
 from .findings import Finding, FindingKind
 from .thresholds import MOST_PARAMETERS
 
@@ -77,8 +79,10 @@ def noise_variance(records: Record) -> np.ndarray:
 
 def undetermined(information: PlannedInformation) -> Iterator[Finding]:
     """Findings on parameters that the records do not determine, or hardly."""
-    for words in information.weak_directions:
-        names = tuple(name for name in information.undetermined if name in words)
+    decomposition = spectrum(information.factor, np.zeros(len(information.factor)))
+    directions = weak_components(decomposition, SPREAD)
+    for words, (_, kept) in zip(information.weak_directions, directions, strict=True):
+        names = tuple(information.names[k] for k in kept)
         yield Finding(FindingKind.UNDETERMINED, "", names, {}, (words,))
     rows = zip(
         information.names, information.standard_errors, information.relative_errors, strict=True

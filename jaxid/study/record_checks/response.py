@@ -46,8 +46,14 @@ class Response(NamedTuple):
 
     @property
     def poles(self) -> np.ndarray:
-        """Eigenvalues of A."""
-        return np.linalg.eigvals(self.A) if self.A.size else np.zeros(0)
+        """Eigenvalues of A; none where A is not finite, as at the root of a state that is zero."""
+        exist = self.A.size and np.isfinite(self.A).all()
+        return np.linalg.eigvals(self.A) if exist else np.zeros(0)
+
+    @property
+    def is_finite(self) -> bool:
+        """True if all numbers of the linear model are finite."""
+        return all(bool(np.isfinite(part).all()) for part in (self.A, self.B, self.C, self.D))
 
     @property
     def rates(self) -> np.ndarray:
@@ -93,7 +99,10 @@ def _rests_at_zero(model: AbstractModel, t: float) -> bool:
     moving = bool(jnp.any(model.rhs(now, x, u) != 0)) if model.states else False
     if moving or not bool(jnp.all(model.output(now, x, u) == 0)):
         return False
-    poles = np.abs(np.linalg.eigvals(np.asarray(linearise(model, t, x, u).A)))
+    A = np.asarray(linearise(model, t, x, u).A)
+    if not np.isfinite(A).all():
+        return False
+    poles = np.abs(np.linalg.eigvals(A))
     return bool(np.all(poles > INTEGRATOR * np.max(poles, initial=0.0)))
 
 

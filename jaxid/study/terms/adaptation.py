@@ -10,7 +10,6 @@ import scipy.linalg
 
 from ...estimation.coloured_errors import colour_ratio
 from ...estimation.estimate import Case, checked_case
-from ...estimation.likelihoods import AbstractLikelihood
 from ...estimation.result import Estimate
 from ...estimation.shared_programs import estimate_case, evaluate
 from ...estimation.solver import GaussNewton
@@ -95,7 +94,6 @@ def adapted(
     case: Case,
     estimate: Estimate,
     candidates: Mapping[str, Sequence[str]],
-    likelihood: AbstractLikelihood,
     options: IdentifyOptions,
     solver: GaussNewton | None,
 ) -> Adaptation:
@@ -114,10 +112,9 @@ def adapted(
     left does not return. Constants, added parameters and terms that an option names stay.
 
     Args:
-        case: the problem of the estimate.
+        case: the problem of the estimate, with its likelihood.
         estimate: estimate of the selected terms.
         candidates: terms of each response that may be estimated; the model has all of them.
-        likelihood: measure of the misfit.
         options: levels, and terms that stay.
         solver: the Gauss-Newton solver.
     """
@@ -126,12 +123,10 @@ def adapted(
     changes: list[Change] = []
     while True:
         movable = {name: term for name, term in every.items() if name not in closed}
-        change = _departure(estimate, movable, options) or _entry(
-            case, estimate, movable, likelihood, options
-        )
+        change = _departure(estimate, movable, options) or _entry(case, estimate, movable, options)
         if change is None:
             return Adaptation(estimate, tuple(changes))
-        changed = _changed(case, estimate, change, likelihood)
+        changed = _changed(case, estimate, change)
         begin = Parameters(changed.begin.shared, estimate.own)
         trial = estimate_case(changed, solver, begin)
         change = change._replace(costs=(float(estimate.cost), float(trial.cost)))
@@ -187,14 +182,13 @@ def _entry(
     case: Case,
     estimate: Estimate,
     movable: Movable,
-    likelihood: AbstractLikelihood,
     options: IdentifyOptions,
 ) -> Change | None:
     """Return the change that adds the candidate of the largest score, None if none enters."""
     outside = [name for name in movable if name not in estimate.names]
     if not outside:
         return None
-    gain, tolerance = _scores(case, estimate, outside, likelihood)
+    gain, tolerance = _scores(case, estimate, outside)
     ratio = colour_ratio(estimate.standard_errors, estimate.corrected_errors)
     score = gain / float(np.median(np.asarray(ratio))) ** 2
     dof = _dof(estimate) - 1
@@ -216,7 +210,7 @@ def _dof(estimate: Estimate) -> int:
 
 
 def _scores(
-    case: Case, estimate: Estimate, outside: Sequence[str], likelihood: AbstractLikelihood
+    case: Case, estimate: Estimate, outside: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return expected reduction of twice the cost by each candidate, and tolerances.
 
@@ -225,7 +219,7 @@ def _scores(
     with t and r the parts of the candidate's column of the triangle, of length one, and of the
     right-hand side that are orthogonal to the columns of the free parameters.
     """
-    together = _case(estimate.model, (*estimate.names, *outside), case, likelihood)
+    together = _case(estimate.model, (*estimate.names, *outside), case)
     _, linearised = evaluate(together, Parameters(together.begin.shared, estimate.own))
     information, count = linearised.information, len(estimate.names)
     T, r = np.asarray(information.triangle), np.asarray(information.rhs)
@@ -238,20 +232,17 @@ def _scores(
     return gain / np.where(tolerance > 0, tolerance, 1.0), tolerance
 
 
-def _changed(
-    case: Case, estimate: Estimate, change: Change, likelihood: AbstractLikelihood
-) -> Case:
+def _changed(case: Case, estimate: Estimate, change: Change) -> Case:
     """Return the problem after a change, started at the estimate."""
     model, names = estimate.model, [name for name in estimate.names if name != change.name]
     if change.kind is Kind.ADD:
         names.append(change.name)
     if change.kind is Kind.DELETE:
         model = with_values(model, [change.name], jnp.zeros(1))
-    return _case(model, names, case, likelihood)
+    return _case(model, names, case)
 
 
-def _case(
-    model: AbstractModel, names: Sequence[str], case: Case, likelihood: AbstractLikelihood
-) -> Case:
+def _case(model: AbstractModel, names: Sequence[str], case: Case) -> Case:
+    """Return the problem of a case for another model and other shared parameters."""
     chosen = free(model, *names, per_record=case.free.per_record)
-    return checked_case(model, chosen, case.records, likelihood)
+    return checked_case(model, chosen, case.records, case.problem.likelihood)

@@ -118,7 +118,7 @@ class LoopProblem:
 
         Args:
             records: the stack.
-            which: what it is, for the message.
+            which: its name in the message.
         """
         check_channels(self.model, records)
         check_sampling(self.model, records, self.likelihood)

@@ -361,7 +361,7 @@ def check_finite(declared: LoopFit) -> None:
         "finite, so that no candidate can be scored. Keep it finite (a root of zero needs a "
         "floor), or leave the parameter out.",
     )
-    suspects = tuple(effect.name for effect in problem.library if effect.name in infinite)
+    suspects = tuple(name for name in problem.names if name in infinite) or problem.names
     names = " and of ".join(map(repr, _spoiling(declared, suspects)))
     raise InputError(
         f"On the training records the derivative at zero gain of {names} is not finite, so that "

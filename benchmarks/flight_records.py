@@ -8,7 +8,6 @@ part of the project: a case without its files is reported as skipped.
 """
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jaxid
+from benchmarks.command_line import add_json, print_rows, report_progress, requested
 from jaxid import OutputError, Record, Study, close_loop, identify
 from jaxid._foundation.checks import InputError
 from jaxid.aircraft import (
@@ -196,9 +196,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.flight_records", description="The loop on flights of DLR."
     )
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON object and nothing else"
-    )
+    add_json(parser)
     parser.add_argument(
         "--cases", default=",".join(CASES), help=f"which, of {', '.join(CASES)} (default: all)"
     )
@@ -206,19 +204,10 @@ def main(arguments: list[str] | None = None) -> int:
         "--data", metavar="FOLDER", required=True, help="where the book's files are"
     )
     options = parser.parse_args(arguments)
-    requested = [name.strip() for name in options.cases.split(",")]
-    for name in requested:
-        if name not in CASES:
-            parser.error(f"there is no case {name!r}; there are {', '.join(CASES)}")
+    names = requested(parser, options.cases, CASES, "case")
     jaxid.configure()
-
-    def report(words: str) -> None:
-        print(words, file=sys.stderr, flush=True)
-
-    rows = [measure(name, Path(options.data), report) for name in requested]
-    status = "measured" if any(one["status"] == "measured" for one in rows) else "no data"
-    text = json.dumps({"status": status, "origin": ORIGIN, "rows": rows}, indent=1)
-    print(text if options.json else table(rows))
+    rows = [measure(name, Path(options.data), report_progress) for name in names]
+    print_rows(rows, ORIGIN, table, options.json)
     return 0
 
 

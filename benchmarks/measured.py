@@ -9,7 +9,6 @@ project: a set without its files is reported as skipped.
 """
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from typing import Any, NamedTuple
 
 import jax
 
+from benchmarks.command_line import add_json, print_rows, report_progress, requested
 from jaxid import Study, close_loop, predict
 from jaxid._foundation.checks import InputError
 from jaxid.data import split_at
@@ -242,9 +242,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.measured", description="The loop on measured data."
     )
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON object and nothing else"
-    )
+    add_json(parser)
     parser.add_argument(
         "--sets", default=",".join(SETS), help=f"which, of {', '.join(SETS)} (default: all)"
     )
@@ -253,25 +251,11 @@ def main(arguments: list[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     known = SETS | {name: (name,) for name in CASES if name not in SETS}
-    requested = [name.strip() for name in options.sets.split(",")]
-    for name in requested:
-        if name not in known:
-            parser.error(f"there is no set {name!r}; there are {', '.join(known)}")
+    names = requested(parser, options.sets, known, "set")
     jax.config.update("jax_enable_x64", True)
-    rows = [
-        measure(name, options.data, _report_progress) for one in requested for name in known[one]
-    ]
-    status = "measured" if any(one["status"] == "measured" for one in rows) else "no data"
-    print(
-        json.dumps({"status": status, "origin": ORIGIN, "rows": rows}, indent=1)
-        if options.json
-        else table(rows)
-    )
+    rows = [measure(name, options.data, report_progress) for one in names for name in known[one]]
+    print_rows(rows, ORIGIN, table, options.json)
     return 0
-
-
-def _report_progress(words: str) -> None:
-    print(words, file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -311,9 +311,8 @@ def _other_starts(parent: LoopFit, move: Move, first: LoopFit, target: float) ->
     if not np.isfinite(first.cost):
         return everywhere
     fall, expected = parent.cost - first.cost, move.expected / 2.0  # of the cost
-    if not within_reach(first.cost, max(fall, expected - fall), target):
-        return []
-    if fall >= STALLED * expected:
+    in_reach = within_reach(first.cost, max(fall, expected - fall), target)
+    if fall >= STALLED * expected or not in_reach:
         return []
     if not first.converged:
         return everywhere

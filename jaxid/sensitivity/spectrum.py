@@ -165,7 +165,8 @@ def weak_directions(
 def weak_components(
     decomposition: Spectrum, threshold: float, share: float = 0.05
 ) -> Iterator[tuple[Float[np.ndarray, " parameter"], Int[np.ndarray, " n"]]]:
-    """Weak directions, each with the positions of the parameters that `weak_directions` names.
+    """Yield the weak directions, each with the positions of the parameters that `weak_directions`
+    names.
 
     Args:
         decomposition: the spectrum.

@@ -181,7 +181,7 @@ def test_refinement_of_refused_effect_replaces_it(refused_cubic, monkeypatch):
     [
         (8.0, -0.9, -31.5, 3),  # it stalls; as expected in each of ten runs, it reaches its target
         (8.0, -0.9, -32.5, 1),
-        (8.0, -1.1, -31.5, 1),  # it brings more than a quarter of what is expected
+        (8.0, -1.1, -31.5, 1),  # more than a quarter of the expected fall
         (60.0, -1.0, -25.0, 3),  # it stalls, and much more was expected
         (-4.0, 20.0, -15.0, 3),  # an exchange: far from the expected cost, slightly above
         (4.0, np.inf, -25.0, 3),  # its simulation fails

@@ -556,7 +556,7 @@ def test_free_form_explanation_beyond_chance_excludes_noise(score, expected):
     assert where.is_significant(0.01) is expected
     assert where.significant(0.01) == (places[:1] if expected else ())
     assert (NO_PLACE in location_line(where, 0.01)) is not expected
-    assert NO_PLACE not in location_line(where, 0.5)  # the level that the user sets
+    assert NO_PLACE not in location_line(where, 0.5)  # a level of the user
     more = where._replace(places=(places[0], places[1]._replace(score=1.0)))
     assert not more.is_significant(0.01)
 

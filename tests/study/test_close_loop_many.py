@@ -132,7 +132,7 @@ def test_error_of_a_study_is_returned_with_its_traceback(studies, monkeypatch):
 
 
 class DyingPool(ProcessPoolExecutor):
-    """A pool of processes one of which dies after a number of studies, in each pool another."""
+    """A pool with a process that dies after some studies; their number differs by pool."""
 
     accepted: ClassVar[list[int]] = []
 

@@ -69,16 +69,18 @@ class Term(Effect):
 class DryFriction(Effect):
     """Dry (Coulomb) friction: `d(state)/dt += gain * tanh(speed / width)`, a smoothed sign.
 
-    The width is one hundredth of the largest speed in the training records: small enough for nearly
-    constant friction, and large enough for fixed integration steps. With a free width it is
-    estimated from there; this effect refines the one with a fixed width.
+    The width is a fraction of the largest speed in the training records. One hundredth is small
+    enough for nearly constant friction, and large enough for fixed integration steps. With a free
+    width it is estimated from there; this effect refines the one with a fixed width. In a model
+    without states the friction is added to an output.
 
     Args:
-        state: the equation.
+        state: the equation; the output if the model has no states.
         speed: the signal whose sign acts.
         gain: rate of change at full friction [unit of the rate].
         width: speed at which the smoothed sign is tanh(1) = 0.76 [unit of the speed].
         free_width: estimate the width.
+        fraction: initial width, as a fraction of the largest speed.
     """
 
     state: str = eqx.field(static=True)
@@ -86,6 +88,7 @@ class DryFriction(Effect):
     gain: Float[Array, ""] = eqx.field(default_factory=zero)
     width: Float[Array, ""] = eqx.field(default_factory=lambda: jnp.ones(()))
     free_width: bool = eqx.field(static=True, default=False)
+    fraction: float = eqx.field(static=True, default=0.01)
 
     @property
     def card(self):
@@ -114,7 +117,7 @@ class DryFriction(Effect):
         )
 
     def initialise_shape(self, signals, measured, step):
-        width = 0.01 * np.max(np.abs(signals[self.speed]))
+        width = self.fraction * np.max(np.abs(signals[self.speed]))
         return eqx.tree_at(
             lambda effect: effect.width, self, jnp.asarray(width if width > 0 else 1.0)
         )

@@ -64,6 +64,8 @@ MOST_OUTPUTS_OF_ONE_UNIT = 3  # outputs of one unit with cross-talk
 # Initial shapes, all chosen.
 LEVELS = (0.6, 0.75, 0.9)  # levels of overflow, as fractions of the state's range
 KNOTS = (0.3, 0.7)  # levels of hinges, as fractions of the signal's range
+# width of friction in an output, which is not integrated, as a fraction of the largest speed
+SHARP = 1e-6
 PEAKS = (1, 2, 3)  # peaks of the relative residual spectrum for a resonance
 # Magnitudes of states and inputs for a test of dependence (chosen): some equations depend on a
 # parameter only at large values, e.g. if a valve opens at 20 degrees.
@@ -106,7 +108,8 @@ def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effe
 
     They are terms, including linear terms in signals on which the equation does not depend,
     friction, overflow, and in small models static nonlinearities and effects with states. In a
-    model without states they are terms and static nonlinearities of its inputs.
+    model without states they are terms, friction, drag and static nonlinearities of its inputs, as
+    each may be a speed.
     """
     effects: list[Effect] = []
     arguments = model.states or model.inputs
@@ -117,23 +120,33 @@ def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effe
         terms = (*absent[name], *products(model.states + model.inputs))
         effects += [Term(name, term) for term in terms]
         if name in model.states:
-            effects += _of_state(name, equations)
+            effects += [*_of_speed(name, name), *_overflow(name, equations)]
         if pairs <= MOST_PAIRS_FOR_SHAPES:
             for signal in arguments:
                 effects += [DeadBand(placement, signal)]
                 effects += [Hinge(placement, signal, fraction) for fraction in KNOTS]
+                effects += () if model.states else _of_speed(name, signal, fraction=SHARP)
         if name in model.states:
             effects += _with_memory(model, placement, equations)
     return effects
 
 
-def _of_state(name: str, equations: tuple[str, ...]) -> list[Effect]:
-    """Return the friction and the overflow of a state in its equation."""
+def _of_speed(name: str, speed: str, **width) -> tuple[Effect, ...]:
+    """Return the friction, with a fixed and a free width, and the drag of a speed in an equation.
+
+    Args:
+        name: the equation.
+        speed: the speed.
+        **width: the fixed width (`fraction` of `DryFriction`).
+    """
+    fixed, free = DryFriction(name, speed, **width), DryFriction(name, speed, free_width=True)
+    return fixed, free, QuadraticDrag(name, speed)
+
+
+def _overflow(name: str, equations: tuple[str, ...]) -> list[StateLimit]:
+    """Return the overflow of a state into each other one."""
     others = (into for into in equations if into != name)
-    effects: list[Effect] = []
-    effects += [DryFriction(name, name, free_width=free) for free in (False, True)]
-    effects += [QuadraticDrag(name, name)]
-    return effects + [StateLimit(name, into, start) for into in others for start in LEVELS]
+    return [StateLimit(name, into, start) for into in others for start in LEVELS]
 
 
 def _with_memory(
@@ -163,14 +176,12 @@ def _of_differences(model: AbstractModel, equations: tuple[str, ...]) -> list[Ef
     pairs = [(state, signal) for signal, states in states_of.items() for state in states]
     effects: list[Effect] = []
     for state, signal in pairs:
-        effects += [
-            Term(state, f"({signal})^2"),
-            Term(state, f"({signal})^3"),
-            QuadraticDrag(state, signal),
-        ]
+        effects += [Term(state, f"({signal})^{power}") for power in (2, 3)]
         if len(pairs) <= MOST_DIFFERENCES_FOR_SHAPES:
-            effects += [DryFriction(state, signal, free_width=free) for free in (False, True)]
+            effects += _of_speed(state, signal)
             effects += [DeadBand(Placement.equation(state), signal)]
+        else:
+            effects += [QuadraticDrag(state, signal)]
     return effects
 
 

@@ -75,10 +75,8 @@ def test_general_library_has_terms_and_hinges_of_inputs():
         "bias of CL",
     } <= offered
     assert any(name.startswith("dead band") and name.endswith("in CL") for name in offered)
-    assert "hysteresis of input elevator" in offered
-    assert not any(
-        "sign" in name or name.startswith("lagged") for name in offered
-    )  # it has no speed, and no state that lags
+    assert {"hysteresis of input elevator", "sign(alpha) in CL", "|alpha|alpha in CL"} <= offered
+    assert not any(name.startswith("lagged") for name in offered)  # no state lags
 
 
 @pytest.mark.parametrize(
@@ -130,6 +128,48 @@ def test_input_hysteresis_is_identified():
         assert abs(study.after.estimate.value(name) - planted) < 4.0 * error < 0.1 * planted
     # 1,200 samples, four times 2 %
     assert study.after.rms["test"]["CL"] == pytest.approx(NOISE, rel=0.08)
+
+
+class Joint(jaxid.AbstractModel):
+    """The torque of a joint of a robot, of its measured speed and acceleration."""
+
+    inertia: object
+    viscous: object
+    states, inputs, outputs = (), ("speed", "acceleration"), ("torque",)
+
+    def rhs(self, t, x, u):
+        return x
+
+    def output(self, t, x, u):
+        return jnp.stack([self.viscous * u[0] + self.inertia * u[1]])
+
+
+@pytest.mark.parametrize(
+    ("name", "law"),
+    [
+        ("sign(speed) in torque", np.sign),
+        ("|speed|speed in torque", lambda speed: np.abs(speed) * speed),
+    ],
+)
+def test_friction_and_drag_of_an_input_are_identified(name, law):
+    def moved(seed):
+        rng, t = np.random.default_rng(seed), 0.02 * np.arange(400)
+        size, rate = rng.uniform(0.7, 1.3, 2), rng.uniform(0.5, 2.0, 2)
+        speed = np.sum(size[:, None] * np.sin(rate[:, None] * t), axis=0)
+        acceleration = np.sum((size * rate)[:, None] * np.cos(rate[:, None] * t), axis=0)
+        torque = 0.5 * speed + 2.0 * acceleration + 0.4 * law(speed) + NOISE * rng.normal(size=400)
+        u = np.column_stack([speed, acceleration])
+        return jaxid.record(t, u, torque, inputs=Joint.inputs, outputs=Joint.outputs)
+
+    model = Joint(jnp.array(1.0), jnp.array(1.0))
+    free = jaxid.free(model, "inertia", "viscous")
+    train, check, test = ([moved(3 * part + k) for k in range(3)] for part in range(3))
+    study = jaxid.close_loop(model, free, jaxid.OutputError(), train=train, check=check, test=test)
+    assert study.effects == (name,)
+    estimate = study.after.estimate
+    error = estimate.standard_error(f"{name}.gain")
+    assert abs(estimate.value(f"{name}.gain") - 0.4) < 4.0 * error < 0.05
+    assert study.after.rms["test"]["torque"] == pytest.approx(NOISE, rel=0.08)
 
 
 def test_static_curve_is_identified(records):

@@ -32,14 +32,18 @@ class FrequencyResponse(eqx.Module):
         H = S_zu S_uu^-1,    coherence = S_zu S_uu^-1 S_uz / S_zz    (multiple coherence)
 
     from cross spectra averaged over segments (Welch). The relative standard error of a gain, and
-    the error of a phase in rad, of one input is sqrt((1 - coherence) / (2 n coherence)) for n
-    segments. (Bendat and Piersol, Random Data, 4th ed. 2010, chapters 6, 7 and 9.)
+    the error of a phase in rad, is
+
+        sqrt((1 - coherence) S_zz (S_uu^-1)_jj / (2 n)) / |H_j|
+
+    for input j and n segments: sqrt((1 - coherence) / (2 n coherence)) of a single input. (Bendat
+    and Piersol, Random Data, 4th ed. 2010, chapters 6, 7 and 9.)
 
     Attributes:
         w: frequencies [rad/s].
         measured: H of the records, shape (frequency, output, input) [output unit per input unit].
         coherence: share of an output's power that all inputs together explain.
-        errors: relative standard error of the gains.
+        errors: relative standard error of the gains; infinite where there is no input.
         model: H of the model, from simulated outputs by the same estimator; None without a model.
         segments: number n of segments.
         inputs, outputs: names of the channels.
@@ -49,7 +53,7 @@ class FrequencyResponse(eqx.Module):
     w: Float[np.ndarray, " frequency"]
     measured: Complex[np.ndarray, "frequency output input"]
     coherence: Float[np.ndarray, "frequency output"]
-    errors: Float[np.ndarray, "frequency output"]
+    errors: Float[np.ndarray, "frequency output input"]
     model: Complex[np.ndarray, "frequency output input"] | None
     segments: int = eqx.field(static=True)
     inputs: tuple[str, ...] = eqx.field(static=True)
@@ -67,7 +71,7 @@ class FrequencyResponse(eqx.Module):
         responses = {"measured": self.measured, "model": self.model}
         variables: dict[str, Any] = {
             "coherence": (axes[:2], self.coherence),
-            "errors": (axes[:2], self.errors),
+            "errors": (axes, self.errors),
         }
         for name, response in responses.items():
             if response is not None:
@@ -112,7 +116,7 @@ class FrequencyResponse(eqx.Module):
         return (
             f"{self.w[row]:.4g}",
             *_gain_and_phase(self.measured[row, output, channel]),
-            f"{100 * self.errors[row, output]:.3g}",
+            f"{100 * self.errors[row, output, channel]:.3g}",
             f"{self.coherence[row, output]:.3f}",
             *(() if self.model is None else _gain_and_phase(self.model[row, output, channel])),
             "",
@@ -160,20 +164,19 @@ def frequency_response(
         count > len(first.inputs),
         f"There are {count} segments for {len(first.inputs)} inputs. Give shorter `seconds`.",
     )
-    measured, coherence = _response(spectra)
+    measured, coherence, errors = _response(spectra)
     response = None
     if model is not None:
         simulated = [
             (u, _simulated(model, part, hold, stepper))
             for (u, _), part in zip(pairs, singles, strict=True)
         ]
-        response, _ = _response(_spectra(simulated, size))
-    safe = np.clip(coherence, 1e-12, 1.0)
+        response, *_ = _response(_spectra(simulated, size))
     return FrequencyResponse(
         w=2 * np.pi * np.fft.rfftfreq(size, step)[1:],
         measured=measured,
         coherence=coherence,
-        errors=np.sqrt((1.0 - safe) / (2 * count * safe)),
+        errors=errors,
         model=response,
         segments=count,
         inputs=first.inputs,
@@ -216,12 +219,24 @@ def _spectra(pairs: Sequence[tuple[np.ndarray, np.ndarray]], size: int) -> _Spec
     )
 
 
-def _response(spectra: _Spectra) -> tuple[np.ndarray, np.ndarray]:
-    """Return the response and the coherence; both are zero where there is no input."""
-    H = spectra.zu @ np.linalg.pinv(spectra.uu, rcond=1e-12, hermitian=True)
+def _response(spectra: _Spectra) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the response, the coherence, and the relative errors of the gains; response and
+    coherence are zero where there is no input.
+    """
+    power = np.einsum("fii->fi", spectra.uu).real
+    size = np.sqrt(np.where(power > 0, power, 1.0))  # inputs of different units
+    scaled = spectra.uu / (size[:, :, None] * size[:, None])
+    inverse = np.linalg.pinv(scaled, rcond=1e-12, hermitian=True)
+    H = (spectra.zu / size[:, None]) @ inverse / size[:, None]
     explained = np.einsum("fij,fij->fi", H, spectra.zu.conj()).real
-    power = np.where(spectra.zz > 0, spectra.zz, 1.0)
-    return H, np.clip(explained / power, 0.0, 1.0)
+    coherence = explained / np.where(spectra.zz > 0, spectra.zz, 1.0)
+    coherence = np.clip(coherence, 0.0, 1.0)
+    left = (1.0 - coherence) * spectra.zz
+    of_input = np.einsum("fii->fi", inverse).real / size**2
+    deviation = np.sqrt(left[..., None] * of_input[:, None] / (2 * spectra.count))
+    known, gain = (power > 0)[:, None] & (np.abs(H) > 0), np.abs(H)
+    errors = np.where(known, deviation / np.where(known, gain, 1.0), np.inf)
+    return H, coherence, errors
 
 
 def _simulated(model: AbstractModel, record: Record, hold: Any, stepper: Any) -> np.ndarray:

@@ -374,7 +374,7 @@ def divergence(
     """Return the error for a model whose simulation, or else its likelihood, is not finite at the
     initial parameters.
 
-    It contains the record, the time, the state and the parameters.
+    It contains the record, the time, the state, the parameters and the initial state.
     """
     problem = Problem.of(model, free, records, likelihood)
     begin = initial_parameters(model, problem.positions, records)
@@ -385,11 +385,12 @@ def divergence(
     message = explain_divergence(
         jax.tree.map(lambda leaf: leaf[case], solution), model, f"record {case}"
     )
-    values = ", ".join(
-        f"{name} = {float(value):.4g}"
-        for name, value in zip(free.shared, begin.shared, strict=True)
+    first = np.asarray(solution.x)[case, 0]
+    values, states = (
+        ", ".join(f"{name} = {value:.4g}" for name, value in zip(names, numbers, strict=True))
+        for names, numbers in ((free.shared, begin.shared.tolist()), (model.states, first.tolist()))
     )
-    return InputError(f"{message} The parameters were {values}.")
+    return InputError(f"{message} The parameters were {values}; the initial state was {states}.")
 
 
 @fast_compile_jit

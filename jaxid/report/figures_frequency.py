@@ -33,7 +33,7 @@ def bode(response: Any, output: str | None = None, channel: str | None = None) -
     k, j = response.outputs.index(output), response.inputs.index(channel)
     figure, panels = canvas(5.6, 3, 1, sharex=True, height_ratios=(3, 2, 1.4))
     (gain,), (phase,), (coherence,) = panels
-    H, error = response.measured[:, k, j], response.errors[:, k]
+    H, error = response.measured[:, k, j], response.errors[:, k, j]
     size = np.abs(H)
     low = size * np.clip(1.0 - error, 0.02, None)
     gain.fill_between(response.w, low, size * (1.0 + error), color=MEASURED, alpha=0.25, lw=0)

@@ -663,7 +663,8 @@ def test_invalid_input_raises_error_before_computation(change, words):
 def test_diverging_start_raises_error():
     flight, _ = fly(1, None)
     model = Spring(-5000.0, 0.1)
-    with pytest.raises(InputError, match=r"stops being finite at t = .* s, in (x, )?v"):
+    words = r"stops being finite at t = .* s, in (x, )?v.* initial state was x = .*, v = "
+    with pytest.raises(InputError, match=words):
         close_loop(
             model, free(model, "k"), OutputError(), train=flight, effects=(SensorScale("x"),)
         )

@@ -14,8 +14,8 @@ OTHER_NAMES = (
 def channel_names(names: Any, argument: str, where: str) -> tuple[str, ...]:
     """Return channel names as a tuple.
 
-    A string is refused, which would be split into its letters, and a mapping, whose values would be
-    dropped.
+    A string is refused, which would be split into its letters, a mapping, whose values would be
+    dropped, and a set, which has no order.
 
     Args:
         names: the argument.
@@ -36,8 +36,9 @@ def channel_names(names: Any, argument: str, where: str) -> tuple[str, ...]:
         f"values as one array, such as np.column_stack([*{argument}.values()]).",
     )
     require(
-        isinstance(names, Sequence | set | frozenset) and not isinstance(names, bytes),
-        f"{where}: `{argument}` is {_shown(names)}. Give a tuple of names, such as ('x',).",
+        isinstance(names, Sequence) and not isinstance(names, bytes),
+        f"{where}: `{argument}` is {_shown(names)}. Give a tuple of names, such as ('x',), in the "
+        "order of the columns.",
     )
     for name in names:
         require(

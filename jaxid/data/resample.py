@@ -23,7 +23,9 @@ class Change(enum.Enum):
         COPIED: its samples stand on the new clock.
         PLACED: slower than the clock: each sample is moved to the nearest instant of the clock, by
             a straight line to its neighbour; all other instants are missing samples.
-        AVERAGED: faster than the clock: the mean of the samples within half a step of the instant.
+        AVERAGED: faster than the clock: the mean, over the step about the instant, of straight
+            lines between the samples; where these end before, or no sample is within the step, a
+            missing sample, or for an input a straight line.
         INTERPOLATED: an input: straight lines between its samples.
         HELD: an input: the last sample.
     """
@@ -95,8 +97,8 @@ def resample(
     The clock covers the time that all inputs cover. Outputs are not interpolated between their
     samples, as that would make their noise coloured and too small: slower ones get missing samples,
     faster ones are averaged. With m samples in a mean the deviation of white noise becomes
-    1/sqrt(m) of it; a sample that is moved by the share f of its own step, 1 - f and f being the
-    weights of two neighbours, has the deviation sqrt((1 - f)^2 + f^2) of the noise.
+    about 1/sqrt(m) of it; a sample that is moved by the share f of its own step, 1 - f and f being
+    the weights of two neighbours, has the deviation sqrt((1 - f)^2 + f^2) of the noise.
 
     Args:
         signals: times [s] and values by name, each pair of one length, times increasing; a value of
@@ -104,7 +106,7 @@ def resample(
         step: step of the new clock [s].
         inputs, outputs: names of the signals.
         held: inputs that keep their value until the next sample, as those of a converter.
-        units: unit by name of channel or constant.
+        units: unit by name of channel or constant; times are in seconds.
         name: name of the record.
         constants: known quantities that are constant over the record.
 
@@ -116,6 +118,11 @@ def resample(
             increase, the inputs have no time in common, or `record` refuses the values.
     """
     require(step > 0, f"The step is {step} s. Give a positive number of seconds.")
+    require(
+        TIME not in (units or {}),
+        f"`units` gives {TIME!r} a unit, and the step and all times are in seconds. Convert them, "
+        f"and leave {TIME!r} out.",
+    )
     require_known("signal", (*inputs, *outputs), signals)
     require_known("input that is held", held, inputs)
     require_unique("channel", (*inputs, *outputs))
@@ -251,11 +258,24 @@ def _line(t: np.ndarray, instant: float) -> tuple[int, np.ndarray]:
 
 
 def _means(t: np.ndarray, clock: np.ndarray, step: float) -> Weights:
-    """Return weights of the mean of the samples within half a step of each instant."""
-    first = np.searchsorted(t, clock - 0.5 * step)
-    last = np.searchsorted(t, clock + 0.5 * step)
-    rows = zip(first.tolist(), (last - first).tolist(), strict=True)
-    return _split([(k, np.full(count, 1.0 / count)) if count else NONE for k, count in rows])
+    """Return weights of the mean of straight lines over the step about each instant."""
+    return _split([_mean(t, instant - 0.5 * step, instant + 0.5 * step) for instant in clock])
+
+
+def _mean(t: np.ndarray, begin: float, end: float) -> tuple[int, np.ndarray]:
+    """Return first sample and weights of the mean of straight lines from one time to another; none
+    where the lines end before, or no sample is between.
+    """
+    near = ON_CLOCK * (end - begin)
+    inside = np.searchsorted(t, [begin - near, end + near])
+    if begin < t[0] - near or end > t[-1] + near or inside[0] == inside[1]:
+        return NONE
+    i, j = max(int(inside[0]) - 1, 0), min(int(inside[1]), len(t) - 1)
+    knots = t[i : j + 1]
+    low, high = np.clip(knots[:-1], begin, end), np.clip(knots[1:], begin, end)
+    width, share = high - low, (0.5 * (low + high) - knots[:-1]) / np.diff(knots)
+    weights = np.append(width * (1.0 - share), 0.0) + np.append(0.0, width * share)
+    return i, weights / np.sum(weights)
 
 
 def _nearest(t: np.ndarray, clock: np.ndarray, step: float) -> Weights:

@@ -12,10 +12,10 @@ from .._foundation.types import Array, Float, Numbers
 from ..data.record import Record
 from ..data.stack import require_single
 from ..estimation.likelihoods import AbstractLikelihood
-from ..models.base import AbstractModel, as_float, canonical
+from ..models.base import AbstractModel, canonical
 from ..models.free import Free, first_state
 from ..models.names import flatten
-from .information import prior_rows, require_known_noise
+from .information import prior_rows, require_known_noise, start_of
 from .objectives import Discrimination, Hypothesis, InformationObjective, MutualDiscrimination
 from .optimisation import Task
 
@@ -118,7 +118,7 @@ def uncertain_values(
 ) -> Float[Array, "draw flat"]:
     """Return values of all parameters, drawn from the uncertainty of the free ones.
 
-        theta + d,    d ~ N(0, (T' T)^-1),    |d| <= |theta|
+        theta + d,    d ~ N(0, (T' T)^-1),    |d| <= |theta| where theta is not zero
 
     A deviation is shortened where a parameter would change by more than its own size, as it would
     in a direction that the records do not show. Without information there are no draws.
@@ -136,8 +136,9 @@ def uncertain_values(
     shown = sizes > sizes[0] * np.finfo(float).eps * values.size
     unit = np.random.default_rng(DRAW_SEED).normal(size=(count, int(shown.sum())))
     deviations = (unit / sizes[shown]) @ directions[shown]
-    size = np.max(np.abs(deviations) / np.maximum(np.abs(values), np.finfo(float).tiny), axis=1)
-    deviations /= np.maximum(size, 1.0)[:, None]
+    sized = values != 0
+    size = np.max(np.abs(deviations[:, sized]) / np.abs(values[sized]), axis=1, initial=1.0)
+    deviations /= size[:, None]
     flat = jnp.tile(hypothesis.flat, (count, 1))
     return flat.at[:, positions].add(jnp.asarray(deviations))
 
@@ -158,17 +159,6 @@ def known_information(free: Free, earlier) -> Float[Array, "row parameter"]:
 def hypothesis_of(model: AbstractModel, free: Free, state) -> Hypothesis:
     vector, _ = flatten(model)
     return Hypothesis(model, free.positions(model), jnp.concatenate([vector, state]))
-
-
-def start_of(model: AbstractModel, state) -> Float[Array, " state"]:
-    """Return the state at the first sample; states beyond the given ones are zero."""
-    given = jnp.zeros(0) if state is None else as_float(state)
-    require(
-        given.size <= len(model.states),
-        f"`initial_state` has {given.size} values, and the model has {len(model.states)} states "
-        f"({', '.join(model.states)}).",
-    )
-    return jnp.pad(given, (0, len(model.states) - given.size))
 
 
 @fast_compile_jit

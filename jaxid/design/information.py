@@ -16,7 +16,7 @@ from ..data.record import Record
 from ..estimation.estimate import as_stack, check_channels
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.spectrum_policy import SPREAD
-from ..models.base import AbstractModel, canonical
+from ..models.base import AbstractModel, as_float, canonical
 from ..models.free import Free, Positions, flat_vectors
 from ..models.free_model import FreeModel
 from ..models.noise import whiten
@@ -114,7 +114,7 @@ def planned_record(
         f"The signal moves ({', '.join(signal.inputs)}), and the model has the inputs "
         f"({', '.join(model.inputs)}). Build the signal with the inputs of the model.",
     )
-    start = jnp.zeros(len(model.states)) if initial_state is None else jnp.asarray(initial_state)
+    start = start_of(model, initial_state)
     trim = jnp.zeros(len(model.inputs)) if trim_input is None else jnp.asarray(trim_input)
     u = signal.u + trim[None]
     options = {
@@ -181,7 +181,7 @@ def information_of(
     model, free = canonical(model), canonical(free)
     flat = flat_vectors(model, records)[0]
     if initial_state is not None:
-        state = jnp.asarray(initial_state, float)
+        state = start_of(model, initial_state)
         flat = flat.at[flat.size - state.size :].set(state)
     factor, values = _factor(
         model, free.positions(model), flat, records.anonymous(), canonical(likelihood)
@@ -189,6 +189,17 @@ def information_of(
     known = prior_rows(free) if earlier is None else np.asarray(earlier, float)
     rows = np.concatenate([np.asarray(factor), known])
     return planned_information(model, free, np.asarray(values), rows, records.names[0])
+
+
+def start_of(model: AbstractModel, state) -> Float[Array, " state"]:
+    """Return the state at the first sample; states beyond the given ones are zero."""
+    given = jnp.zeros(0) if state is None else as_float(state)
+    require(
+        given.size <= len(model.states),
+        f"`initial_state` has {given.size} values, and the model has {len(model.states)} states "
+        f"({', '.join(model.states)}).",
+    )
+    return jnp.pad(given, (0, len(model.states) - given.size))
 
 
 def planned_information(

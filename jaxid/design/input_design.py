@@ -19,13 +19,13 @@ from .explanations import (
     hypothesis_of,
     known_information,
     separating_task,
-    start_of,
 )
 from .information import (
     planned_information,
     planned_record,
     require_known_noise,
     require_shown,
+    start_of,
 )
 from .limits import Limits, ratios
 from .measures import AbstractMeasure

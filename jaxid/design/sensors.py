@@ -14,7 +14,13 @@ from ..estimation.estimate import check_channels
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free, flat_vectors
-from .information import prior_rows, require_known_noise, stack_of_one, whitened_sensitivities
+from .information import (
+    prior_rows,
+    require_known_noise,
+    stack_of_one,
+    start_of,
+    whitened_sensitivities,
+)
 from .measures import AbstractMeasure
 
 
@@ -132,7 +138,7 @@ def _triangles(model, free, records, likelihood, initial_state) -> dict[str, np.
     )
     flat = flat_vectors(model, records)[0]
     if initial_state is not None:
-        state = jnp.asarray(initial_state, float)
+        state = start_of(model, initial_state)
         flat = flat.at[flat.size - state.size :].set(state)
     rows = np.concatenate(
         _sensitivities(model, free.positions(model), flat, records.anonymous(), likelihood), -1

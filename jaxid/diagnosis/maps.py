@@ -76,7 +76,8 @@ def residual_maps(
     Args:
         residuals: `v = z - y` [output units].
         mask: valid samples.
-        variables: by name, such as states, inputs, or time [any].
+        variables: by name, such as states, inputs, or time [any]; samples where one is not finite
+            do not count in its map.
         outputs: names of the channels.
         bins: number of bins, with equal numbers of samples.
 
@@ -86,7 +87,7 @@ def residual_maps(
 
     Raises:
         InputError: if the number of names differs from that of the channels, or if there is no
-            variable or fewer than two bins.
+            variable, one without a finite sample, or fewer than two bins.
     """
     channels = residuals.shape[2]
     require(
@@ -97,9 +98,18 @@ def residual_maps(
     require(bins >= 2, f"There are {bins} bins. A map has two at least.")
     s = np.stack([np.asarray(variable, float) for variable in variables.values()], axis=-1)
     inside = np.any(np.asarray(mask), axis=-1)
-    edges = np.quantile(s[inside], np.linspace(0.0, 1.0, bins + 1), axis=0).T
-    s, edges = to_device((s, edges))
-    means = _numbers(residuals, mask, s, edges)
+    known = np.isfinite(s)
+    shares = np.linspace(0.0, 1.0, bins + 1)
+    edges = np.zeros((s.shape[-1], bins + 1))
+    for k, name in enumerate(variables):
+        counted = inside & known[..., k]
+        require(
+            bool(np.any(counted)),
+            f"Variable {name!r} is not finite at any valid sample. Leave it out.",
+        )
+        edges[k] = np.quantile(s[counted, k], shares)
+    s, known, edges = to_device((np.where(known, s, 0.0), known, edges))
+    means = _numbers(residuals, mask, s, known, edges)
     return ResidualMaps(tuple(outputs), tuple(variables), edges, *means)
 
 
@@ -118,7 +128,7 @@ class _BinMeans(NamedTuple):
 
 
 @fast_compile_jit
-def _numbers(residuals, mask, s, edges) -> _BinMeans:
+def _numbers(residuals, mask, s, known, edges) -> _BinMeans:
     """Means, their deviations and p-values.
 
     Channels and variables are computed one after the other, to keep memory small.
@@ -148,7 +158,8 @@ def _numbers(residuals, mask, s, edges) -> _BinMeans:
     def of_output(j):
         v, valid = residuals[..., j], mask[..., j]
         return jax.lax.map(
-            lambda k: one_map(v, valid, s[..., k], edges[k]), jnp.arange(s.shape[-1])
+            lambda k: one_map(v, valid & known[..., k], s[..., k], edges[k]),
+            jnp.arange(s.shape[-1]),
         )
 
     return jax.lax.map(of_output, jnp.arange(residuals.shape[-1]))

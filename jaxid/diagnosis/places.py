@@ -96,7 +96,8 @@ class LocalisationResult(NamedTuple):
         return self.near_best() if self.is_significant(level) else ()
 
     def explained_by(self, place: Place) -> tuple[tuple[str, float], ...]:
-        """Return the R^2 of a cubic regression of the disturbance on each variable, largest first.
+        """Return the R^2 of a cubic regression of the disturbance on each variable, largest first:
+        the share of its power about its mean. It is zero for a constant disturbance.
 
         Each knot is weighted by the inverse standard deviation of the disturbance there. The free
         parameters can reproduce a part of the disturbance, so its linear part in a variable may be
@@ -105,7 +106,9 @@ class LocalisationResult(NamedTuple):
         d = place.disturbance.reshape(-1)
         weight = 1.0 / np.maximum(place.deviation.reshape(-1), 1e-300)
         if np.any(weight > 0):
-            weight = np.minimum(weight, LARGEST_WEIGHT * np.median(weight[weight > 0]))
+            weight /= np.median(weight[weight > 0])
+            weight = np.minimum(weight, LARGEST_WEIGHT)
+            d = d - np.average(d, weights=weight**2)
         power = float(np.sum((weight * d) ** 2))
         shares = []
         for name, values in self.variables.items():

@@ -42,21 +42,25 @@ class ResidualReport(NamedTuple):
     by_record: Float[np.ndarray, "case output"]
 
     def strongest_correlation(self, output: str) -> Correlation:
-        """Return the most significant correlation of a channel with a signal."""
+        """Return the most significant correlation of a channel with a signal; the largest of those
+        whose p-values are equal, as zero is.
+        """
         j, tests = self.tests.outputs.index(output), self.tests
-        k = int(np.argmin(np.asarray(tests.cross_p)[j]))
-        lag = int(tests.cross_lag[j, k])
+        lags = np.asarray(tests.cross_lag)[j]
         middle = (tests.cross_correlation.shape[-1] - 1) // 2
-        return Correlation(
-            tests.signals[k], float(tests.cross_correlation[j, k, middle + lag]), lag
-        )
+        rows = np.arange(lags.size)
+        correlations = np.asarray(tests.cross_correlation)[j, rows, middle + lags]
+        k = int(np.lexsort((-np.abs(correlations), np.asarray(tests.cross_p)[j]))[0])
+        return Correlation(tests.signals[k], float(correlations[k]), int(lags[k]))
 
     def nonlinear_dependence(self, output: str) -> tuple[str, float]:
-        """Return the variable with the most significant map of a channel's mean, and its
-        p-value.
+        """Return the variable with the most significant map of a channel's mean, and its p-value;
+        of those whose p-values are equal, as zero is, the one whose means scatter most.
         """
-        p = np.asarray(self.maps.p_value)[self.maps.outputs.index(output)]
-        return self.maps.variables[int(np.argmin(p))], float(np.min(p))
+        j, maps = self.maps.outputs.index(output), self.maps
+        p, scatter = np.asarray(maps.p_value)[j], np.nanstd(np.asarray(maps.mean)[j], axis=-1)
+        k = int(np.lexsort((-scatter, p))[0])
+        return maps.variables[k], float(p[k])
 
     def __str__(self) -> str:
         return f"{self.tests}\n\n{self.maps}"

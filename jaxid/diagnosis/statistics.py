@@ -7,6 +7,9 @@ from .._foundation.checks import require
 from .._foundation.host import on_host
 from .._foundation.types import Array, Bool, Float, Int, Numbers
 
+# Derived: deviation of a constant channel by rounding, as a share of its mean, in double precision.
+LEAST_SPREAD = 1e-12
+
 
 class FitStatistics(eqx.Module):
     """Measures of fit, one for each output channel.
@@ -149,7 +152,7 @@ def _measures(xp, z, y, mask, noise, *, skip: int) -> dict[str, Numbers]:
         "count": count,
         "rms": xp.sqrt(square),
         "max_abs": xp.max(xp.abs(v), axis=(0, 1)),
-        "r_squared": xp.where(z_sd > 0, 1.0 - square / z_sd**2, xp.nan),
+        "r_squared": xp.where(z_sd > LEAST_SPREAD * xp.abs(z_mean), 1.0 - square / z_sd**2, xp.nan),
         "theil": xp.sqrt(square) / (xp.sqrt(mean(z**2)) + xp.sqrt(mean(y**2))),
         "bias": (z_mean - y_mean) ** 2 / square,
         "variance": (z_sd - y_sd) ** 2 / square,

@@ -41,14 +41,37 @@ def test_slower_output_has_missing_samples_and_no_interpolated_ones():
     assert moved.deviation == pytest.approx(np.hypot(0.97, 0.03))
 
 
-def test_faster_output_is_averaged_without_a_delay():
-    fast, slow = 0.01 * np.arange(1001), 0.1 * np.arange(101)
+@pytest.mark.parametrize(("ratio", "late"), [(2, 0.0), (3, 0.0), (4, 0.0), (10, 0.0), (4, 0.007)])
+def test_faster_output_is_averaged_without_a_delay(ratio, late):
+    """A ramp stays a ramp, wherever the samples stand; no mean reaches beyond the signal."""
+    slow = 0.1 * np.arange(101)
+    fast = 0.1 / ratio * np.arange(100 * ratio + 1) + late
     result = resample({"u": (slow, slow), "y": (fast, 3 * fast)}, step=0.1, **NAMES)
-    np.testing.assert_allclose(result.record.z[1:-1, 0], 3 * result.record.t[1:-1], atol=0.016)
+    z, mask = np.asarray(result.record.z), np.asarray(result.record.mask)
+    assert list(np.flatnonzero(~mask)) == [0, 100]
+    np.testing.assert_allclose(z[1:-1, 0], 3 * slow[1:-1], atol=1e-12)
     averaged = channel(result, "y")
     assert averaged.change.value == "averaged"
-    assert averaged.deviation == pytest.approx(1 / np.sqrt(10), rel=0.03)
-    assert averaged.correlation < 0.2
+    assert averaged.deviation == pytest.approx(1 / np.sqrt(ratio), rel=0.15)
+    if ratio == 4 and not late:  # the trapezoidal rule: 1/2, 1, 1, 1, 1/2
+        assert averaged.deviation == pytest.approx(np.sqrt(3.5) / 4)
+        assert averaged.correlation == pytest.approx(0.25 / 3.5)
+
+
+def test_faster_input_is_averaged_and_has_no_missing_sample():
+    slow, fast = 0.1 * np.arange(101), 0.025 * np.arange(401)
+    signals = {"u": (fast, 2 * fast), "w": (slow + 0.007, slow), "y": (slow, slow)}
+    result = resample(signals, step=0.1, inputs=("u", "w"), outputs=("y",))
+    assert channel(result, "u").change.value == "averaged"
+    np.testing.assert_allclose(result.record.u[:, 0], 2 * result.record.t, atol=1e-12)
+
+
+def test_gap_of_a_faster_output_stays_a_gap():
+    slow, fast = 0.1 * np.arange(101), 0.025 * np.arange(401)
+    kept = (fast < 3.01) | (fast > 5.01)
+    result = resample({"u": (slow, slow), "y": (fast[kept], fast[kept])}, step=0.1, **NAMES)
+    missing = slow[~np.asarray(result.record.mask)[:, 0]]
+    np.testing.assert_allclose(missing[1:-1], np.arange(31, 50) / 10.0)
 
 
 @pytest.mark.parametrize(("slow", "fast"), [(0.07, 0.1), (0.013, 0.1), (0.27, 0.1), (0.1, 0.1)])
@@ -80,6 +103,7 @@ def test_signals_that_make_no_record_are_refused():
     good = {"u": (t, t), "y": (t, t)}
     cases = {
         "The step is 0": (good, {"step": 0}),
+        "in seconds. Convert them": (good, {"units": {"t": "ms"}}),
         "There is no signal 'y'": ({"u": (t, t)}, {}),
         "There is no input that is held 'y'": (good, {"held": ("y",)}),
         "holds no numbers": ({**good, "y": (t, ["a"] * 20)}, {}),

@@ -92,3 +92,16 @@ def test_unknown_noise_and_other_channels_are_refused(chosen, record):
     wrong = signals.combine(T, {"torque": T}, ("torque",))
     with pytest.raises(InputError, match=r"moves \(torque\)"):
         information.planned_record(SPRING, wrong, KNOWN)
+
+
+def test_given_initial_state_fills_the_first_states(record):
+    shared = free(SPRING, "k", "c")
+
+    def errors(state):
+        planned = information.information_of(SPRING, shared, record, KNOWN, initial_state=state)
+        return planned.standard_errors.tolist()
+
+    assert errors(jnp.array([1.0])) == errors(jnp.array([1.0, 0.0]))
+    assert errors(jnp.array([1.0])) != errors(jnp.array([0.0, 1.0]))
+    with pytest.raises(InputError, match=r"has 3 values, and the model has 2 states"):
+        errors(jnp.array([9.0, 1.0, 0.0]))

@@ -62,6 +62,20 @@ def test_input_for_one_parameter_is_the_singular_vector_of_a_dense_matrix():
     np.testing.assert_allclose(STEP * np.sum(np.square(design.signal.u)), ENERGY, rtol=1e-9)
 
 
+def test_priors_count_in_the_design():
+    """A prior far sharper than the record leaves its parameter at the prior's deviation, and the
+    input is made for the other one.
+    """
+    t = sample_times(6.0, STEP)
+    known = free(LAG, "A[0,0]", "B[0,0]", prior={"A[0,0]": (-A, 1e-4)})
+    joint = energy_limited_input(LAG, known, t, Determinant(), KNOWN, ENERGY)
+    alone = energy_limited_input(LAG, free(LAG, "B[0,0]"), t, Combination([1.0]), KNOWN, ENERGY)
+    errors = joint.information.standard_errors
+    np.testing.assert_allclose(errors, [1e-4, np.exp(0.5 * alone.cost)], rtol=1e-3)
+    planned = information_of(LAG, known, joint.record, KNOWN)
+    np.testing.assert_allclose(errors, planned.standard_errors, rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("model", "names"), [(LAG, ("A[0,0]", "B[0,0]")), (SPRING, ("k", "c"))], ids=["lag", "spring"]
 )

@@ -251,6 +251,10 @@ def test_a_disturbance_of_nothing_or_that_is_not_known_follows_nothing(cubic):
     unknown = place._replace(deviation=np.full_like(place.deviation, np.inf))
     for one in (place._replace(disturbance=np.zeros_like(place.disturbance)), unknown):
         assert {share for _, share in cubic.explained_by(one)} == {0.0}
+    constant = place._replace(disturbance=np.full_like(place.disturbance, 2.0))
+    assert max(share for _, share in cubic.explained_by(constant)) < 1e-9
+    exact = place._replace(deviation=np.zeros_like(place.deviation))
+    assert 0.0 < cubic.explained_by(exact)[0][1] < 1.0
     most = place.deviation.copy()
     most.flat[: most.size // 2 + 1] = np.inf
     assert 0.0 < cubic.explained_by(place._replace(deviation=most))[0][1] < 1.0

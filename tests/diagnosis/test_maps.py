@@ -68,9 +68,24 @@ def test_missing_samples_say_nothing():
     np.testing.assert_allclose(one.mean, other.mean, rtol=1e-12)
 
 
+def test_samples_without_a_variable_do_not_count_in_its_map():
+    """The response depends on the variable; other maps stay as they are."""
+    v, s = drawn(4)
+    bent, gap = v + 0.5 * (s**2 - jnp.mean(s**2))[..., None] / jnp.var(s), s.at[0, 7].set(jnp.nan)
+    whole = jnp.ones(v.shape, bool)
+    found = residual_maps(bent, whole, {"gap": gap, "s": s}, ("y",))
+    without = residual_maps(bent, whole.at[0, 7].set(False), {"s": s}, ("y",))
+    np.testing.assert_allclose(found.p_value[0, 0], without.p_value[0, 0], rtol=1e-9)
+    np.testing.assert_allclose(found.mean[0, 0], without.mean[0, 0], rtol=1e-9)
+    whole_map = residual_maps(bent, whole, {"s": s}, ("y",))
+    np.testing.assert_array_equal(found.mean[0, 1], whole_map.mean[0, 0])
+
+
 def test_refusals():
     v, s = drawn(3)
     whole = jnp.ones(v.shape, bool)
+    with pytest.raises(InputError, match="'s' is not finite at any valid sample"):
+        residual_maps(v, whole, {"s": s * np.nan}, ("y",))
     with pytest.raises(InputError, match="1 residual channels and 2 names"):
         residual_maps(v, whole, {"s": s}, ("a", "b"))
     with pytest.raises(InputError, match="no variable"):

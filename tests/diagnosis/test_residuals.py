@@ -13,6 +13,7 @@ from statsmodels.tsa.stattools import acf, ccf
 
 from jaxid._foundation.checks import InputError
 from jaxid.diagnosis import residuals
+from jaxid.diagnosis.residual_report import analyse_residual
 from jaxid.diagnosis.residuals import residual_tests
 
 DRAWS = 2000
@@ -185,6 +186,18 @@ def test_the_signal_that_is_followed_is_named_with_its_lag(key):
     assert "elevator (+0." in table[2]
     assert ", 3)" in table[2]
     assert "rudder" not in str(found)
+
+
+def test_of_several_certain_signals_the_strongest_is_named(key):
+    """The p-values of both are zero in floating point."""
+    a, b, c = jax.random.split(key, 3)
+    cause, other = jax.random.normal(a, (1, 8000)), jax.random.normal(b, (1, 8000))
+    proxy = cause + other
+    v = (2.0 * cause + (cause**2 - 1.0) + 0.1 * jax.random.normal(c, cause.shape))[..., None]
+    report = analyse_residual(v, whole(v), {"proxy": proxy, "cause": cause}, ("q",))
+    np.testing.assert_array_equal(report.tests.cross_p, 0.0)
+    assert report.strongest_correlation("q").signal == "cause"
+    assert report.nonlinear_dependence("q") == ("cause", 0.0)
 
 
 def test_colour_alone_is_not_taken_for_a_signal(key):

@@ -73,8 +73,10 @@ def test_padding_changes_nothing(data):
         np.testing.assert_allclose(one, other, rtol=1e-12)
 
 
-def test_a_constant_channel_has_no_coefficient_of_determination():
-    z, mask = jnp.ones((1, 10, 1)), jnp.ones((1, 10, 1), bool)
+@pytest.mark.parametrize("level", [1.0, 0.1, 9.81])
+def test_a_constant_channel_has_no_coefficient_of_determination(level):
+    """The mean of equal numbers is rounded."""
+    z, mask = jnp.full((1, 1000, 1), level), jnp.ones((1, 1000, 1), bool)
     found = statistics(z, z + 0.1, mask, outputs=("q",))
     assert jnp.isnan(found.r_squared[0])
     np.testing.assert_allclose(found.rms, 0.1)

@@ -121,6 +121,9 @@ def test_draws_have_the_covariance_of_the_estimate(seed):
     np.testing.assert_array_equal(np.delete(drawn - np.asarray(hypothesis.flat), at, axis=1), 0.0)
     blind = np.asarray(uncertain_values(hypothesis, np.array([[20.0, 0.0], [0.0, 1e-3]]), 50))
     assert np.max(np.abs(blind[:, at[1]] / 0.3 - 1.0)) <= 1.0 + 1e-12
+    zero = hypothesis_of(Spring(jnp.array(1.5), jnp.array(0.0)), free(model, "k", "c"), np.zeros(2))
+    drawn = np.asarray(uncertain_values(zero, triangle, 4000))[:, at]
+    np.testing.assert_allclose(triangle @ np.cov(drawn.T) @ triangle.T, np.eye(2), atol=0.08)
     assert uncertain_values(hypothesis, np.zeros((2, 2)), 3).shape == (0, hypothesis.flat.size)
 
 

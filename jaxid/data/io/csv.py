@@ -186,7 +186,7 @@ def named_columns(
             f"{path.name} has no row of units below its header. Leave out `units_row`.",
         )
         file_units |= _units_of_row(names, body.pop(0)[1])
-    file_units |= _units_of_file(path)
+    file_units |= _units_of_file(path, names)
     title_of = {n: titles[names.index(n)] for n in wanted}
     file_units |= units_of_titles(title_of, (*given, *file_units), path.name)
     columns = {
@@ -265,8 +265,10 @@ def _date_reader(first: str) -> Callable[[str], float] | None:
     return lambda text: (datetime.fromisoformat(text) - start).total_seconds()
 
 
-def _units_of_file(path: Path) -> dict[str, str]:
-    """Units from the units file of a CSV file, or an empty mapping if it does not exist."""
+def _units_of_file(path: Path, names: Sequence[str]) -> dict[str, str]:
+    """Units by name of column from the units file of a CSV file, or an empty mapping if it does not
+    exist.
+    """
     for suffix, parse in ((".json", json.loads), (".toml", tomllib.loads)):
         file = path.with_name(f"{path.stem}.units{suffix}")
         if file.is_file():
@@ -280,5 +282,6 @@ def _units_of_file(path: Path) -> dict[str, str]:
                 isinstance(units, dict) and all(isinstance(unit, str) for unit in units.values()),
                 f'{file.name} is not a mapping of names to units. Write it as {{"alpha": "deg"}}.',
             )
+            require_known(f"column in {path.name}", units, names, f"{file.name} names it.")
             return units
     return {}

@@ -105,8 +105,8 @@ def optimal_spectrum(
 
     Args:
         model: the model with declared values.
-        free: the parameters of the later estimate; those of the record do not count in steady
-            state.
+        free: the parameters of the later estimate; those of the record, and priors, do not count in
+            a long record in steady state.
         frequencies: increasing candidate frequencies [Hz].
         measure: the measure to be minimised.
         likelihood: the likelihood with known noise.

@@ -26,7 +26,13 @@ from ...models.base import AbstractModel, as_float, canonical
 from ...models.free import Free
 from ..design import Design
 from ..explanations import hypothesis_of
-from ..information import planned_information, planned_record, require_known_noise, require_shown
+from ..information import (
+    planned_information,
+    planned_record,
+    prior_rows,
+    require_known_noise,
+    require_shown,
+)
 from ..measures import AbstractMeasure
 from ..objectives import Hypothesis
 from ..signals import InputSignal
@@ -53,7 +59,7 @@ def energy_limited_input(
 
     Args:
         model: a linear model, with declared values.
-        free: the shared parameters of the later estimate; the model starts at rest.
+        free: the shared parameters of the later estimate, with priors; the model starts at rest.
         t: sample times, uniform [s].
         measure: the measure to be minimised.
         likelihood: the likelihood of the later estimate, with known noise.
@@ -92,13 +98,14 @@ def energy_limited_input(
     _require_linear(sensitivities, u)
     require_shown(model, free, sensitivities(u))
     norm = np.sqrt(energy / step)
-    u, costs = _improved(sensitivities, norm * u / np.linalg.norm(u), norm, measure)
+    known = prior_rows(free)
+    u, costs = _improved(sensitivities, norm * u / np.linalg.norm(u), norm, measure, known)
     signal = InputSignal(t, placed(jnp.asarray(u)), model.inputs, "energy-limited design")
     values = np.asarray(hypothesis.flat[hypothesis.positions.shared])
     return Design(
         signal,
         planned_record(model, signal, likelihood),
-        planned_information(model, free, values, _triangle(sensitivities(u)), signal.name),
+        planned_information(model, free, values, _triangle(sensitivities(u), known), signal.name),
         costs[-1],
         (),
         {"energy": 1.0},
@@ -166,17 +173,25 @@ class _Mixture(NamedTuple):
         return size * u, size * S
 
 
-def _improved(sensitivities: _Sensitivities, u, norm: float, measure: AbstractMeasure):
-    """Return the input at which the measure no longer falls, and the logarithmic costs."""
+def _improved(sensitivities: _Sensitivities, u, norm: float, measure: AbstractMeasure, known):
+    """Return the input at which the measure no longer falls, and the logarithmic costs.
+
+    Args:
+        sensitivities: by input.
+        u: the first input.
+        norm: of each input.
+        measure: the measure.
+        known: rows of the information that is known before.
+    """
 
     def cost(S) -> float:
-        value = float(measure.cost(_triangle(S)))
+        value = float(measure.cost(_triangle(S, known)))
         return float(np.log(value)) if measure.is_variance else value
 
     S = sensitivities(u)
     costs = [cost(S)]
     for _ in range(MIXTURES):
-        rows = jnp.asarray(measure.gradient_rows(_triangle(S)))
+        rows = jnp.asarray(measure.gradient_rows(_triangle(S, known)))
         other = norm * sensitivities.best_input(rows, u.shape)
         mixture = _Mixture((u, other), (S, sensitivities(other)), norm)
         angle, value = _best_angle(lambda angle, mixture=mixture: cost(mixture.at(angle)[1]))
@@ -197,8 +212,8 @@ def _best_angle(cost: Callable[[float], float]) -> tuple[float, float]:
     return float(best.x), float(best.fun)
 
 
-def _triangle(S: np.ndarray) -> np.ndarray:
-    return np.asarray(np.linalg.qr(S, mode="r"))
+def _triangle(S: np.ndarray, known: np.ndarray) -> np.ndarray:
+    return np.asarray(np.linalg.qr(np.concatenate([S, known]), mode="r"))
 
 
 def _require_linear(sensitivities: _Sensitivities, u: np.ndarray) -> None:

@@ -23,8 +23,13 @@ from ...models.base import AbstractModel, as_float, canonical
 from ...models.free import Free, first_state
 from ...sensitivity.spectrum import spectrum
 from ...simulation.simulate import explain_divergence
-from ..explanations import start_of
-from ..information import ROUGHLY, PlannedInformation, information_of, require_known_noise
+from ..information import (
+    ROUGHLY,
+    PlannedInformation,
+    information_of,
+    require_known_noise,
+    start_of,
+)
 from ..limits import (
     Limits,
     Ratios,

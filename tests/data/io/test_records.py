@@ -60,6 +60,13 @@ def test_csv_units_come_from_header_row_units_file_or_call(tmp_path):
     check(path, units={"alpha": "deg"})  # the call has precedence over the file
 
 
+def test_units_of_columns_that_do_not_exist_are_refused(tmp_path):
+    path = write(tmp_path, GOOD)
+    write(tmp_path, json.dumps({"Alpha": "deg"}), "log.units.json")
+    with pytest.raises(InputError, match=r"'Alpha'.*'alpha'.*log\.units\.json names it"):
+        read_csv(path, inputs=("de",), outputs=("alpha",), time="time")
+
+
 @pytest.mark.parametrize("key", ["alpha", "AOA"])
 def test_csv_columns_are_renamed_with_units_and_signs(key, tmp_path):
     path = write(tmp_path, GOOD.replace("time,de,alpha", "TIME [ms],DE_1 [deg],AOA"))

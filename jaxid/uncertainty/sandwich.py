@@ -45,7 +45,9 @@ class Sandwich(eqx.Module):
 
     @property
     def standard_errors(self) -> Float[Array, " parameter"]:
-        """Standard errors; zero for a parameter on its bound, which is taken as known."""
+        """Standard errors; zero for a parameter on its bound, which is taken as known, and infinite
+        for a parameter that the data do not determine.
+        """
         return jnp.sqrt(jnp.diagonal(self.covariance))
 
     def interval(self, level: float = 0.95) -> Float[Array, "parameter 2"]:
@@ -119,8 +121,9 @@ def sandwich(
     factor = groups / (groups - 1.0) * (rows - 1.0) / (rows - size)
     moved = by_group @ inverse
     prior = inverse / np.asarray(problem.limits.prior_deviation)
-    covariance = jnp.asarray(factor * moved.T @ moved + prior @ prior.T)
-    return Sandwich(estimate.names, estimate.values, covariance, groups)
+    undetermined = np.where(np.isinf(np.asarray(estimate.standard_errors)), np.inf, 0.0)
+    covariance = factor * moved.T @ moved + prior @ prior.T + np.diag(undetermined)
+    return Sandwich(estimate.names, estimate.values, jnp.asarray(covariance), groups)
 
 
 @eqx.filter_jit

@@ -93,6 +93,20 @@ def test_priors_are_part_of_the_scatter(seed, motion):
         np.testing.assert_allclose(result.standard_errors[0], 0.1, rtol=1e-12)
 
 
+def test_undetermined_parameter_has_infinite_error(seed):
+    """Without motion the records say nothing about the slope."""
+    _, _, z = data(seed)
+    records = [
+        jaxid.record(0.1 * np.arange(ROWS), np.zeros(ROWS), one, inputs=("u",), outputs=("y",))
+        for one in z
+    ]
+    fit = fitted(records, "slope", "level")
+    result = sandwich(fit, records, jaxid.OutputError())
+    assert np.isinf(fit.standard_errors[0])
+    np.testing.assert_array_equal(result.interval()[0], [-np.inf, np.inf])
+    assert 0.0 < float(result.standard_errors[1]) < np.inf
+
+
 def test_errors_equal_scatter_where_cramer_rao_is_a_third_of_it(seed):
     """Errors in common to a record, 40 records: the scatter of 4,000 least-squares estimates is
     known to 1.1 % (one sigma), the mean of 12 sandwich errors of 15 % scatter to 4.3 %.

@@ -1,5 +1,6 @@
 """`bootstrap`: scatter of the estimates from simulated repetitions of the experiment."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -57,7 +58,9 @@ class Bootstrap(eqx.Module):
 
         Its ends are the quantiles `Phi(2 z0 -/+ z)` of the draws, `z0 = Phi^-1` of the share of
         draws below the estimate (Efron, Canadian Journal of Statistics 9(2), 1981). The interval
-        is not symmetric where the distribution is not.
+        is not symmetric where the distribution is not. Draws equal to an estimate on its bound
+        stand for draws beyond the bound: as many of them count as below as bring the share nearest
+        to one half.
 
         Args:
             level: probability, such as 0.95; a few hundred draws are needed.
@@ -67,7 +70,8 @@ class Bootstrap(eqx.Module):
         """
         require_level(level, 0.95)
         used = self._used()
-        below = np.mean(used < np.asarray(self.values)[None], axis=0)
+        values = np.asarray(self.values)[None]
+        below = np.clip(0.5, np.mean(used < values, axis=0), np.mean(used <= values, axis=0))
         z0 = scipy.special.ndtri(np.clip(below, 0.5 / len(used), 1 - 0.5 / len(used)))
         tails = scipy.special.ndtri([0.5 * (1 - level), 0.5 * (1 + level)])
         shares = scipy.special.ndtr(2 * z0[:, None] + tails[None])
@@ -103,9 +107,9 @@ def bootstrap(
     that is not linear. The block bootstrap joins blocks of consecutive
     residuals, all channels together, drawn at random with replacement from the same record: it
     keeps the correlation of the residuals within a block (Kuensch, Annals of Statistics 17(3),
-    1989), less the share `lag / block` of each lag. The residuals are scaled by
-    `sqrt(N / (N - parameters))`. A prior counts as a measurement of its parameter, whose mean is
-    drawn as well.
+    1989), less the share `lag / block` of each lag. The residuals, and the draws of a noise whose R
+    is estimated, are scaled by `sqrt(N / (N - parameters))`. A prior counts as a measurement of its
+    parameter, whose mean is drawn as well.
 
     Args:
         estimate: from `estimate`, of one case.
@@ -140,7 +144,9 @@ def bootstrap(
         )
     problem = Problem.of(estimate.model, estimate.free, records, likelihood)
     count = float(np.sum(np.asarray(records.mask)))
-    dof = float(np.asarray(estimate.degrees_of_freedom))
+    # Residuals have less power than their noise, whether R is known or not.
+    scaled = dataclasses.replace(estimate, noise_known=estimate.noise_known and not block)
+    dof = float(np.asarray(scaled.degrees_of_freedom))
     ratio = np.sqrt(count / dof) if np.isfinite(dof) and dof > 0 else 1.0
     size = estimate.values.size + estimate.own.shape[-1]
     batch = int(np.clip(kept_bytes() // max(8 * records.z.size * size, 1), 1, draws))

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.signal import lfilter
+from scipy.special import ndtri
+from static_line import Line
 
 import jaxid
 from jaxid._foundation.checks import InputError
@@ -15,6 +17,7 @@ from jaxid._foundation.types import Array
 from jaxid.data import record
 from jaxid.models import AbstractModel
 from jaxid.uncertainty import (
+    Bootstrap,
     ErrorKind,
     Shape,
     bootstrap,
@@ -104,6 +107,30 @@ def test_block_bootstrap_keeps_colour_of_residuals(coloured):
     ratio = np.asarray(result.standard_errors / fit.corrected_errors)
     assert ((ratio > 0.65) & (ratio < 1.25)).all(), ratio
     assert (np.asarray(result.standard_errors) > 1.6 * np.asarray(fit.standard_errors)).all()
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_interval_of_estimate_on_bound_ends_at_quantile_of_draws(side):
+    """Half of the draws of an unbiased estimate stand on the bound, as the estimate does."""
+    normal = ndtri((np.arange(400) + 0.5) / 400)
+    draws = jnp.asarray(side * np.maximum(normal, 0.0))[:, None]
+    result = Bootstrap(("b",), jnp.zeros(1), draws, jnp.ones(400, bool), 0)
+    expected = np.sort([0.0, side * ndtri(0.975)])
+    # Between quantiles of 400 draws, 0.04 apart here
+    np.testing.assert_allclose(result.interval()[0], expected, atol=0.04)
+
+
+def test_blocks_have_the_same_scatter_with_known_noise(seed):
+    """The values of a line do not depend on R, so that the draws are equal."""
+    rng, model, fits = np.random.default_rng(seed), Line(jnp.array(1.0), jnp.array(0.0)), []
+    u, z = rng.normal(size=(2, 12))
+    data = record(0.1 * np.arange(12), u, z, inputs=("u",), outputs=("y",))
+    for noise in (jaxid.DiagonalNoise(), jaxid.FixedNoise([2.0])):
+        likelihood = jaxid.OutputError(noise)
+        fit = jaxid.estimate(model, jaxid.free(model, "slope", "level"), data, likelihood)
+        key = jax.random.key(1)
+        fits.append(bootstrap(fit, data, likelihood, key=key, draws=20, block=1))
+    np.testing.assert_allclose(fits[1].draws, fits[0].draws, rtol=1e-6, atol=1e-8)
 
 
 def test_profile_equals_profile_by_scipy(curved):

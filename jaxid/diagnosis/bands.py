@@ -18,6 +18,7 @@ from ..estimation.result import Estimate
 from ..models.base import AbstractModel
 from ..models.free import Parameters
 from ..models.free_model import FreeModel
+from ..sensitivity.information import covariance_of_unknowns
 from ..sensitivity.jacobian import value_and_jacobian
 
 
@@ -118,7 +119,7 @@ def _histories(
     names: tuple[str, ...],
 ):
     """Values and deviations of all states, outputs and signals, shape (2, case, time, name)."""
-    joint, likelihood = _joint_covariance(*covariances), problem.likelihood
+    joint, likelihood = covariance_of_unknowns(*covariances), problem.likelihood
 
     def one_record(own, covariance, case):
         flat, record = case
@@ -159,10 +160,3 @@ def _slopes(model: AbstractModel, record: Record, x, names: tuple[str, ...]):
         return jnp.concatenate([x, model.output(t, x, u), *(signals[name][None] for name in names)])
 
     return jax.vmap(jax.jacfwd(histories, argnums=1))(record.t, x, record.u)
-
-
-def _joint_covariance(own, shared):
-    """Return the covariance of each record's own unknowns and the shared parameters."""
-    count = own.shape[1]
-    below = jnp.broadcast_to(shared, (own.shape[0], *shared.shape))
-    return jnp.concatenate([own, jnp.concatenate([own[..., count:].mT, below], axis=-1)], axis=-2)

@@ -103,6 +103,20 @@ class OwnBlock(eqx.Module):
         return jnp.concatenate([own, -turned @ shared], axis=-1)
 
 
+def covariance_of_unknowns(
+    own: Float[Array, "*case own unknown"], shared: Float[Array, "parameter parameter"]
+) -> Float[Array, "*case unknown unknown"]:
+    """Return the covariance of each record's own unknowns and the shared parameters.
+
+    Args:
+        own: covariances of the own unknowns with themselves, then with the shared parameters.
+        shared: covariance of the shared parameters.
+    """
+    below = jnp.broadcast_to(shared, (*own.shape[:-2], *shared.shape))
+    below = jnp.concatenate([own[..., own.shape[-2] :].mT, below], axis=-1)
+    return jnp.concatenate([own, below], axis=-2)
+
+
 class Profile(eqx.Module):
     """Rows `C` by which an estimated noise covariance lowers the curvature: `M - C'C` for M.
 

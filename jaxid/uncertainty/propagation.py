@@ -15,8 +15,10 @@ from .._foundation.notebook import Table
 from .._foundation.traced_errors import plain_errors
 from .._foundation.types import Array, Float
 from ..estimation.coloured_errors import colour_ratio
+from ..estimation.filter.backward_pass import square_factor
 from ..estimation.result import Estimate
 from ..models.names import flatten, parameter_names
+from ..sensitivity.information import covariance_of_unknowns
 from ..sensitivity.jacobian import value_and_jacobian
 from ..sensitivity.spectrum import SHARE
 from .fixed_constants import FixedConstants
@@ -182,8 +184,8 @@ def _propagated(
     covariance = half @ half.T
     by_shared = (J @ spread.reaction) * ~estimate.on_bound[None]
     weak = estimate.spectrum.weak_share(by_shared, estimate.threshold) > SHARE
-    # An undetermined unknown of the record
-    own = estimate.information.own.undetermined[case]
+    # An undetermined unknown of the record, and not on its bound
+    own = estimate.information.own.undetermined[case] & ~jnp.isnan(estimate.own_errors[case])
     weak = weak | jnp.any((J[:, : own.size] != 0) & own[None], axis=-1)
     errors = jnp.where(weak, jnp.inf, jnp.sqrt(jnp.diagonal(covariance)))
     samples = None
@@ -199,16 +201,21 @@ def _spread(
     """Return the uncertain quantities of one record and the square root of their covariance.
 
     d_own = inverse (e - coupling d_shared) + own_gain d_constants
+
+    With `coloured`, the covariance of own and shared parameters is the corrected one.
     """
     own = estimate.information.own
     inverse, coupling = own.inverse[case], own.coupling[case]
     half = estimate.spectrum.square_root(estimate.threshold)
-    if coloured:
-        half = half * colour_ratio(estimate.standard_errors, estimate.corrected_errors)[:, None]
     n_own, n_shared = inverse.shape[0], half.shape[0]
     react = -inverse @ coupling
     reaction = jnp.concatenate([react, jnp.eye(n_shared)])
-    columns = [reaction @ half, jnp.concatenate([inverse, jnp.zeros((n_shared, n_own))])]
+    if coloured:
+        half = half * colour_ratio(estimate.standard_errors, estimate.corrected_errors)[:, None]
+        corrected = covariance_of_unknowns(estimate.corrected_own[case], half @ half.T)
+        columns = [square_factor(corrected)]
+    else:
+        columns = [reaction @ half, jnp.concatenate([inverse, jnp.zeros((n_shared, n_own))])]
     mean, names = [estimate.own[case], estimate.values], estimate.free.per_record + estimate.names
     if considered is not None:
         n_constants = len(considered.names)

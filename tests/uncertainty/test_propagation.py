@@ -7,7 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import binom
+from static_line import Line
 
 import jaxid
 from jaxid._foundation.checks import InputError
@@ -18,6 +20,7 @@ from jaxid.uncertainty import combine_curves, consider, curve, propagate
 DRAWS, ROWS, SIGMA, WIDTH = 2000, 48, 0.2, 1.959963984540054
 NOISE = np.array([0.002, 0.005])
 KNOWN = jaxid.OutputError(jaxid.FixedNoise(NOISE**2))
+KNOWN_SIGMA = jaxid.FixedNoise([SIGMA**2])
 A = np.array([[-0.6, 1.0], [-4.0, -0.9]])
 CHANNELS = {"states": ("alpha", "q"), "inputs": ("elevator",), "outputs": ("alpha", "q")}
 
@@ -101,7 +104,7 @@ def regression(fixed=0.0):
     model = LinearModel(
         [[-1.0]], [[0.0] * 4], [[0.0]], D, states=("x",), inputs=names, outputs=("y",)
     )
-    likelihood = jaxid.OutputError(jaxid.FixedNoise([SIGMA**2]))
+    likelihood = jaxid.OutputError(KNOWN_SIGMA)
 
     def estimated(z, u):
         data = record(np.arange(ROWS * 1.0), u, z, inputs=names, outputs=("y",))
@@ -207,6 +210,45 @@ def test_sum_is_determined_where_terms_are_not():
     gram = np.linalg.inv(u[:, 1:3].T @ u[:, 1:3])
     np.testing.assert_allclose(errors[[0, 3]], SIGMA * np.sqrt(np.diagonal(gram)), rtol=1e-9)
     assert errors[4] == 0.0  # the fixed coefficient
+
+
+def line_of_each_record(levels, rho=0.0, **options):
+    """Estimate of a slope in common and a level of each record; noise AR(1) with `rho`."""
+    rng, records = np.random.default_rng(5), []
+    for level in levels:
+        u = 1.0 + np.sin(0.3 * np.arange(ROWS))
+        e = lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], rng.normal(size=ROWS + 100))[100:]
+        z = 2.0 * u + level + SIGMA * e
+        records.append(record(0.1 * np.arange(ROWS), u, z, inputs=("u",), outputs=("y",)))
+    model, known = Line(jnp.array(1.0), jnp.array(0.5)), jaxid.OutputError(KNOWN_SIGMA)
+    chosen = jaxid.free(model, "slope", per_record=("level",), **options)
+    return jaxid.estimate(model, chosen, records, known)
+
+
+def line(model):
+    return {"both": model.slope + model.level, "level": model.level, "slope": model.slope}
+
+
+def test_coloured_errors_of_record_equal_corrected_covariances():
+    """Of its own level, of the slope, and of their sum."""
+    fit = line_of_each_record([1.0, 2.0, 3.0], rho=0.8)
+    assert (fit.corrected_own_errors > 1.5 * fit.own_errors).all()
+    for case in range(3):
+        level, cross = np.asarray(fit.corrected_own[case, 0])
+        slope = float(fit.corrected_errors[0]) ** 2
+        result = propagate(fit, line, case=case, coloured=True)
+        expected = {"both": slope + 2 * cross + level, "level": level, "slope": slope}
+        for name, variance in expected.items():
+            np.testing.assert_allclose(result.standard_errors[name], np.sqrt(variance), rtol=1e-9)
+
+
+def test_own_parameter_on_its_bound_is_held():
+    """The level of record 0 is below its bound; the sum has the error of the slope alone."""
+    fit = line_of_each_record([-1.0, 2.0, 3.0], bounds={"level": (0.0, None)})
+    assert np.isnan(fit.own_errors[0, 0])
+    result = propagate(fit, line, case=0)
+    np.testing.assert_allclose(result.standard_errors["both"], fit.standard_errors[0], rtol=1e-9)
+    assert float(result.standard_errors["level"]) == 0.0
 
 
 def test_curve_of_polynomial_and_weighted_mean_equal_closed_form():

@@ -99,7 +99,9 @@ def combine_curves(curves: Sequence[Curve]) -> Curve:
         C = sum_i w_i C_i / sum_i w_i,    w_i = 1 / sigma_i^2,    sigma = ( sum_i w_i )^-1/2
 
     with the curves that are valid at a point. The report's `sigma_i` are variances. The curves
-    are of independent flights.
+    are of independent flights. Where no curve has an error, such as at `alpha = 0` of `a alpha`,
+    the mean has none; elsewhere a curve without an error, such as of a parameter on its bound, is
+    left out.
 
     Args:
         curves: over the same points.
@@ -117,13 +119,15 @@ def combine_curves(curves: Sequence[Curve]) -> Curve:
     value = np.stack([np.asarray(one.value) for one in curves])
     errors = np.stack([np.asarray(one.standard_errors) for one in curves])
     valid = np.stack([np.asarray(one.valid) for one in curves])
-    used = valid & np.isfinite(errors) & (errors > 0)
-    weight = np.where(used, 1.0 / np.where(used, errors, 1.0) ** 2, 0.0)
+    used = valid & np.isfinite(errors)
+    exact = ~np.any(used & (errors > 0), axis=0)
+    used = used & (exact | (errors > 0))
+    weight = np.where(used, 1.0 / np.where(used & ~exact, errors, 1.0) ** 2, 0.0)
     total = np.sum(weight, axis=0)
     determined = total > 0
     safe = np.where(determined, total, 1.0)
     mean = np.where(determined, np.sum(weight * np.where(used, value, 0.0), axis=0) / safe, np.nan)
-    deviation = np.where(determined, safe**-0.5, np.inf)
+    deviation = np.where(determined, np.where(exact, 0.0, safe**-0.5), np.inf)
     return Curve(
         curves[0].points,
         jnp.asarray(mean),

@@ -283,6 +283,23 @@ def test_curve_of_polynomial_and_weighted_mean_equal_closed_form():
     assert not bool(alone.valid[-1])
 
 
+def test_value_without_error_is_combined():
+    """`a alpha` is zero at `alpha = 0` whatever a is; elsewhere its error counts."""
+    fits = [regression()(inputs() @ [scale, -2.0, 0.5, 0.0], inputs())[0] for scale in (1.0, 1.1)]
+    points = np.array([0.0, 1.0])
+    curves = [curve(fit, lambda model, alpha: model.D[0, 0] * alpha, points) for fit in fits]
+    mean = combine_curves(curves)
+    np.testing.assert_allclose(mean.value, [0.0, 1.05], atol=1e-8)
+    error = float(fits[0].standard_errors[0]) / np.sqrt(2.0)
+    np.testing.assert_allclose(mean.standard_errors, [0.0, error], rtol=1e-9)
+    assert bool(mean.valid.all())
+    # A curve without errors, as of a coefficient on its bound, does not outweigh the others.
+    held = eqx.tree_at(lambda one: one.standard_errors, curves[1], jnp.zeros(2))
+    mean = combine_curves([curves[0], held])
+    np.testing.assert_array_equal(mean.value, curves[0].value)
+    np.testing.assert_array_equal(mean.standard_errors, curves[0].standard_errors)
+
+
 def test_faulty_calls_are_refused(short_period):
     with pytest.raises(InputError, match="random key"):
         propagate(short_period, mode, draws=10)

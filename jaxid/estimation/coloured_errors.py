@@ -3,12 +3,13 @@
 The whitened residual `v` of each channel is described by an autoregressive process, of the order
 that the Bayesian information criterion selects, by Burg's recursion on the windows without gaps:
 
-    Gamma(k) = autocovariance,    V = C S' Gamma S C,    C = (S'S)^-1
+    Gamma(k) = autocovariance,    V = C (S' Gamma S + T) C,    C = (S'S + T)^-1
 
-A residual has less power than the noise that made it, most of all at the frequencies of the
-sensitivities: with `H = S C S'`, `v = (I - H) e`. The expected loss is added to the autocovariance,
+with the information T of the priors, whose errors have no colour. A residual has less power than
+the noise that made it, most of all at the frequencies of the sensitivities: with `H = S C S'`,
+`v = (I - H) e - S C T (errors of the priors)`. The expected loss is added to the autocovariance,
 
-    E c(k) = gamma(k) - tr J_k (2 Gamma H - H Gamma H) / pairs(k)      (J_k: shift by k samples)
+    E c(k) = gamma(k) - tr J_k (2 Gamma H - S V S') / pairs(k)      (J_k: shift by k samples)
 
 and the process computed again (Yule-Walker), two times. V depends on the estimated process, and so
 has a variance of its own; an interval takes Student's t with Satterthwaite's degrees of freedom,
@@ -54,11 +55,15 @@ class ScoreSpectrum(NamedTuple):
             record first; None for a stack of records too large to keep, whose loss of power is
             negligible.
         own: number of the columns of the record.
+        prior_power: variance of each parameter by the errors of the priors, diagonal of `C T C`.
+        prior_products: part of the priors in `ColouredVariances.products`, of the shared columns.
     """
 
     power: Float[Array, "frequency output parameter"]
     columns: Complex[Array, "case frequency output column"] | None
     own: int
+    prior_power: Float[Array, " parameter"]
+    prior_products: Float[Array, "column column"]
 
 
 class ColouredVariances(NamedTuple):
@@ -68,8 +73,8 @@ class ColouredVariances(NamedTuple):
         variance: of each shared parameter.
         dof: degrees of freedom of this variance.
         products: covariances of the products of residual and columns, of each record for its own
-            columns, of all records for the shared ones; the identity for white residuals, None
-            without columns.
+            columns, of all records and priors for the shared ones; the identity for white
+            residuals, None without columns.
     """
 
     variance: Float[Array, " parameter"]
@@ -112,7 +117,7 @@ def coloured_variances(
     length = score.power.shape[0] - 1
     process = burg(v, mask, batch)
     if score.columns is None:
-        return ColouredVariances(*_variances(process, score.power, length), None)
+        return ColouredVariances(*_variances(process, score, length), None)
     powers = _powers(score)
     pairs = _pairs(mask)
 
@@ -122,7 +127,7 @@ def coloured_variances(
 
     process, _ = jax.lax.scan(correct, process, None, ITERATIONS)
     products = _products(score, powers[1], spectral_density(process, length))
-    return ColouredVariances(*_variances(process, score.power, length), products)
+    return ColouredVariances(*_variances(process, score, length), products)
 
 
 def burg(
@@ -269,7 +274,7 @@ def _products(score: ScoreSpectrum, parts, density) -> Float[Array, "case column
     weighted = density * jnp.where(ends, 0.5, 1.0)[:, None] / count
     inner = jnp.einsum("cfjp,cfjq->cpq", parts * weighted[None, :, :, None], parts)
     inner = inner[: twice_cases // 2] + inner[twice_cases // 2 :]
-    shared = jnp.sum(inner[:, score.own :, score.own :], axis=0)
+    shared = jnp.sum(inner[:, score.own :, score.own :], axis=0) + score.prior_products
     return inner.at[:, score.own :, score.own :].set(shared[None])
 
 
@@ -291,7 +296,7 @@ def _pairs(mask):
     return jnp.maximum(jnp.round(_inverse_transform(power)), 1.0)
 
 
-def _variances(process: Process, power, length: int):
+def _variances(process: Process, score: ScoreSpectrum, length: int):
     """Return the variance of each estimate and its degrees of freedom.
 
     The variance of the coefficients of a process of n samples is `variance Gamma^-1 / n`, and the
@@ -303,9 +308,9 @@ def _variances(process: Process, power, length: int):
     frequency = jnp.arange(length + 1)
     twice = jnp.where((frequency == 0) | (frequency == length), 1.0, 2.0) / (2 * length)
     density = twice[:, None] * process.variance[None] / jnp.abs(polynomial) ** 2
-    weighted = density[..., None] * power
+    weighted = density[..., None] * score.power
     by_channel = jnp.sum(weighted, axis=0)
-    total = jnp.sum(by_channel, axis=0)
+    total = jnp.sum(by_channel, axis=0) + score.prior_power
     # d density / d coefficient_l = 2 density Re( exp(-i w l) / A )
     lag = jnp.arange(1, HIGHEST_ORDER + 1)
     angle = jnp.pi / length * frequency[:, None] * lag[None]

@@ -215,6 +215,8 @@ class Problem(eqx.Module):
         v, own = linearised.v, linearised.information.own
         mask, count = self.row_mask, self.positions.rows.size
         whiten = self.likelihood.noise.whitening(v, mask)
+        prior = half / self.limits.prior_deviation[:, None]
+        priors = jnp.sum((half @ prior.T) ** 2, axis=1), prior.T @ prior
         size = 2 * int(scipy.fft.next_fast_len(mask.shape[1], real=True))
 
         def transforms(S, own, mask):
@@ -227,7 +229,7 @@ class Problem(eqx.Module):
 
         if linearised.S is not None:
             columns = transforms(linearised.S, own, mask)
-            return ScoreSpectrum(power(columns), columns, count)
+            return ScoreSpectrum(power(columns), columns, count, *priors)
 
         def of_batch(batch):
             rows, cases, own = batch
@@ -243,7 +245,7 @@ class Problem(eqx.Module):
             jnp.zeros(shape.shape, shape.dtype),
             batches,
         )
-        return ScoreSpectrum(total, None, count)
+        return ScoreSpectrum(total, None, count, *priors)
 
     @property
     def batch(self) -> int:

@@ -50,23 +50,28 @@ def test_process_does_not_depend_on_records_at_a_time(seed):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
 
 
-def test_loss_of_power_equals_dense_trace(seed):
-    """`tr J_k (2 Gamma H - H Gamma H)` of an AR(1) process with 0.8: both ends of the record are
-    left out of the first term, 1 % here.
+@pytest.mark.parametrize("priors", [(0.0, 0.0), (1.0, 3.0)])
+def test_loss_of_power_equals_dense_trace(priors):
+    """`tr J_k (2 Gamma H - H Gamma H - S C T C S')` of an AR(1) process with 0.8: both ends of the
+    record are left out of the first term, 1 % here.
     """
     t = np.arange(ROWS)
     columns = np.linalg.qr(np.stack([np.sin(0.05 * t), np.exp(-t / 40), t / ROWS], -1))[0]
-    F = jnp.fft.rfft(jnp.asarray(columns)[None, :, None], 2 * ROWS, axis=1)
-    # Column 0 belongs to the record, the others are shared.
-    score = ScoreSpectrum(jnp.zeros((ROWS + 1, 1, 2)), F, 1)
+    # Column 0 belongs to the record, the others are shared and have priors.
+    T = np.diag([0.0, *priors])
+    half = np.linalg.inv(np.sqrt(np.eye(3) + T))
+    F = jnp.fft.rfft(jnp.asarray(columns @ half)[None, :, None], 2 * ROWS, axis=1)
+    of_priors = jnp.zeros(2), jnp.asarray((half @ T @ half)[1:, 1:])
+    score = ScoreSpectrum(jnp.zeros((ROWS + 1, 1, 2)), F, 1, *of_priors)
     frequency = np.pi * np.arange(ROWS + 1) / ROWS
     density = 0.36 / np.abs(1 - 0.8 * np.exp(-1j * frequency)) ** 2
     mask = jnp.ones((1, ROWS, 1), bool)
     loss = jax.jit(lambda density: _loss(score, _powers(score), density, _pairs(mask)))(
         jnp.asarray(density)[:, None]
     )
-    Gamma, H = toeplitz(0.8**t), columns @ columns.T
-    missing = Gamma @ H + H @ Gamma - H @ Gamma @ H
+    Gamma, C = toeplitz(0.8**t), half @ half
+    H = columns @ C @ columns.T
+    missing = Gamma @ H + H @ Gamma - H @ Gamma @ H - columns @ C @ T @ C @ columns.T
     for lag in (0, 1, 5):
         expected = np.trace(missing, offset=lag) / (ROWS - lag)
         np.testing.assert_allclose(loss[lag, 0], expected, rtol=0.03)
@@ -80,7 +85,8 @@ def test_degrees_of_freedom_equal_scatter_of_variance():
     column = jnp.asarray(np.sin(0.02 * np.arange(rows)))[None, :, None, None]
     power = jnp.sum(jnp.abs(jnp.fft.rfft(column, 2 * rows, axis=1)) ** 2, axis=0)
     mask = jnp.ones((1, rows, 1), bool)
-    run = jax.jit(jax.vmap(lambda v: coloured_variances(ScoreSpectrum(power, None, 0), v, mask, 1)))
+    score = ScoreSpectrum(power, None, 0, jnp.zeros(1), jnp.zeros((1, 1)))
+    run = jax.jit(jax.vmap(lambda v: coloured_variances(score, v, mask, 1)))
     variance, dof, _ = run(v)
     scatter = np.std(variance[:, 0]) / np.mean(variance[:, 0])
     np.testing.assert_allclose(np.sqrt(2 / np.median(dof)), scatter, rtol=0.12)

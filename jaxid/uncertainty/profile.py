@@ -2,6 +2,7 @@
 
 import enum
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,10 +20,16 @@ from ..estimation.problem import Problem
 from ..estimation.result import Estimate
 from ..estimation.solver import GaussNewton, solver_or_default
 from ..models.free import Parameters
+from ..sensitivity.information import OwnBlock
+from ..sensitivity.spectrum import spectrum
 from .argument_checks import stack_of_estimate
 
-POINTS = 17  # of a profile; chosen
-WIDTHS = (4.0, 16.0, 64.0)  # half widths in standard errors, until the interval ends; chosen
+SIDE_STEPS = np.arange(1, 9) / 8.0  # of a profile on each side of the estimate; chosen
+# First and largest width of a side in standard errors, and factor by which it is widened until the
+# interval ends; chosen.
+FIRST_WIDTH, LARGEST_WIDTH, WIDENING = 4.0, 64.0, 4.0
+CLOSE_END = 0.25  # share of the width of a side within which an end has too few points; chosen
+ROUNDS = 16  # of widening or refining; chosen
 
 
 class Shape(enum.Enum):
@@ -86,7 +93,8 @@ def profile_likelihood(
     with Student's q of `nu = N - p` degrees of freedom, which for a linear model with one output is
     the interval of `Estimate.interval`; the limit is `q^2 / 2` where R is known. The interval
     follows a likelihood that is not quadratic, ends at bounds, and is infinite where the data set
-    no limit.
+    no limit within 64 standard errors. A parameter on its bound may move into its bounds; its
+    standard error here is the one without the bound.
 
     Args:
         estimate: from `estimate`, of one case.
@@ -108,22 +116,26 @@ def profile_likelihood(
     else:
         nu, count = float(estimate.degrees_of_freedom), float(np.sum(np.asarray(estimate.mask)))
         threshold = 0.5 * count * float(np.log1p(scipy.special.stdtrit(nu, upper) ** 2 / nu))
-    value, error = float(estimate.values[index]), float(estimate.standard_errors[index])
-    if not np.isfinite(error):
-        error = 1.0 / float(estimate.spectrum.scale[index])  # all others known
+    value, local = float(estimate.values[index]), _local(problem, estimate, index)
     limits = problem.limits
     bounds = float(limits.lower.shared[index]), float(limits.upper.shared[index])
-    for width in WIDTHS:
-        points = np.clip(value + error * np.linspace(-width, width, POINTS), *bounds)
-        costs = np.asarray(_costs(problem, estimate, index, jnp.asarray(points), solver))
+    below = above = FIRST_WIDTH * local.error
+    for _ in range(ROUNDS):
+        points = np.concatenate(
+            [value - below * SIDE_STEPS[::-1], [value], value + above * SIDE_STEPS]
+        )
+        points = np.clip(points, *bounds)
+        costs = np.asarray(
+            _costs(problem, estimate, *local[1:], index, jnp.asarray(points), solver)
+        )
         rises = costs - float(estimate.cost)
         low = _crossing(points[::-1], rises[::-1], value, threshold)
         high = _crossing(points, rises, value, threshold)
-        reached = (
-            np.isfinite(low) or points[0] == bounds[0],
-            np.isfinite(high) or points[-1] == bounds[1],
-        )
-        if all(reached):
+        last = below, above
+        largest = LARGEST_WIDTH * local.error
+        below = _next_width(below, value - low, largest, at_bound=bool(points[0] == bounds[0]))
+        above = _next_width(above, high - value, largest, at_bound=bool(points[-1] == bounds[1]))
+        if (below, above) == last:
             break
     determined = int(np.isfinite(low)) + int(np.isfinite(high))
     return Profile(
@@ -135,6 +147,63 @@ def profile_likelihood(
         ends=(low if np.isfinite(low) else bounds[0], high if np.isfinite(high) else bounds[1]),
         shape=(Shape.FLAT, Shape.ONE_SIDED, Shape.BOUNDED)[determined],
     )
+
+
+class _Local(NamedTuple):
+    """The likelihood about the estimate, with the parameter of the profile free of its bounds.
+
+    Attributes:
+        error: standard error of the parameter; with all others known where these do not determine
+            it, and one where the data do not depend on it.
+        half: square root of the covariance of the shared parameters.
+        own: information on the parameters of each record.
+    """
+
+    error: float
+    half: Float[Array, "parameter parameter"]
+    own: OwnBlock
+
+
+def _local(problem: Problem, estimate: Estimate, index: int) -> _Local:
+    """Return the likelihood about the estimate, for the profile over one parameter."""
+    information, svd = estimate.information, estimate.spectrum
+    if bool(estimate.on_bound[index]):  # which holds it, so that its column there is zero
+        released = _with_bounds(problem, index, -jnp.inf, jnp.inf)
+        linearised = eqx.filter_jit(Problem.linearise)(released, estimate.parameters)
+        information = linearised.information
+        svd = spectrum(information.triangle, information.rhs, problem.limits.scale)
+    error = float(jnp.sqrt(svd.covariance(estimate.threshold)[index, index]))
+    if not np.isfinite(error):
+        length = float(jnp.linalg.norm(information.triangle[:, index]))
+        error = 1.0 / length if length > 0 else 1.0
+    return _Local(error, svd.square_root(estimate.threshold), information.own)
+
+
+def _with_bounds(problem: Problem, index: int, low, high) -> Problem:
+    """Return a problem with other bounds of one shared parameter."""
+    limits = problem.limits
+    return eqx.tree_at(
+        lambda node: (node.limits.lower.shared, node.limits.upper.shared),
+        problem,
+        (limits.lower.shared.at[index].set(low), limits.upper.shared.at[index].set(high)),
+    )
+
+
+def _next_width(width: float, distance: float, largest: float, *, at_bound: bool) -> float:
+    """Return the width of one side of the next profile; the same one where it is right.
+
+    An end that is close to the estimate needs more points: next to a bound the cost rises as a
+    straight line, and its root does not.
+
+    Args:
+        width: of the side now.
+        distance: of the end from the estimate, not finite where the cost does not rise so far.
+        largest: width of a side.
+        at_bound: True if the side ends at the bound of the parameter.
+    """
+    if not np.isfinite(distance):
+        return width if at_bound or width >= largest else WIDENING * width
+    return 2.0 * distance if distance < CLOSE_END * width else width
 
 
 def _crossing(points: np.ndarray, rises: np.ndarray, value: float, threshold: float) -> float:
@@ -164,16 +233,14 @@ def _crossing(points: np.ndarray, rises: np.ndarray, value: float, threshold: fl
 
 
 @eqx.filter_jit
-def _costs(problem: Problem, estimate: Estimate, index: int, points, solver):
+def _costs(problem: Problem, estimate: Estimate, half, own: OwnBlock, index: int, points, solver):
     """Return the least costs with one parameter held at each of several values (jitted).
 
     The parameter is held by bounds that are equal. The others start where a linear model has them.
     """
-    half = estimate.spectrum.square_root(estimate.threshold)
     covariance = half @ half.T
     variance = covariance[index, index]
     slope = covariance[:, index] / jnp.where(variance > 0, variance, 1.0)
-    own = estimate.information.own
     reaction = -jnp.einsum("coi,cip->cop", own.inverse, own.coupling)
 
     def cost(point):
@@ -182,14 +249,7 @@ def _costs(problem: Problem, estimate: Estimate, index: int, points, solver):
         )
         shared = (estimate.values + step).at[index].set(point)
         begin = Parameters(shared, estimate.own + reaction @ step)
-        held = eqx.tree_at(
-            lambda node: (node.limits.lower.shared, node.limits.upper.shared),
-            problem,
-            tuple(
-                bound.at[index].set(point)
-                for bound in (problem.limits.lower.shared, problem.limits.upper.shared)
-            ),
-        )
+        held = _with_bounds(problem, index, point, point)
         return fit_problem(held, begin, solver_or_default(solver)).cost
 
     return jax.vmap(cost)(points)

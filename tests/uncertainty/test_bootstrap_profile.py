@@ -156,6 +156,28 @@ def test_profile_equals_profile_by_scipy(curved):
     assert result.shape is Shape.BOUNDED
 
 
+@pytest.mark.parametrize("size", [1e-5, 1e3])
+@pytest.mark.parametrize("past", [0.0, 3.0, 100.0])
+def test_profile_from_bound_equals_closed_form(size, past):
+    """`y = slope u + level` with one standard error `size` of the slope, whose estimate without its
+    bound at zero lies `past` standard errors outside: `d^2 / 2 + past d` is the rise at `d`.
+    """
+    model, u = Line(jnp.array(1.0), jnp.array(0.0)), np.sin(0.3 * np.arange(12))
+    u = (u - u.mean()) / np.linalg.norm(u - u.mean()) / size
+    z = 1.0 - past * size * u
+    data = record(0.1 * np.arange(12), u, z, inputs=("u",), outputs=("y",))
+    likelihood = jaxid.OutputError(jaxid.FixedNoise([1.0]))
+    chosen = jaxid.free(model, "slope", "level", bounds={"slope": (0.0, None)})
+    fit = jaxid.estimate(model, chosen, data, likelihood)
+    assert fit.value("slope") == 0.0
+    result = profile_likelihood(fit, data, likelihood, "slope")
+    end = size * (np.sqrt(past**2 + 2.0 * result.threshold) - past)
+    # The root of a straight line, interpolated between the second and the third of equal steps, is
+    # right to 2.6 %.
+    np.testing.assert_allclose(result.ends, [0.0, end], rtol=0.026)
+    assert result.shape is Shape.ONE_SIDED
+
+
 def test_profile_without_upper_limit_is_one_sided():
     """A saturation that is reached at once has no largest rate."""
     fit, data, likelihood, _ = case(0.1, reach=3.0, b=8.0, least=1.0, bounds={"b": (0.1, 50.0)})

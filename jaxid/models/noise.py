@@ -205,7 +205,8 @@ class DiagonalNoise(AbstractNoise):
     """R unknown and diagonal, re-estimated at each iteration: `R = diag(1/N sum v v')` (Eq. 4.4),
     `J = sum_j N_j/2 log R_j`.
 
-    `N_j` is the number of valid samples of channel j, so that gaps may be anywhere.
+    `N_j` is the number of valid samples of channel j, so that gaps may be anywhere. A channel that
+    is fitted exactly has the variance 1.5e-154: the square of its inverse is finite.
     """
 
     is_known: ClassVar[bool] = False
@@ -230,7 +231,8 @@ class DiagonalNoise(AbstractNoise):
     def _variances(self, v, mask):
         count = jnp.maximum(jnp.sum(mask, axis=(0, 1)), 1)
         return jnp.maximum(
-            jnp.sum(jnp.where(mask, v, 0.0) ** 2, axis=(0, 1)) / count, jnp.finfo(float).tiny
+            jnp.sum(jnp.where(mask, v, 0.0) ** 2, axis=(0, 1)) / count,
+            np.sqrt(np.finfo(float).tiny),
         )
 
 

@@ -32,7 +32,9 @@ class Spectrum(eqx.Module):
         return self.singular_values**2
 
     def weak(self, threshold: float) -> Bool[Array, " parameter"]:
-        """Which directions have an eigenvalue below `threshold` times the largest (Eq. 4.28)."""
+        """Which directions have an eigenvalue of at most `threshold` times the largest (Eq. 4.28);
+        all, where all eigenvalues are zero.
+        """
         return _is_weak(self.singular_values, threshold=threshold)
 
     def step(self, weights: Float[Array, " parameter"]) -> Float[Array, " parameter"]:
@@ -46,7 +48,7 @@ class Spectrum(eqx.Module):
         column of zeros.
         """
         half = self.square_root(threshold)
-        strong = self._strong(threshold)
+        strong = ~self.weak(threshold)
         undetermined = jnp.any(~strong[:, None] & (jnp.abs(self.directions) > SHARE), axis=0)
         covariance = half @ half.T
         return covariance + jnp.diag(jnp.where(undetermined, jnp.inf, 0.0))
@@ -56,7 +58,7 @@ class Spectrum(eqx.Module):
 
         A weak direction has a column of zeros.
         """
-        strong = self._strong(threshold)
+        strong = ~self.weak(threshold)
         inverse = jnp.where(strong, 1.0 / jnp.where(strong, self.singular_values, 1.0), 0.0)
         return self.directions.T / self.scale[:, None] * inverse[None]
 
@@ -71,18 +73,15 @@ class Spectrum(eqx.Module):
         """
         scaled = gradient / self.scale[None]
         length = jnp.linalg.norm(scaled, axis=-1)
-        weak = (scaled @ self.directions.T) * ~self._strong(threshold)[None]
+        weak = (scaled @ self.directions.T) * self.weak(threshold)[None]
         return jnp.linalg.norm(weak, axis=-1) / jnp.where(length > 0, length, 1.0)
-
-    def _strong(self, threshold: float) -> Bool[Array, " parameter"]:
-        return ~self.weak(threshold) & (self.singular_values > 0)
 
 
 @on_host
 def _is_weak(xp, singular_values, threshold: float):
-    """True for eigenvalues below `threshold` times the largest."""
+    """True for eigenvalues of at most `threshold` times the largest."""
     eigenvalues = xp.square(singular_values)
-    return eigenvalues < threshold * eigenvalues[:1]
+    return eigenvalues <= threshold * eigenvalues[:1]
 
 
 # a share in a weak direction below this is rounding of the singular vectors, not participation

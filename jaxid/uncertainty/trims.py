@@ -53,6 +53,10 @@ class TrimPolynomial(eqx.Module):
             f"The points have shape {points.shape}, and the polynomial has {len(self.centre)} "
             "signals. Give one column for each.",
         )
+        require(
+            isinstance(derivative, int) and derivative >= 0,
+            f"`derivative` is {derivative}. Give an order of zero or more.",
+        )
         rows = _rows(columns - np.array(self.centre), self.powers, derivative)
         covariance = rows @ np.asarray(self.table.covariance) @ rows.T
         errors = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
@@ -168,6 +172,10 @@ def _axes(trims: np.ndarray, degree, centre, signal, units: tuple[str, ...]) -> 
     """Return degree, centre, name and unit of each signal, after checks."""
     count = trims.shape[1]
     degrees = tuple(np.atleast_1d(degree).tolist())
+    require(
+        all(isinstance(each, int) and each >= 0 for each in degrees),
+        f"`degree` is {degree}. Give a whole number of zero or more for each signal.",
+    )
     signals = (signal,) if isinstance(signal, str) else tuple(signal)
     given = (centre,) * count if np.ndim(centre) == 0 else centre
     centres = tuple(map(float, given))

@@ -7,12 +7,14 @@ import pytest
 from compiled_problem import linearise
 from reference_estimation import Lag, lag_rhs, rk4
 from scipy.signal import lfilter
+from static_line import Line
 
 from jaxid._foundation.results import RESULTS
 from jaxid.data import Record, record
-from jaxid.estimation import OutputError, estimate
+from jaxid.estimation import GaussNewton, OutputError, estimate
 from jaxid.estimation.estimate import as_stack
 from jaxid.estimation.problem import Problem
+from jaxid.estimation.spectrum_policy import Clip, Damp, Truncate, TwoStep
 from jaxid.models import FixedNoise, LinearModel, free
 from jaxid.models.free import Parameters
 
@@ -46,6 +48,39 @@ def test_parameter_on_bound_is_held_and_reported(seed, low, high, edge):
     np.testing.assert_allclose(result.standard_error("b"), other.standard_error("b"), rtol=1e-8)
     np.testing.assert_allclose(result.own, other.own, rtol=1e-8)
     np.testing.assert_allclose(result.own_errors, other.own_errors, rtol=1e-8)
+
+
+@pytest.mark.parametrize("policy", [Clip(), Truncate(), TwoStep(), Damp()])
+def test_fit_ends_where_every_parameter_is_on_a_bound(policy):
+    """No direction is left; the residual, which stays large, is none."""
+    u = np.sin(0.3 * np.arange(100))
+    data = record(0.1 * np.arange(100), u, 2.0 * u + 0.5, inputs=("u",), outputs=("y",))
+    model = Line(jnp.array(1.0), jnp.array(0.0))
+    chosen = free(model, "slope", "level", bounds={"slope": (0.0, 1.2), "level": (-1.0, 0.2)})
+    result = estimate(model, chosen, data, KNOWN, solver=GaussNewton(policy=policy))
+    assert result.values.tolist() == [1.2, 0.2]
+    assert "on its bound" in result.status
+    assert bool(result.successful)
+    assert result.iterations < 10
+
+
+def test_parameter_without_effect_is_reported_as_undetermined():
+    data = record(0.1 * np.arange(50), np.zeros(50), np.ones(50), inputs=("u",), outputs=("y",))
+    model = Line(jnp.array(1.0), jnp.array(0.0))
+    result = estimate(model, free(model, "slope"), data, KNOWN)
+    assert "do not determine" in result.status
+    assert np.isinf(result.standard_error("slope"))
+    assert result.iterations < 10
+
+
+def test_record_that_is_fitted_exactly_determines_its_parameters():
+    u = np.sin(0.3 * np.arange(100))
+    data = record(0.1 * np.arange(100), u, 2.0 * u + 0.5, inputs=("u",), outputs=("y",))
+    model = Line(jnp.array(2.0), jnp.array(0.5))
+    result = estimate(model, free(model, "slope", "level"), data, OutputError())
+    assert result.status == "converged"
+    np.testing.assert_allclose(result.values, [2.0, 0.5], rtol=1e-12)
+    assert np.all(np.asarray(result.standard_errors) < 1e-12)
 
 
 def test_inactive_bound_changes_nothing(seed):

@@ -235,6 +235,14 @@ def test_memory_of_equation_equals_memory_of_input_that_acts_in_it(records, fit)
     assert other.model.states == ("x", "force_x")
 
 
+def test_record_without_a_valid_sample_changes_nothing(records, fit):
+    """The noises are examined on the first record that has one."""
+    silent = eqx.tree_at(lambda r: r.mask, records[1], jnp.zeros_like(records[1].mask))
+    silent = eqx.tree_at(lambda r: r.z, silent, jnp.zeros_like(silent.z))
+    with_silent = estimate(START, FREE, [silent, *records], FilterError(FORCED))
+    np.testing.assert_allclose(with_silent.values, fit.values, rtol=1e-6)
+
+
 def test_spread_of_free_initial_state_is_refused(records):
     with pytest.raises(InputError, match="initial state 'x' is free and has a deviation"):
         estimate(START, FREE, records, FilterError(FORCED, initial={"x": 0.1}))

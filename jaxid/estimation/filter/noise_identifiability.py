@@ -59,7 +59,8 @@ def check_noise_identifiable(model: StochasticModel, free: Free, records: Record
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((model, records))):
         return
     with jax.ensure_compile_time_eval():
-        record = jax.tree.map(lambda leaf: leaf[0], records.anonymous())
+        first = int(np.argmax(np.any(np.asarray(records.mask), axis=(1, 2))))
+        record = jax.tree.map(lambda leaf: leaf[first], records.anonymous())
         rows = _examined(int(np.max(np.flatnonzero(np.any(np.asarray(record.mask), axis=-1)))) + 1)
         model = canonical(model)
         general = _without_zeros(model, free)

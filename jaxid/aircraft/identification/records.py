@@ -24,7 +24,10 @@ from .units import SIGNALS
 Histories = dict[str, Float[Array, " time"]]
 Model = TypeVar("Model", bound=AbstractModel)
 
-SOURCES = "is computed from V, alpha and beta unless the record has it"
+SOURCES = (
+    "is computed from V, alpha and beta, and from the rates for a vane off the centre of gravity, "
+    "unless the record has it"
+)
 LATERAL = (*LATERAL_STATES, "phi", "aileron", "rudder")  # zero in symmetric flight
 REMEDIES = {
     **{

@@ -6,9 +6,10 @@ import jax.numpy as jnp
 
 from ..._foundation.types import Array, Float
 from ..air.atmosphere import AbstractAtmosphere, Air, true_airspeed
+from ..physics.frames import CROSS
 from ..physics.rigid_body import solve_3x3
 from .channels import ANGULAR, CHANNEL_TABLE, FORCE, RATES
-from .geometry import sensitive_axis, specific_force_at
+from .geometry import sensitive_axis
 from .instruments import Instruments
 
 Signals = Mapping[str, Float[Array, ""]]
@@ -36,8 +37,8 @@ def motion(
 
     Args:
         instruments: instruments with the known errors.
-        shown: readings by channel, NaN for a missing one [its unit]; values computed from a missing
-            reading are NaN too.
+        shown: readings by channel, NaN for a missing one [its unit]; values that depend on a
+            missing reading are NaN too.
         known: true values by name, which replace readings [SI].
         atmosphere: for the airspeed.
         airspeed: "indicated" or "true": the quantity of channel V.
@@ -98,20 +99,25 @@ def _straightened(
         row = sensitive_axis("xyz"[k], instruments.misalignment[name]) if misaligned else unit[k]
         rows.append(row)
         values.append(true.get(name, jnp.zeros(())) - (moved[k] if name in shown else 0.0))
-    vector = solve_3x3(jnp.stack(rows), jnp.stack(values))
+    matrix = jnp.stack(rows)
+    inverse = jnp.stack([solve_3x3(matrix, column) for column in unit], axis=1)
+    vector = _product(inverse, jnp.stack(values))
     return {name: vector[k] for k, name in enumerate(triple) if name in shown}
 
 
 def _at_cg(instruments: Instruments, true: Signals, shown: Signals):
     """Return the specific forces at the centre of gravity: the readings less the specific force
-    due to the position of each accelerometer.
+    due to the position of each accelerometer, `omegadot x l + omega x (omega x l)`.
     """
     omega, omegadot = (jnp.stack([true[name] for name in names]) for names in (RATES, ANGULAR))
     more = []
     for k, name in enumerate(FORCE):
         if name in instruments.channels:
-            lever = specific_force_at(jnp.zeros(3), omega, omegadot, instruments.position[name])
-            more.append(sensitive_axis("xyz"[k], instruments.misalignment[name]) @ lever)
+            position = instruments.position[name]
+            moving = _cross(omega, position)
+            force = _cross(omegadot, position) + _cross(omega, moving)
+            axis = sensitive_axis("xyz"[k], instruments.misalignment[name])
+            more.append(_dot(axis, force))
         else:
             more.append(jnp.zeros(()))
     return _straightened(instruments, FORCE, true, shown, jnp.stack(more))
@@ -121,7 +127,7 @@ def _velocity(
     instruments: Instruments, true: Signals, shown: Signals, atmosphere, airspeed: str, beta: str
 ):
     r"""Return the components of the velocity from speed and air angles, exact for vanes at any
-    position.
+    position, and for a sideslip at the centre of gravity.
 
     For a vane at (x, y, z) with the reading `a`, `w + p y - q x = tan(a) (u + q z - r y)`. The
     equation of the other vane has the same form, so that `w = A u + B`, `v = C u + D`. The speed
@@ -135,7 +141,7 @@ def _velocity(
         V = true_airspeed(true["V"], air_of(atmosphere, true), SUBSTITUTIONS)
     placed = _vane_positions(instruments, shown)
     A, B = _downward_line(true, placed)
-    C, D = _sideward_line(true, shown, placed, A, V, beta)
+    C, D = _sideward_line(true, placed, (A, B), V, beta == "sideslip" or "beta" not in shown)
     u = true["u"] if V is None or "u" in true else _forward(V, (A, B), (C, D))
     return {"u": u, "v": C * u + D, "w": A * u + B} | ({} if V is None else {"V": V})
 
@@ -150,43 +156,62 @@ def _downward_line(true: Signals, placed: Mapping[str, Float[Array, "3"]]) -> Li
     """Return A and B of `w = A u + B`: from w if known, otherwise from the vane of alpha."""
     if "w" in true:
         return jnp.zeros(()), true["w"]
-    p, q, r = _rates(true)
     A = jnp.tan(true["alpha"])
-    x, y, z = placed.get("alpha", jnp.zeros(3))
-    return A, A * (q * z - r * y) - (p * y - q * x)
+    along, _, down = _at_vane(true, placed, "alpha")
+    return A, A * along - down
 
 
 def _sideward_line(
     true: Signals,
-    shown: Signals,
     placed: Mapping[str, Float[Array, "3"]],
-    A: Float[Array, ""],
+    downward: Line,
     V: Float[Array, ""] | None,
-    beta: str,
+    sideslip: bool,
 ) -> Line:
-    """Return C and D of `v = C u + D`: from v if known, otherwise from the vane of beta or the
-    sideslip.
+    """Return C and D of `v = C u + D`: from v if known, otherwise from the angle beta.
+
+    Args:
+        true: signals.
+        placed: positions of the vanes.
+        downward: A and B of `w = A u + B`.
+        V: true airspeed; None if u is known.
+        sideslip: True if beta is the sideslip, False for the flank angle of a vane.
     """
     if "v" in true:
         return jnp.zeros(()), true["v"]
-    if "beta" not in shown:
-        sideslip = true["beta"]
-        across = (
-            jnp.sin(sideslip) * V
-            if V is not None
-            else jnp.tan(sideslip) * jnp.hypot(true["u"], true["w"])
-        )
-        return jnp.zeros(()), across
-    p, q, r = _rates(true)
-    C = jnp.tan(true["beta"])
-    x, y, z = placed.get("beta", jnp.zeros(3))
+    (A, B), C = downward, jnp.tan(true["beta"])
+    along, across, down = _at_vane(true, placed, "beta")
+    if sideslip and "u" in true:
+        u = true["u"]
+        return jnp.zeros(()), C * jnp.hypot(u + along, A * u + B + down) - across
+    if sideslip and V is not None and ("w" in true or "beta" not in placed):
+        return jnp.zeros(()), jnp.sin(true["beta"]) * V - across
     # The flank angle follows from the sideslip and the angle of attack of the other vane.
-    C = C * jnp.sqrt(1.0 + A**2) if beta == "sideslip" else C
-    return C, C * (q * z - r * y) - (r * x - p * z)
+    C = C * jnp.sqrt(1.0 + A**2) if sideslip else C
+    return C, C * along - across
 
 
-def _rates(true: Signals) -> tuple[Float[Array, ""], ...]:
-    return tuple(true.get(name, jnp.zeros(())) for name in RATES)
+def _at_vane(
+    true: Signals, placed: Mapping[str, Float[Array, "3"]], name: str
+) -> Float[Array, "3"]:
+    """Return the velocity of a vane relative to the centre of gravity, `omega x l` [m/s]."""
+    rates = jnp.stack([true.get(rate, jnp.zeros(())) for rate in RATES])
+    return _cross(rates, placed.get(name, jnp.zeros(3)))
+
+
+def _cross(omega: Float[Array, "3"], arm: Float[Array, "3"]) -> Float[Array, "3"]:
+    """Return `omega x arm`; a missing rate counts only where its arm is not zero."""
+    return _product(jnp.asarray(CROSS) @ arm, omega)
+
+
+def _product(A: Float[Array, "3 3"], b: Float[Array, "3"]) -> Float[Array, "3"]:
+    """Return `A b`; a missing element of b counts only where its coefficient is not zero."""
+    return jnp.stack([_dot(row, b) for row in A])
+
+
+def _dot(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, ""]:
+    """Return `a b`; a missing element of b counts only where its coefficient is not zero."""
+    return jnp.sum(a * jnp.where((a == 0.0) & jnp.isnan(b), 0.0, b))
 
 
 def _suffices(true: Signals) -> bool:

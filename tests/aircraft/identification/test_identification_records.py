@@ -26,7 +26,9 @@ from jaxid.aircraft import (
     from_aircraft,
     standard_actuators,
 )
+from jaxid.aircraft.air.atmosphere import StandardAtmosphere
 from jaxid.aircraft.flight.simulate_flight import simulate_flight
+from jaxid.aircraft.instruments.inverse import motion
 from jaxid.aircraft.physics.frames import quaternion, velocity
 from jaxid.data.build import record as make_record
 from jaxid.data.stack import stack
@@ -259,6 +261,18 @@ def test_true_airspeed_and_sideslip_readings_are_inverted():
     np.testing.assert_allclose(model.initial_state(made), x, rtol=1e-12)
 
 
+@pytest.mark.parametrize("known", [("w",), ("u", "w")])
+def test_sideslip_with_known_velocities_is_inverted(known):
+    """The sideslip asin(v/V) at 20 deg of alpha: w/u counts in the plane of symmetry."""
+    true = velocity(100.0, np.radians(20.0), np.radians(10.0))
+    shown = {"beta": jnp.radians(10.0)} | ({} if "u" in known else {"V": jnp.array(100.0)})
+    given = {name: true["uvw".index(name)] for name in known}
+    result = motion(
+        Instruments(("V", "beta")), shown, given, StandardAtmosphere(), "true", "sideslip"
+    )
+    np.testing.assert_allclose([result[name] for name in "uvw"], true, rtol=1e-12)
+
+
 def test_constant_of_the_record_replaces_the_parameter(flight, record):
     """The density of a record is used in pseudo-measurements too."""
     model = from_aircraft(
@@ -378,6 +392,21 @@ def test_missing_channel_is_named_with_a_remedy(flight, record):
         r"beta",
     ):
         lateral.prepared(channels(record, without(("V",))))
+
+
+@pytest.mark.parametrize("missing", ["p", "qdot", "ay"])
+def test_gap_of_a_channel_leaves_independent_signals_valid(flight, record, missing):
+    """Error-free instruments at the centre of gravity; off it a vane needs the rates."""
+    model = from_aircraft(flight.aircraft, states=("u", "w", "p", "q", "pitch"))
+    at_cg = eqx.tree_at(lambda one: one.instruments, model, Instruments(CHANNELS))
+    gapped = channels(record, **{missing: record.channel(missing).at[5].set(jnp.nan)})
+    row = jnp.where(gapped.mask[5], gapped.z[5], jnp.nan)
+    motions = at_cg.readings.motion(dict(zip(gapped.outputs, row, strict=True)), {})
+    assert [name for name, value in motions.items() if bool(jnp.isnan(value))] == [missing]
+    assert at_cg.prepared(gapped).inputs == at_cg.inputs
+    if missing == "p":
+        with pytest.raises(InputError, match=r"takes 'v' as an input.*from the rates for a vane"):
+            model.prepared(gapped)
 
 
 def test_gap_is_refused_in_a_history_and_accepted_in_an_output(flight, record):

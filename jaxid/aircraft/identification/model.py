@@ -216,10 +216,11 @@ class IdentificationModel(AbstractModel):
     def initial_state(self, record: Record) -> Float[Array, " state"]:
         """Return the state at the first valid sample of each channel.
 
-        The readings are moved to the centre of gravity with the known errors of the instruments. A
-        quantity that is neither an output nor an input of the record is taken from its constant of
-        the same name; without one it is zero, and the speed is the one at which a force coefficient
-        of one carries the weight. A state that is known exactly is the constant
+        The readings are moved to the centre of gravity with the known errors of the instruments.
+        Velocities of the state are over ground: gusts among the inputs are added to those of the
+        air data. A quantity that is neither an output nor an input of the record is taken from its
+        constant of the same name; without one it is zero, and the speed is the one at which a force
+        coefficient of one carries the weight. A state that is known exactly is the constant
         `initial_state.<state>`.
 
         Args:
@@ -234,15 +235,17 @@ class IdentificationModel(AbstractModel):
 
         Histories that replace states are corrected with the known errors of the instruments: u, v,
         w (or alpha, beta) and V are computed from the measured air data at the centre of gravity;
-        known scales and biases are removed from rates and surfaces. Outputs are unchanged, and
-        biases to be estimated act on outputs only. The first value of a measured state without an
-        output becomes a constant of the record, which `initial_state` uses.
+        known scales and biases are removed from rates and surfaces. The velocities u, v and w are
+        over ground: gusts among the inputs are added. Outputs are unchanged, and biases to be
+        estimated act on outputs only. The first value of a measured state without an output becomes
+        a constant of the record, which `initial_state` uses.
 
         Args:
             record: a single record.
 
         Raises:
-            InputError: if a channel is missing, or an input has invalid samples.
+            InputError: if a channel is missing, an input has invalid samples, or for gusts in the
+                frame "air path" if V, alpha or beta is not propagated.
         """
         readings = at_constants(self, record).readings
         return selected(prepared(readings, record), self.inputs, self.outputs)

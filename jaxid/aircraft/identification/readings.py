@@ -6,9 +6,11 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from ..._foundation.checks import require
 from ..._foundation.types import Array, Float
 from ...data.record import Record
 from ..air.atmosphere import GRAVITY, SEA_LEVEL_DENSITY, AbstractAtmosphere
+from ..air.turbulence import GUSTS
 from ..instruments.channels import FLOW, RATES
 from ..instruments.geometry import velocity_at
 from ..instruments.instruments import Instruments
@@ -76,19 +78,34 @@ class Readings(eqx.Module):
     def motion(
         self, measured: Mapping[str, Float[Array, ""]], known: Mapping[str, Float[Array, ""]]
     ) -> Signals:
-        """Return the motion at an instant from readings and known true values.
+        """Return the motion relative to the air at an instant, from readings and known true values.
 
         Args:
             measured: readings by channel, NaN where one is missing [its unit].
-            known: true values by name [SI].
+            known: true values by name; u, v and w over ground [SI].
 
         Returns:
             The signals of `instruments.inverse.motion`, with the states of the velocity in this
             frame.
+
+        Raises:
+            InputError: for a gust, if a speed or an air angle is not propagated.
         """
-        known = dict(known) | dict(self.held)
+        known = self._less_gusts(dict(known) | dict(self.held))
         true = motion(self.instruments, measured, known, self.atmosphere, self.airspeed, self.beta)
         return self._translated(true) | true if {*"uvw"} <= set(true) else true
+
+    def over_ground(self, true: Signals) -> Signals:
+        """Return the velocities over ground where the model has a gust.
+
+        Args:
+            true: signals of `motion`.
+
+        Returns:
+            The sum of velocity and gust for u, v and w, if both are known [m/s].
+        """
+        gusts = self._gusts(true)
+        return {name: true[name] + true[gust] for name, gust in gusts.items() if name in true}
 
     def first_state(self, record: Record, airframe: Airframe) -> Float[Array, " state"]:
         """Return the state at the first valid samples (see `IdentificationModel.initial_state`).
@@ -108,7 +125,8 @@ class Readings(eqx.Module):
         if not {"V", "u"} & {*measured, *known}:
             altitude = measured.get("altitude", jnp.zeros(()))
             known["V"] = self._carrying_speed({"altitude": altitude} | known, airframe)
-        true = motion(self.instruments, measured, known, self.atmosphere, self.airspeed, self.beta)
+        true = self.motion(measured, known)
+        true |= self.over_ground(true)
         true |= self._translated(true)
         return jnp.stack([true[name] for name in self.channels.states])
 
@@ -128,6 +146,25 @@ class Readings(eqx.Module):
         return y.at[self.instruments.channels.index("beta")].add(
             (1.0 + self.instruments.scale["beta"]) * correction
         )
+
+    def _less_gusts(self, known: Signals) -> Signals:
+        """Return known values with u, v, w relative to the air."""
+        gusts, channels = self._gusts(known), self.channels
+        history = [name for name in channels.translation.names if name not in channels.states]
+        require(
+            not gusts or not history or channels.frame == "body",
+            f"The inputs are gusts, {', '.join(gusts.values())}, and the model does not propagate "
+            f"{', '.join(history)}: readings are relative to the air, and the model takes them "
+            "over ground. Propagate V, alpha and beta, or choose the frame 'body'.",
+        )
+        moved = {name: known[name] - known[gust] for name, gust in gusts.items() if name in known}
+        return known | moved
+
+    def _gusts(self, known: Signals) -> dict[str, str]:
+        """Return the known gusts of the model, by name of the velocity along each."""
+        along = zip("uvw", GUSTS[:3], strict=True)
+        inputs = self.channels.inputs
+        return {name: gust for name, gust in along if gust in inputs and gust in known}
 
     def _translated(self, true: Signals) -> Signals:
         """Return the three states of the velocity in this frame."""

@@ -18,7 +18,7 @@ from ...models.names import parameter_names
 from ..instruments.channels import ANGULAR, CHANNEL_TABLE
 from ..records.air_data import density_of, has_pressure
 from .channels import LATERAL_STATES, Channels
-from .readings import AIR_DATA, Readings
+from .readings import AIR_DATA, Readings, Signals
 from .units import SIGNALS
 
 Histories = dict[str, Float[Array, " time"]]
@@ -173,8 +173,13 @@ def missing(
 
 @eqx.filter_jit
 def _motions(readings: Readings, measured: Histories, known: Histories) -> Histories:
-    """Return the motion at each sample."""
-    return jax.vmap(readings.motion)(measured, known)
+    """Return the motion at each sample, with u, v and w over ground."""
+
+    def at(measured: Signals, known: Signals) -> Signals:
+        true = readings.motion(measured, known)
+        return true | readings.over_ground(true)
+
+    return jax.vmap(at)(measured, known)
 
 
 def _first_values_of_hidden_states(

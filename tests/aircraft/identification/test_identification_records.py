@@ -28,8 +28,9 @@ from jaxid.aircraft import (
 )
 from jaxid.aircraft.air.atmosphere import StandardAtmosphere
 from jaxid.aircraft.flight.simulate_flight import simulate_flight
+from jaxid.aircraft.instruments.geometry import vector
 from jaxid.aircraft.instruments.inverse import motion
-from jaxid.aircraft.physics.frames import quaternion, velocity
+from jaxid.aircraft.physics.frames import air_angles, quaternion, velocity
 from jaxid.data.build import record as make_record
 from jaxid.data.stack import stack
 
@@ -271,6 +272,51 @@ def test_sideslip_with_known_velocities_is_inverted(known):
         Instruments(("V", "beta")), shown, given, StandardAtmosphere(), "true", "sideslip"
     )
     np.testing.assert_allclose([result[name] for name in "uvw"], true, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("states", "frame"), [(TEN, "body"), (TEN_IN_AIR, "air path"), ("lateral", "body")]
+)
+def test_velocities_from_air_data_in_gusts_are_over_ground(flight, record, states, frame):
+    """Air data are relative to the air, and the states and histories of the model over ground."""
+    gusts = {"gust_u": 3.0, "gust_v": -2.0, "gust_w": 4.0}
+    options = {"states": states, "frame": frame}
+    still = from_aircraft(flight.aircraft, **options)
+    moving = from_aircraft(flight.aircraft, measured=tuple(gusts), **options)
+    gusty = with_inputs(record, gusts)
+    if states == "lateral":
+        through_air, over_ground = still.prepared(record), moving.prepared(gusty)
+        for name in "uw":
+            expected = through_air.channel(name) + gusts[f"gust_{name}"]
+            np.testing.assert_allclose(over_ground.channel(name), expected, rtol=1e-12)
+        gusty = over_ground
+    truth = {name: flight.truth.channel(name)[0] for name in (*TEN, *TEN_IN_AIR)}
+    truth |= {name: truth[name] + gusts[f"gust_{name}"] for name in "uvw"}
+    truth |= dict(
+        zip(("V", "alpha", "beta"), air_angles(vector(truth, ("u", "v", "w"))), strict=True)
+    )
+    expected = [truth[name] for name in moving.states]
+    np.testing.assert_allclose(moving.initial_state(gusty), expected, rtol=1e-9, atol=1e-10)
+
+
+def test_gusts_with_histories_of_air_path_states_are_refused(flight, record):
+    options = {"states": "lateral", "frame": "air path", "measured": ("gust_v",)}
+    model = from_aircraft(flight.aircraft, **options)
+    with pytest.raises(InputError, match=r"gust_v.*does not propagate V, alpha.*frame 'body'"):
+        model.prepared(with_inputs(record, {"gust_v": 1.0}))
+
+
+def with_inputs(record, constants):
+    """Return the record with constant inputs [m/s]."""
+    added = [jnp.full(record.t.shape, value) for value in constants.values()]
+    return make_record(
+        record.t,
+        jnp.column_stack([record.u, *added]),
+        record.z,
+        inputs=(*record.inputs, *constants),
+        outputs=record.outputs,
+        units=dict.fromkeys(constants, "m/s"),
+    )
 
 
 def test_constant_of_the_record_replaces_the_parameter(flight, record):

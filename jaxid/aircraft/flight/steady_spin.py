@@ -3,12 +3,14 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from ..._foundation.checks import require, require_known
 from ..._foundation.types import Array, Float
 from ...simulation.trim import solve_equilibrium
+from ..air.wind import Wind
 from ..physics.frames import quaternion, rotation, velocity
 from ..vehicle.controls import SURFACES
 from .aircraft import Aircraft
@@ -26,7 +28,7 @@ REMEDY = (
 
 
 class _Spin(NamedTuple):
-    """Given values of a spin: aircraft, altitude [m], surfaces [rad], engines' setting."""
+    """Given values of a spin: aircraft in calm air, altitude [m], surfaces [rad], setting."""
 
     aircraft: Aircraft
     altitude: Float[Array, ""]
@@ -43,17 +45,19 @@ def steady_spin(
     alpha: float | None = None,
     setting: Float[Array, ""] | float = 0.0,
 ) -> Trimmed:
-    """Return a steady spin at given surfaces: a descent along a helix about the vertical.
+    """Return a steady spin at given surfaces: a descent along a helix about the vertical, relative
+    to the air.
 
         (p, q, r) = turn_rate (-sin(pitch), sin(phi) cos(pitch), cos(phi) cos(pitch))
         udot = vdot = wdot = pdot = qdot = rdot = 0
 
     The unknowns are V, alpha, beta, phi, pitch and the turn rate. The density is constant, at this
-    altitude. An aircraft may have several spins, or none; the start of the search selects one. A
-    spin may be unstable: simulate a flight from the returned state.
+    altitude. The wind at this altitude is added to the velocity of the returned state. An aircraft
+    may have several spins, or none; the start of the search selects one. A spin may be unstable:
+    simulate a flight from the returned state.
 
     Args:
-        aircraft: aircraft; its feedback and actuators are out of the loop. The air is at rest.
+        aircraft: aircraft; its feedback and actuators are out of the loop.
         altitude: altitude [m].
         surfaces: stabilator, aileron and rudder [rad]; zero for a surface that is not given.
         turn_rate: start of the search, positive to the right, such as 2.0 [rad/s].
@@ -69,7 +73,8 @@ def steady_spin(
     require_known("surface", surfaces, SURFACES)
     require(turn_rate != 0, "The start of the turn rate is zero; a spin turns, such as at 2 rad/s.")
     known = {name: jnp.asarray(surfaces.get(name, 0.0), float) for name in SURFACES}
-    spin = _Spin(aircraft, jnp.asarray(altitude, float), known, jnp.asarray(setting, float))
+    calm = eqx.tree_at(lambda node: node.wind, aircraft, Wind())
+    spin = _Spin(calm, jnp.asarray(altitude, float), known, jnp.asarray(setting, float))
     angles = np.radians(SPIN_STARTS_DEG) if alpha is None else np.array([alpha])
     starts = [[START_V, angle, 0.0, 0.0, angle - np.pi / 2, turn_rate] for angle in angles]
     trim = solve_equilibrium(
@@ -85,7 +90,8 @@ def steady_spin(
         tolerance=TRIM_TOLERANCE,
         remedy=REMEDY,
     )
-    ground, omega, e = _motion(trim.values)
+    through_air, omega, e = _motion(trim.values)
+    ground = through_air + rotation(e) @ aircraft.wind.velocity(spin.altitude)
     position = jnp.stack([jnp.zeros(()), jnp.zeros(()), spin.altitude])
     held = aircraft.trimmed(known, spin.setting)
     return Trimmed(held, held.flight_state(ground, omega, e, position), trim)
@@ -99,5 +105,7 @@ def _motion(values: Float[Array, " unknown"]):
 
 
 def _residual(values: Float[Array, " unknown"], spin: _Spin) -> Float[Array, " equation"]:
-    ground, omega, e = _motion(values)
-    return spin.aircraft.steady_rates(ground, omega, e, spin.altitude, spin.surfaces, spin.setting)
+    through_air, omega, e = _motion(values)
+    return spin.aircraft.steady_rates(
+        through_air, omega, e, spin.altitude, spin.surfaces, spin.setting
+    )

@@ -1,5 +1,6 @@
 """A spin of the F-16's tables: its balances by hand, and a flight from the stall into it."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,10 +8,11 @@ import pytest
 
 from jaxid._foundation.checks import InputError
 from jaxid.aircraft import simulate_flight, steady_spin
+from jaxid.aircraft.air.wind import Wind
 from jaxid.aircraft.airframes import f16
 from jaxid.aircraft.flight.aircraft import Aircraft
 from jaxid.aircraft.instruments.instruments import Instruments
-from jaxid.aircraft.physics.frames import quaternion, velocity
+from jaxid.aircraft.physics.frames import quaternion, rotation, velocity
 from jaxid.aircraft.vehicle.engine import ConstantThrust, Engine
 from jaxid.data.signals import ramp
 
@@ -113,6 +115,24 @@ def test_flight_ends_about_the_steady_spin_of_its_altitude(flight, aircraft):
     lift = -np.mean(np.sum(force * down(flight)[-101:], axis=-1))
     assert float(spin.value("V")) == pytest.approx(V * np.sqrt(G / lift), rel=0.02)
     assert float(spin.value("turn_rate")) == pytest.approx((psi[-1] - psi[0]) / 10.0, rel=0.05)
+
+
+def test_spin_in_wind_is_the_one_in_calm_air(aircraft):
+    """Relative to the air; the velocity over ground has the wind in addition."""
+    start = {"turn_rate": -2.0, "alpha": np.radians(60.0)}
+    calm = steady_spin(aircraft, 8000.0, SPIN, **start)
+    windy = steady_spin(
+        eqx.tree_at(lambda node: node.wind, aircraft, Wind(north=20.0)), 8000.0, SPIN, **start
+    )
+    np.testing.assert_allclose(windy.trim.values, calm.trim.values, rtol=1e-9)
+    signals = [
+        spin.aircraft.immediate_signals(0.0, spin.state, jnp.zeros(len(aircraft.inputs)))
+        for spin in (calm, windy)
+    ]
+    for name in ("V", "alpha", "beta"):
+        np.testing.assert_allclose(signals[1][name], signals[0][name], rtol=1e-9)
+    over_ground = rotation(windy.state[6:10]).T @ (windy.state[:3] - calm.state[:3])
+    np.testing.assert_allclose(over_ground, [20.0, 0.0, 0.0], atol=1e-7)
 
 
 def test_absent_spin_is_refused(aircraft):

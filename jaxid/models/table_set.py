@@ -61,12 +61,12 @@ class TableSet(eqx.Module):
     @property
     def limits(self) -> dict[str, tuple[float, float]]:
         """Range that all tables cover, by axis [SI]."""
-        return _common([table.limits for table in self.tables])
+        return common_ranges([table.limits for table in self.tables])
 
     @property
     def hard_limits(self) -> dict[str, tuple[float, float]]:
         """Ranges outside which a table gives NaN, by axis [SI]."""
-        return _common(
+        return common_ranges(
             [table.limits for table in self.tables if table.extrapolation is Extrapolation.REFUSE]
         )
 
@@ -86,8 +86,12 @@ class TableSet(eqx.Module):
         }
 
 
-def _common(ranges: list[dict[str, tuple[float, float]]]) -> dict[str, tuple[float, float]]:
-    """Intersection of the ranges of each name."""
+def common_ranges(ranges: list[dict[str, tuple[float, float]]]) -> dict[str, tuple[float, float]]:
+    """Return the intersection of the ranges of each name.
+
+    Args:
+        ranges: lowest and highest value by name [SI].
+    """
     names = list(dict.fromkeys(name for limits in ranges for name in limits))
     pairs = {name: [limits[name] for limits in ranges if name in limits] for name in names}
     return {

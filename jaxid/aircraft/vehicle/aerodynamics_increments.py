@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from ..._foundation.types import Array, Float
+from ...models.table_set import common_ranges
 from .aerodynamics import AbstractAerodynamics
 from .aerodynamics_polynomial import PolynomialAerodynamics
 
@@ -35,7 +36,7 @@ class AerodynamicsWithIncrements(AbstractAerodynamics):
 
     @property
     def limits(self) -> dict[str, tuple[float, float]]:
-        return self.baseline.limits
+        return common_ranges([self.baseline.limits, self.increments.limits])
 
     @property
     def hard_limits(self) -> dict[str, tuple[float, float]]:

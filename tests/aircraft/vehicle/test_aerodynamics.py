@@ -10,6 +10,7 @@ from small_airframe import small_airframe
 from jaxid._foundation.checks import InputError
 from jaxid.aircraft import Aircraft, IdentificationModel, MeasuredSurfaces
 from jaxid.aircraft.vehicle.aerodynamics import COEFFICIENTS
+from jaxid.aircraft.vehicle.aerodynamics_increments import AerodynamicsWithIncrements
 from jaxid.aircraft.vehicle.aerodynamics_polynomial import PolynomialAerodynamics
 from jaxid.aircraft.vehicle.aerodynamics_tables import TableAerodynamics, origins, read_coefficients
 from jaxid.models.names import parameter_names
@@ -60,6 +61,16 @@ def test_polynomials_equal_sums_by_hand():
         "Cn.alpha beta",
     )
     assert (aerodynamics.limits, aerodynamics.hard_limits) == ({"alpha": (0.0, 0.3)}, {})
+
+
+@pytest.mark.parametrize(
+    ("baseline", "common"),
+    [({}, (0.0, 0.3)), ({"alpha": (0.1, 0.5)}, (0.1, 0.3))],
+)
+def test_limits_of_increments_narrow_those_of_the_baseline(baseline, common):
+    increments = PolynomialAerodynamics({"Cm": {"alpha": 0.1}}, limits={"alpha": (0.0, 0.3)})
+    both = AerodynamicsWithIncrements(PolynomialAerodynamics({}, limits=baseline), increments)
+    assert both.limits == {"alpha": common}
 
 
 def test_unknown_coefficient_raises_error():

@@ -46,7 +46,8 @@ class SubsetOptions:
         direction: a `Direction`, or its value, such as `"forward"`.
         force_in: terms that enter first, in this order, and stay.
         force_out: terms that never enter.
-        max_terms: largest number of terms in a model; no limit by default.
+        max_terms: largest number of terms in a model; no limit by default. Not for a direction that
+            begins with all terms.
         PSE_bound: upper bound of the noise variance for PSE [response^2]; mean square of the
             response about its mean by default.
 
@@ -67,7 +68,8 @@ class SubsetOptions:
     PSE_bound: float | None = None
 
     def __post_init__(self):
-        object.__setattr__(self, "direction", member("direction", self.direction, Direction))
+        direction = member("direction", self.direction, Direction)
+        object.__setattr__(self, "direction", direction)
         numbers = self.F_in is not None or self.F_out is not None
         levels = self.level_in is not None or self.level_out is not None
         require(
@@ -86,7 +88,7 @@ class SubsetOptions:
             0 < self.R2_stop <= 1, f"R2_stop is {self.R2_stop}; it lies above 0 and is at most 1."
         )
         require(
-            self.direction is not Direction.FORWARD_THEN_BACKWARD or not (numbers or levels),
+            direction is not Direction.FORWARD_THEN_BACKWARD or not (numbers or levels),
             "The direction 'forward then backward' uses no level of F. Leave the levels out, or "
             "choose another direction.",
         )
@@ -96,6 +98,11 @@ class SubsetOptions:
             most is None or most >= max(forced, 1),
             f"max_terms is {most}, and {forced} terms are forced in. Allow at least as many terms, "
             "and at least one.",
+        )
+        require(
+            most is None or direction in (Direction.BOTH, Direction.FORWARD),
+            f"max_terms is {most}, and the direction {direction.value!r} has models of all "
+            "terms. Leave max_terms out, or choose the direction 'forward' or 'both'.",
         )
         require(
             self.PSE_bound is None or self.PSE_bound > 0,

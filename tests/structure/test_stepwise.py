@@ -296,6 +296,8 @@ def test_printed_log_contains_every_step():
         ({"tolerance": 0.0}, "tolerance is 0"),
         ({"R2_stop": 1.1}, "R2_stop is 1.1"),
         ({"max_terms": 0}, "max_terms is 0"),
+        ({"max_terms": 2, "direction": "backward"}, "'backward' has models of all terms"),
+        ({"max_terms": 2, "direction": "forward then backward"}, "has models of all terms"),
         ({"PSE_bound": -1.0}, "a variance is positive"),
         ({"force_in": ("a",), "force_out": ("a",)}, "'a' occurs twice"),
     ],

@@ -27,7 +27,7 @@ class Problem:
     Attributes:
         names, response: names of the columns and of the response.
         X, y: the unscaled data, shapes (time, term) and (time,).
-        root: square roots of the weights, shape (time,).
+        root: square roots of the weights, scaled to a mean square of one, shape (time,).
         constant: whether a constant is fitted; without it the data are not centred.
         means, mean: weighted means of the columns and of the response, zero without a constant.
         scale: length of each weighted centred column, one if it does not vary.
@@ -83,7 +83,7 @@ def prepare(
         y: the response, shape (time,).
         names: names of the columns.
         weights: weights of the samples, inversely proportional to the variance of their noise;
-            equal by default.
+            equal by default. Only their ratios matter.
         deviations: standard deviation of each sample's noise, in place of weights.
         constant: fit a constant in addition to the columns.
         response: name of the response, for messages and tables.
@@ -153,7 +153,10 @@ def _check(
 
 
 def _root(weights, deviations, count: int) -> np.ndarray:
-    """Return the square roots of the weights."""
+    """Return the square roots of the weights, scaled to a mean square of one.
+
+    Sums of weighted squares are then in units of the response.
+    """
     require(
         weights is None or deviations is None,
         "Give weights or standard deviations of the noise, not both.",
@@ -172,4 +175,5 @@ def _root(weights, deviations, count: int) -> np.ndarray:
         f"The {label} must be positive and finite; {np.sum(~valid)} are not, the first in row "
         f"{int(np.argmin(valid))}.",
     )
-    return np.sqrt(values) if deviations is None else 1.0 / values
+    root = np.sqrt(values) if deviations is None else 1.0 / values
+    return root / np.sqrt(np.mean(root**2))

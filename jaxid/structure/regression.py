@@ -24,7 +24,7 @@ class Regression:
         overall_F: F of all terms together (B.20), with the number of terms and `dof` degrees of
             freedom; NaN without a term.
         R2: `1 - SSE/SST` (B.19); it can be negative if the values are not least-squares values.
-        s: standard deviation of the (weighted) residual, `sqrt(SSE/dof)` [response].
+        s: standard deviation of the residual, `sqrt(SSE/dof)`, with weights of mean one [response].
         residuals: `y - constant - X values`, shape (time,) [response].
         dof: number of samples minus number of fitted values.
         method: name of the method, for tables.

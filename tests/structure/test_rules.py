@@ -30,6 +30,7 @@ from jaxid.structure.criteria import (
 )
 
 NAMES = tuple(f"x{i}" for i in range(8))
+BOUNDED = SubsetOptions(F_in=0.0, F_out=0.0, PSE_bound=0.64)  # the variance of the noise
 ALL = SubsetOptions(F_in=0.0, F_out=0.0)
 
 
@@ -52,7 +53,7 @@ def test_criteria_equal_statsmodels_for_every_model(seed, weighted):
         np.random.default_rng(seed + 1).uniform(0.5, 2.0, size=20) if weighted else np.ones(20)
     )
     models = stepwise(X, y, NAMES, options=ALL, weights=weights).models
-    fits = []
+    weights, fits = weights / np.mean(weights), []
     for step in models:
         exog = np.column_stack([np.ones(20), *(X[:, NAMES.index(name)] for name in step.terms)])
         theirs = sm.WLS(y, exog, weights=weights).fit()
@@ -138,7 +139,7 @@ def test_cross_validation_equals_separate_fits(seed, constant):
     weights = np.random.default_rng(seed + 1).uniform(0.5, 2.0, size=60)
     groups = np.repeat(["a", "b", "c"], [25, 15, 20])
     path = stepwise(X, y, NAMES, options=ALL, weights=weights, constant=constant)
-    expected = []
+    weights, expected = weights / np.mean(weights), []
     for step in path.models:
         use = [X[:, NAMES.index(name)] for name in step.terms]
         exog = (
@@ -165,6 +166,20 @@ def test_cross_validation_refuses_invalid_groups(path):
         choose(path, CrossValidation(np.arange(59)))
     with pytest.raises(InputError, match=r"Without the manoeuvre 0 .* too few"):
         choose(path, CrossValidation((np.arange(60) > 55).astype(int)))
+
+
+def test_scale_of_weights_changes_no_criterion(seed):
+    """Only the ratios of weights matter, also with a given bound of the noise variance."""
+    X, y = planted(seed)
+    equal = stepwise(X, y, NAMES, options=BOUNDED)
+    for options in ({"weights": np.full(60, 1e4)}, {"deviations": np.full(60, 0.3)}):
+        other = stepwise(X, y, NAMES, options=BOUNDED, **options)
+        for name in ("s", "PSE", "PRESS", "AIC", "BIC"):
+            expected = [getattr(step, name) for step in equal.models]
+            found = [getattr(step, name) for step in other.models]
+            np.testing.assert_allclose(found, expected, rtol=1e-9)
+    weighted = orthogonal_functions(X, y, NAMES, PSE_bound=0.64, weights=np.full(60, 1e4))
+    assert weighted.kept == orthogonal_functions(X, y, NAMES, PSE_bound=0.64).kept
 
 
 # Best subsets and orthogonal functions ------------------------------------------------------------

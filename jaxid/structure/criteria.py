@@ -35,15 +35,6 @@ def partial_F(value: float, standard_error: float) -> float:
     return (value / standard_error) ** 2
 
 
-def partial_F_of_correlation(correlation: float, dof: int) -> float:
-    """Return the F to enter of a term, `r^2 dof / (1 - r^2)` (B.30), r its partial correlation.
-
-    `dof` counts the degrees of freedom with the term in the model. The report's `m - q` is larger
-    by one, which is corrected here.
-    """
-    return correlation**2 * dof / (1.0 - correlation**2)
-
-
 def partial_correlation(F: float, dof: int) -> float:
     """Return the magnitude of a term's partial correlation, `sqrt(F / (F + dof))` (B.21, B.29).
 
@@ -69,10 +60,13 @@ def PSE(SSE: float, samples: int, fitted: int, bound: float) -> float:
 def PRESS(residuals: np.ndarray, leverages: np.ndarray) -> float:
     """Return the prediction sum of squares, `sum (v_i / (1 - h_i))^2` (Allen, 1974).
 
-    It is the sum of squared errors of the prediction of each sample from all others.
+    It is the sum of squared errors of the prediction of each sample from all others, and infinite
+    if these do not determine the model: a leverage is then one within rounding.
     """
-    with np.errstate(divide="ignore"):
-        return float(np.sum((residuals / (1.0 - leverages)) ** 2))
+    free = 1.0 - leverages
+    if np.min(free) <= len(free) * np.finfo(float).eps:
+        return float("inf")
+    return float(np.sum((residuals / free) ** 2))
 
 
 def AIC(SSE: float, samples: int, fitted: int) -> float:

@@ -262,7 +262,9 @@ def _F_to_enter(fitted: Fit, orthogonal: np.ndarray, tolerance: np.ndarray) -> n
     """Return the F to enter of each outside column (B.21, B.30).
 
     F is the reduction of the sum of squares over the residual variance after it. `orthogonal` holds
-    the parts of the columns orthogonal to the model, and `tolerance` their squared lengths.
+    the parts of the columns orthogonal to the model, and `tolerance` their squared lengths. It
+    equals `r^2 dof / (1 - r^2)` with r the partial correlation and `dof` counted with the term in
+    the model; the report's `m - q` is larger by one, which is corrected here.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         value = fitted.residual @ orthogonal / tolerance

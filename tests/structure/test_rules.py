@@ -25,13 +25,12 @@ from jaxid.structure.criteria import (
     overall_F,
     partial_correlation,
     partial_F,
-    partial_F_of_correlation,
     r_squared,
 )
 
 NAMES = tuple(f"x{i}" for i in range(8))
-BOUNDED = SubsetOptions(F_in=0.0, F_out=0.0, PSE_bound=0.64)  # the variance of the noise
 ALL = SubsetOptions(F_in=0.0, F_out=0.0)
+BOUNDED = SubsetOptions(F_in=0.0, F_out=0.0, PSE_bound=0.64)  # the variance of the noise
 
 
 def planted(seed, samples=60):
@@ -73,15 +72,25 @@ def test_criteria_equal_statsmodels_for_every_model(seed, weighted):
     np.testing.assert_allclose(ours - ours[0], np.array(fits) - fits[0], rtol=1e-9, atol=1e-9)
 
 
+def test_press_is_infinite_if_a_sample_alone_determines_a_term(seed):
+    """The column is nonzero in one sample, an outlier: without it the column has no value."""
+    X, y = planted(seed)
+    X[:, 7] = np.arange(60) == 0
+    y[0] += 50.0
+    path = stepwise(X, y, NAMES, options=ALL)
+    for step in path.models:
+        assert np.isinf(step.PRESS) == ("x7" in step.terms)
+    assert "x7" not in choose(path, Minimum("PRESS")).names
+
+
 def test_formulas_of_F_and_correlation_are_consistent(path):
     """Equations B.20, B.28, B.29 and B.30, each from separate quantities."""
     for step in path.models[1:]:
         terms = len(step.terms)
         dof = 60 - terms - 1
         assert step.overall_F == pytest.approx((step.R2 / terms) / ((1 - step.R2) / dof), rel=1e-9)
-        assert partial_F_of_correlation(step.partial_correlation, dof) == pytest.approx(
-            step.partial_F, rel=1e-9
-        )
+        r2 = step.partial_correlation**2
+        assert step.partial_F == pytest.approx(r2 * dof / (1.0 - r2), rel=1e-9)
         result = choose(path, LastStep())
         np.testing.assert_allclose(
             [partial_F(v, e) for v, e in zip(result.values, result.standard_errors, strict=True)],
@@ -159,15 +168,6 @@ def test_cross_validation_equals_separate_fits(seed, constant):
     assert choose(path, rule).names == path.models[int(np.argmin(expected))].terms
 
 
-def test_cross_validation_refuses_invalid_groups(path):
-    with pytest.raises(InputError, match="at least two"):
-        choose(path, CrossValidation(np.zeros(60)))
-    with pytest.raises(InputError, match=r"groups have shape \(59,\)"):
-        choose(path, CrossValidation(np.arange(59)))
-    with pytest.raises(InputError, match=r"Without the manoeuvre 0 .* too few"):
-        choose(path, CrossValidation((np.arange(60) > 55).astype(int)))
-
-
 def test_scale_of_weights_changes_no_criterion(seed):
     """Only the ratios of weights matter, also with a given bound of the noise variance."""
     X, y = planted(seed)
@@ -180,6 +180,15 @@ def test_scale_of_weights_changes_no_criterion(seed):
             np.testing.assert_allclose(found, expected, rtol=1e-9)
     weighted = orthogonal_functions(X, y, NAMES, PSE_bound=0.64, weights=np.full(60, 1e4))
     assert weighted.kept == orthogonal_functions(X, y, NAMES, PSE_bound=0.64).kept
+
+
+def test_cross_validation_refuses_invalid_groups(path):
+    with pytest.raises(InputError, match="at least two"):
+        choose(path, CrossValidation(np.zeros(60)))
+    with pytest.raises(InputError, match=r"groups have shape \(59,\)"):
+        choose(path, CrossValidation(np.arange(59)))
+    with pytest.raises(InputError, match=r"Without the manoeuvre 0 .* too few"):
+        choose(path, CrossValidation((np.arange(60) > 55).astype(int)))
 
 
 # Best subsets and orthogonal functions ------------------------------------------------------------

@@ -269,8 +269,9 @@ def uncertain_equations(model: AbstractModel, free_positions: np.ndarray) -> tup
 
     The other equations are kinematics, exact by definition. The derivative of the right-hand side
     with respect to the free parameters is evaluated at arbitrary states and inputs of several
-    magnitudes. An equation does not depend on a free parameter if its derivative vanishes wherever
-    it is finite. Equations of states added by effects are exact as well.
+    magnitudes, at positive ones and at ones of both signs. An equation does not depend on a free
+    parameter if its derivative vanishes wherever it is finite. Equations of states added by effects
+    are exact as well.
 
     Args:
         model: the model.
@@ -296,11 +297,10 @@ def _depends(model: AbstractModel, flat: Array, positions: Positions) -> Bool[Ar
     The derivatives are evaluated at arbitrary states and inputs.
     """
 
-    def slopes(key, size):
-        x, u = jnp.split(
-            size * jax.random.uniform(key, (len(model.states) + len(model.inputs),)),
-            [len(model.states)],
-        )
+    def slopes(key, lowest, highest):
+        count = len(model.states) + len(model.inputs)
+        point = jax.random.uniform(key, (count,), minval=lowest, maxval=highest)
+        x, u = jnp.split(point, [len(model.states)])
 
         def rate(values):
             return right_hand_sides(
@@ -310,7 +310,9 @@ def _depends(model: AbstractModel, flat: Array, positions: Positions) -> Bool[Ar
         return jax.jacfwd(rate)(flat[positions.shared])
 
     sizes = jnp.repeat(jnp.array(STATE_MAGNITUDES), RANDOM_POINTS)
-    values = jax.vmap(slopes)(jax.random.split(jax.random.key(0), sizes.size), sizes)
+    # At positive points roots and logarithms of all signals are finite.
+    lowest, highest = jnp.concatenate([0.0 * sizes, -sizes]), jnp.tile(sizes, 2)
+    values = jax.vmap(slopes)(jax.random.split(jax.random.key(0), lowest.size), lowest, highest)
     # A single NaN is no evidence: outside of its domain a root without a parameter has the
     # derivative zero times infinity.
     nonzero = jnp.any(jnp.where(jnp.isnan(values), 0.0, values) != 0, axis=(0, 2))

@@ -362,6 +362,25 @@ def test_equation_with_dependence_far_from_zero_is_uncertain():
     assert uncertain_equations(Heated(jnp.array(0.1)), np.array([0])) == ("T",)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_equation_with_dependence_on_one_side_of_zero_is_uncertain(sign):
+    class Stop(AbstractModel):
+        """A stop on one side; the equations of the levels are finite for positive levels only."""
+
+        stiffness: object
+        states, inputs, outputs = ("x", "v", "a", "b", "c"), ("u",), ("x",)
+
+        def rhs(self, t, x, u):
+            force = u[0] - self.stiffness * jnp.maximum(sign * x[0], 0.0)
+            flow = jnp.sum(jnp.sqrt(x[2:]))
+            return jnp.stack([x[1], force, -flow, flow, flow * x[0]])
+
+        def output(self, t, x, u):
+            return x[:1]
+
+    assert uncertain_equations(Stop(jnp.array(2.0)), np.array([0])) == ("v",)
+
+
 @pytest.fixture(scope="module")
 def candidates():
     """The general effects of the declared model."""

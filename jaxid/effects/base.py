@@ -81,13 +81,13 @@ class Effect(eqx.Module):
         """
         return False
 
-    def evident_in_data(self, measured: dict[str, Float[np.ndarray, " _"]]) -> bool:
+    def evident_in_data(self, measured: dict[str, tuple[Float[np.ndarray, " _"], ...]]) -> bool:
         """Return whether the records alone show the effect, without a model.
 
         Such an effect is added before all others.
 
         Args:
-            measured: measured outputs, every valid sample.
+            measured: measured outputs: the valid samples of each record.
         """
         return False
 

@@ -18,8 +18,8 @@ from .card import PRESENT, EffectCard
 
 # samples at exactly the extreme value (chosen): noise alone does not repeat a value
 MIN_EXTREME_SAMPLES = 3
-# samples at the extreme value per sample at the most frequent other value (chosen): neither
-# coarse quantisation nor a signal at rest exceeds it
+# samples at the extreme value per sample at the most frequent other value (chosen): coarse
+# quantisation does not exceed it; a long rest at the extreme amid a record does
 EXTREME_TO_MODE_RATIO = 5
 
 
@@ -222,7 +222,8 @@ class SensorSaturation(SensorEffect):
 
     The full effect has a gain of one. The initial level is the extreme of the measured signal. The
     effect is tried if several samples have exactly that value, regardless of its score
-    (`score_blind`). It is evident in the data if many more samples have that value than any other.
+    (`score_blind`). It is evident in the data if many more samples have that value than any other;
+    a record may begin and end at rest there, so that its first and last samples do not count.
 
     Args:
         channel: name of the output.
@@ -253,10 +254,12 @@ class SensorSaturation(SensorEffect):
         return int(np.sum(signal == self._extreme(signal))) >= MIN_EXTREME_SAMPLES
 
     def evident_in_data(self, measured):
-        signal = measured[self.channel]
-        at_end = signal == self._extreme(signal)
-        _, elsewhere = np.unique(signal[~at_end], return_counts=True)
-        return int(np.sum(at_end)) > EXTREME_TO_MODE_RATIO * int(np.max(elsewhere, initial=1))
+        signal = np.concatenate(measured[self.channel])
+        inside = [own != self._extreme(signal) for own in measured[self.channel]]
+        _, elsewhere = np.unique(signal[np.concatenate(inside)], return_counts=True)
+        # between the first and the last sample of each record inside of the range
+        stopped = sum(int(np.sum(~np.trim_zeros(own))) for own in inside)
+        return stopped > EXTREME_TO_MODE_RATIO * int(np.max(elsewhere, initial=1))
 
     def initialise_shape(self, signals, measured, step):
         return eqx.tree_at(

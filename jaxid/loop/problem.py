@@ -285,10 +285,18 @@ class LoopProblem:
         return float(np.log(self.samples))
 
     @cached_property
+    def measured_by_record(self) -> dict[str, tuple[np.ndarray, ...]]:
+        """Valid samples of each measured output in each record."""
+        z, mask = np.asarray(self.train.z), np.asarray(self.train.mask)
+        return {
+            name: tuple(own[valid] for own, valid in zip(z[..., i], mask[..., i], strict=True))
+            for i, name in enumerate(self.train.outputs)
+        }
+
+    @cached_property
     def measured(self) -> dict[str, np.ndarray]:
         """Valid samples of each measured output."""
-        z, mask = np.asarray(self.train.z), np.asarray(self.train.mask)
-        return {name: z[..., i][mask[..., i]] for i, name in enumerate(self.train.outputs)}
+        return {name: np.concatenate(own) for name, own in self.measured_by_record.items()}
 
     def model_at(self, values: Float[np.ndarray, " column"], effects: Collection[str]) -> Augmented:
         """Return the model with values of all columns, in which only the named effects are
@@ -319,7 +327,7 @@ class LoopProblem:
 
     def is_evident(self, name: str) -> bool:
         """Return True if the records show an effect without a model."""
-        return self.effects[name].evident_in_data(self.measured)
+        return self.effects[name].evident_in_data(self.measured_by_record)
 
 
 def regular(R: Float[Array, "output output"]) -> Float[Array, "output output"]:

@@ -249,9 +249,20 @@ def test_sensor_saturation_is_scored_blind_if_extreme_value_repeats():
 )
 def test_sensor_saturation_is_evident_if_only_extreme_value_repeats_often(read, expected):
     signal = np.sin(0.3 * np.arange(200.0)) + 0.01 * np.random.default_rng(0).normal(size=200)
-    assert SensorSaturation("y", "upper").evident_in_data({"y": read(signal)}) is expected
-    assert not SensorSaturation("y", "lower").evident_in_data({"y": np.minimum(signal, 0.8)})
-    assert not Term("v", "x").evident_in_data({"y": np.minimum(signal, 0.8)})
+    assert SensorSaturation("y", "upper").evident_in_data({"y": (read(signal),)}) is expected
+    assert not SensorSaturation("y", "lower").evident_in_data({"y": (np.minimum(signal, 0.8),)})
+    assert not Term("v", "x").evident_in_data({"y": (np.minimum(signal, 0.8),)})
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_rest_at_start_or_end_of_records_is_no_saturation(sign):
+    saturation = SensorSaturation("y", "upper" if sign > 0 else "lower")
+    assert not saturation.evident_in_data({"y": (np.zeros(100),)})
+    rest, motion = np.zeros(200), -np.abs(np.round(np.sin(0.3 * np.arange(1.0, 200.0)), 2))
+    begins, ends = sign * np.r_[rest, motion], sign * np.r_[motion, rest]
+    assert not saturation.evident_in_data({"y": (begins, ends)})
+    # The same number of equal samples amid a record is a saturation.
+    assert saturation.evident_in_data({"y": (np.r_[ends, begins],)})
 
 
 def tanks():

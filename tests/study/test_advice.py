@@ -119,6 +119,14 @@ def test_saturation_is_found_at_both_ends(sign):
     assert finding.numbers["value"] == sign * 0.3
 
 
+def test_settled_output_is_not_saturated():
+    """A step that ends at rest at its largest value, in coarse steps."""
+    t = np.arange(SAMPLES) * DT
+    u = np.where(t < 10, 0.0, 1.0)
+    settled = 0.001 * np.round(1000 * np.where(t < 10, 0.0, 1 - np.exp(10 - t)))
+    assert FindingKind.SATURATION not in kinds(made(t, u, settled))
+
+
 def test_offset_at_rest_is_found_with_its_value():
     t, u, z = measure()
     finding = only(made(t, u, z + 0.1), FindingKind.OFFSET)

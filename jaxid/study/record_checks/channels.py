@@ -7,7 +7,7 @@ import numpy as np
 
 from ..._foundation.grid import holes, is_uniform
 from ...data.record import Record
-from ...effects.sensor import EXTREME_TO_MODE_RATIO
+from ...effects.sensor import SensorSaturation
 from ...effects.sensor_quantisation import MIN_REPEATED_SHARE, grid_of
 from .findings import Finding, FindingKind
 from .thresholds import JITTER, MISSING_SHARE
@@ -123,12 +123,11 @@ def coarse(record: Measured, name: str, values: np.ndarray) -> Iterator[Finding]
 def saturated(record: Measured, name: str, values: np.ndarray) -> Iterator[Finding]:
     """Finding on an output that often has exactly its largest or smallest value.
 
-    Samples before the first change are left out: a record that starts at rest is not saturated.
+    A rest at the start or the end of a record is no saturation (`SensorSaturation`).
     """
-    values = values[np.argmax(values != values[0]) :]
-    for extreme in (np.min(values), np.max(values)):
-        at_end = values == extreme
-        _, counts = np.unique(values[~at_end], return_counts=True)
-        if at_end.sum() > EXTREME_TO_MODE_RATIO * np.max(counts, initial=1):
-            numbers = {"value": float(extreme), "share": float(at_end.mean())}
+    lower = SensorSaturation(channel=name, end="lower")
+    upper = SensorSaturation(channel=name, end="upper")
+    for stop, extreme in ((lower, np.min(values)), (upper, np.max(values))):
+        if stop.evident_in_data({name: (values,)}):
+            numbers = {"value": float(extreme), "share": float(np.mean(values == extreme))}
             yield Finding(FindingKind.SATURATION, record.name, (name,), numbers)

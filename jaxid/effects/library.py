@@ -4,6 +4,7 @@
 # pyright: reportCallIssue=false, reportArgumentType=false
 
 import itertools
+from collections.abc import Collection
 
 import equinox as eqx
 import jax
@@ -73,7 +74,11 @@ STATE_MAGNITUDES = (1.0, 10.0, 100.0, 1000.0)
 
 
 def general_effects(
-    model: AbstractModel, equations: tuple[str, ...] | None = None, *, uniform: bool = True
+    model: AbstractModel,
+    equations: tuple[str, ...] | None = None,
+    *,
+    free: Collection[str] = (),
+    uniform: bool = True,
 ) -> tuple[Effect, ...]:
     """Return the candidate effects for any model.
 
@@ -84,6 +89,8 @@ def general_effects(
         model: the model whose channels the effects use. Effects already in the model are left out.
         equations: states whose equations may have unknown terms; by default the equations with a
             parameter.
+        free: names of the free parameters. A linear term whose coefficient is one of them is no
+            candidate; with another coefficient of zero it is one.
         uniform: whether the records are sampled uniformly, so that an input may be band-limited.
 
     Returns:
@@ -98,12 +105,14 @@ def general_effects(
         )
     declared, _ = split_effects(model)
     require_readable(declared.states + declared.inputs)
-    effects = [*_in_equations(declared, equations), *_of_differences(declared, equations)]
+    effects = _in_equations(declared, equations, free) + _of_differences(declared, equations, free)
     effects += [*_in_inputs(declared, uniform), *_in_outputs(declared)]
     return tuple(sorted(absent_effects(model, effects), key=lambda effect: effect.name))
 
 
-def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effect]:
+def _in_equations(
+    model: AbstractModel, equations: tuple[str, ...], free: Collection[str]
+) -> list[Effect]:
     """Return the effects in each equation.
 
     They are terms, including linear terms in signals on which the equation does not depend,
@@ -114,7 +123,7 @@ def _in_equations(model: AbstractModel, equations: tuple[str, ...]) -> list[Effe
     effects: list[Effect] = []
     arguments = model.states or model.inputs
     pairs = len(equations) * len(arguments)
-    absent = absent_signals(canonical(model), equations)
+    absent = absent_signals(canonical(model), equations, free)
     for name in equations:
         placement = Placement.equation(name)
         terms = (*absent[name], *products(model.states + model.inputs))
@@ -167,12 +176,14 @@ def _with_memory(
     return effects
 
 
-def _of_differences(model: AbstractModel, equations: tuple[str, ...]) -> list[Effect]:
+def _of_differences(
+    model: AbstractModel, equations: tuple[str, ...], free: Collection[str]
+) -> list[Effect]:
     """Return the nonlinear functions of differences of signals that the declared model contains.
 
     They are powers, drag, dry friction and dead bands between two parts.
     """
-    states_of = differences(canonical(model), equations)
+    states_of = differences(canonical(model), equations, free)
     pairs = [(state, signal) for signal, states in states_of.items() for state in states]
     effects: list[Effect] = []
     for state, signal in pairs:

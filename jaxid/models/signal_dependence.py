@@ -4,7 +4,7 @@ Interactions of two parts (a spring, heat, a flow) are functions of the differen
 """
 
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import TypeVar
 
 import jax
@@ -14,7 +14,7 @@ import numpy as np
 from .._foundation.compiler import fast_compile_jit
 from .._foundation.types import Array, Bool
 from .base import AbstractModel, equations_of, right_hand_sides
-from .names import flatten
+from .names import flatten, parameter_names
 
 RANDOM_POINTS = (
     3  # random points of evaluation (chosen): an accidental equality at all is improbable
@@ -35,16 +35,20 @@ def with_differences(signals: Mapping[str, Signal], names: Iterable[str]) -> dic
     return extended
 
 
-def differences(model: AbstractModel, equations: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+def differences(
+    model: AbstractModel, equations: tuple[str, ...], free: Collection[str] = ()
+) -> dict[str, tuple[str, ...]]:
     """Return the differences of states and inputs on which equations of a model depend, with the
     equations that depend on both signals.
 
     An equation depends on two signals only by their difference if its slopes in them are opposite
-    for all parameters, states and inputs. This is tested at three random points.
+    for all parameters, states and inputs. This is tested at three random points. A parameter that
+    is zero and not free stays zero.
 
     Args:
         model: the declared model.
         equations: states whose equations are tested.
+        free: names of the free parameters.
 
     Returns:
         Equations by name of the difference, such as `{"T-outside": ("T",)}`.
@@ -53,7 +57,7 @@ def differences(model: AbstractModel, equations: tuple[str, ...]) -> dict[str, t
         return {}
     channels = model.states + model.inputs
     rows = [equations_of(model).index(name) for name in equations]
-    opposite, depends = (np.asarray(array)[rows] for array in _slopes(model))
+    opposite, depends = (np.asarray(array)[rows] for array in _all_slopes(model, free))
     in_any_equation = np.asarray(np.any(opposite, axis=0))
     pairs = itertools.combinations(range(len(channels)), 2)
     pairs = [(a, b) for a, b in pairs if in_any_equation[a, b]]
@@ -65,19 +69,24 @@ def differences(model: AbstractModel, equations: tuple[str, ...]) -> dict[str, t
     }
 
 
-def absent_signals(model: AbstractModel, equations: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+def absent_signals(
+    model: AbstractModel, equations: tuple[str, ...], free: Collection[str] = ()
+) -> dict[str, tuple[str, ...]]:
     """Return the states and inputs on which each equation of a model does not depend.
+
+    An equation depends on a signal whose coefficient is a free parameter that begins at zero.
 
     Args:
         model: the declared model.
         equations: states whose equations are tested.
+        free: names of the free parameters.
 
     Returns:
         Signals by equation, such as `{"v": ("T",)}`.
     """
     if not equations:
         return {}
-    channels, depends = model.states + model.inputs, np.asarray(_slopes(model)[1])
+    channels, depends = model.states + model.inputs, np.asarray(_all_slopes(model, free)[1])
     return {
         state: tuple(
             name
@@ -88,21 +97,27 @@ def absent_signals(model: AbstractModel, equations: tuple[str, ...]) -> dict[str
     }
 
 
+def _all_slopes(model: AbstractModel, free: Collection[str]):
+    """Return the slopes (`_slopes`) of a model with the named free parameters."""
+    return _slopes(model, np.array([name in free for name in parameter_names(model)], bool))
+
+
 @fast_compile_jit
 def _slopes(
-    model: AbstractModel,
+    model: AbstractModel, free: Bool[Array, " parameter"]
 ) -> tuple[Bool[Array, "state channel channel"], Bool[Array, "state channel"]]:
     """Pairs of opposite slopes, and slopes that are not zero, at all of some random points.
 
     A slope is the derivative of an equation by a state or input.
     """
     vector, unflatten = flatten(model)
+    sizes = jnp.where(free & (vector == 0), 1.0, vector)
     count = len(model.states) + len(model.inputs)
 
     def slopes_at(key):
         value_key, point_key = jax.random.split(key)
         other = unflatten(
-            vector * jax.random.uniform(value_key, vector.shape, minval=0.8, maxval=1.2)
+            sizes * jax.random.uniform(value_key, vector.shape, minval=0.8, maxval=1.2)
         )
         point = jax.random.uniform(point_key, (count,), minval=0.5, maxval=1.5)
         return jax.jacfwd(

@@ -41,11 +41,11 @@ def candidates(model: AbstractModel, free: Free, *records: Record) -> tuple[Effe
     equations = model.equations_with_terms()
     if equations is None:
         equations = uncertain_equations(canonical(model), np.asarray(free.positions(model).shared))
-    general = general_effects(
-        model, equations, uniform=all(is_uniform(np.asarray(stacked.t)) for stacked in records)
-    )
+    uniform = all(is_uniform(np.asarray(stacked.t)) for stacked in records)
+    chosen = free.shared + free.per_record
+    general = general_effects(model, equations, free=chosen, uniform=uniform)
     own = absent_effects(model, (*general, *model.effects()))
     known, units = {effect.card.family for effect in own}, model.units()
     drifts = (ParameterDrift(name, unit=units.get(name, "")) for name in free.shared)
     others = absent_effects(model, (drift for drift in drifts if drift.card.family not in known))
-    return not_free((*own, *others), free.shared + free.per_record)
+    return not_free((*own, *others), chosen)

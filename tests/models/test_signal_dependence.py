@@ -6,11 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxid import AbstractModel
+from jaxid import AbstractModel, free
 from jaxid.effects import Augmented, DeadBand, DryFriction, QuadraticDrag, Term, general_effects
 from jaxid.effects.library import initialise_shapes
 from jaxid.effects.placement import Placement
 from jaxid.models.signal_dependence import absent_signals, differences, with_differences
+from jaxid.study.candidates import candidates
 
 X = jnp.array([0.7, -0.2, 0.1, 0.5])  # x1, v1, x2, v2
 U = jnp.array([0.3])
@@ -106,6 +107,17 @@ def test_equation_lacks_linear_term_of_absent_signal():
     # Terms of the declared model are not candidates, free or not.
     assert not {"x1 in v1", "v1 in v1", "x2 in v2", "v1 in v2"} & names
     assert absent_signals(MASSES, ()) == {}
+
+
+def test_free_parameter_that_begins_at_zero_is_in_its_equation():
+    loose = TwoMasses(jnp.array(0.0), jnp.array(0.0), jnp.array(0.5))
+    assert absent_signals(loose, ("v2",)) == {"v2": ("x1", "v1", "x2", "v2", "force")}
+    assert absent_signals(loose, ("v2",), ("k",)) == {"v2": ("v1", "v2", "force")}
+    assert differences(loose, ("v2",)) == {}
+    assert differences(loose, ("v2",), ("k",)) == {"x1-x2": ("v2",)}
+    names = {effect.name for effect in candidates(loose, free(loose, "k", "c"))}
+    assert {"(x1-x2)^3 in v2", "|v1-v2|v1-v2 in v2", "force in v2"} <= names
+    assert not {"x1 in v2", "v2 in v2"} & names
 
 
 def test_library_has_interaction_effects_of_two_parts():

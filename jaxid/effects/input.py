@@ -17,6 +17,9 @@ from .card import EffectCard
 BLEND_BOUNDS = (-1.0, 3.0)
 # [s], chosen longer than any record: the state is constant until `initialise_shape` sets its time
 UNSET_TIME = 1e6
+# stage of errors of the record: a lag commutes with them, and starts in equilibrium with the
+# recorded input; levels and centres of other effects are in its unit
+AFTER_RECORDED = 1
 
 
 class InputEffect(Effect):
@@ -54,6 +57,8 @@ class CommonInputEffect(Effect):
 class InputBias(InputEffect):
     """Constant offset of the recorded input: `u -> u + gain`, gain [unit of u].
 
+    It acts after lags, limits and dead zones, whose levels are levels of the recorded input.
+
     Args:
         channel: name of the input.
     """
@@ -68,6 +73,7 @@ class InputBias(InputEffect):
             description=f"the input {self.channel} is recorded with an offset",
             location=Location(LocationKind.INPUT, self.channel),
             signals=(self.channel,),
+            stage=AFTER_RECORDED,
         )
 
     def input(self, u, extra, inputs):
@@ -76,6 +82,9 @@ class InputBias(InputEffect):
 
 class InputScale(InputEffect):
     """Scale error of the recorded input: `u -> (1 + gain) u`.
+
+    It acts after lags, limits, dead zones and the bias, whose sizes are sizes of the recorded
+    input.
 
     Args:
         channel: name of the input.
@@ -92,6 +101,7 @@ class InputScale(InputEffect):
             description=f"the input {self.channel} is recorded with a scale error",
             location=Location(LocationKind.INPUT, self.channel),
             signals=(self.channel,),
+            stage=AFTER_RECORDED,
         )
 
     def input(self, u, extra, inputs):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxid._foundation.checks import InputError
+from jaxid.data import record
 from jaxid.effects import (
     Augmented,
     DryFriction,
@@ -327,6 +328,25 @@ def test_input_lag_adds_state():
     # (h/time)^4/120 with h = 0.025 s is 5e-8.
     np.testing.assert_allclose(actual[:, 1], 1 - np.exp(-2 * t), rtol=0, atol=1e-7)
     np.testing.assert_allclose(actual[:, 0], t - 0.5 * (1 - np.exp(-2 * t)), rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("error", [InputBias, InputScale])
+def test_lag_starts_in_equilibrium_if_record_has_bias_or_scale_error(error):
+    integrator = LinearModel(
+        [[0.0]], [[1.0]], [[1.0]], [[0.0]], states=("x",), inputs=("u",), outputs=("x",)
+    )
+    t, held = 0.1 * np.arange(40), np.full((40, 1), 0.5)
+    made = record(t, held, np.zeros((40, 1)), inputs=("u",), outputs=("x",))
+
+    def end(gain, *effects):
+        model = Augmented(integrator, (error("u", gain), *effects))
+        start = model.initial_state(made)
+        return simulate(model, t, held, start, stepper=RK4(4, unrolled=False)).x[-1, 0]
+
+    lag = InputLag("u", jnp.array(1.0), jnp.array(0.5))
+    # The input is constant, so that no step has an error: value and derivative up to rounding.
+    actual, want = (jax.value_and_grad(end)(jnp.array(0.3), *own) for own in ((lag,), ()))
+    np.testing.assert_allclose(actual, want, rtol=1e-12)
 
 
 def test_equation_without_free_parameter_is_not_uncertain():

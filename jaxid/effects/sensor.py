@@ -13,6 +13,7 @@ import numpy as np
 from .._foundation.grid import strictly_increasing
 from .._foundation.location import Location, LocationKind
 from .._foundation.types import Array, Float
+from ..models.base import canonical
 from .base import Effect, is_negative, zero
 from .card import PRESENT, EffectCard
 
@@ -58,7 +59,7 @@ def apply_together(
     """
     columns = np.array([outputs.index(effect.channel) for effect in effects])
     arrays, static = zip(
-        *(eqx.partition(effect, eqx.is_inexact_array) for effect in effects), strict=True
+        *(eqx.partition(effect, eqx.is_inexact_array) for effect in canonical(effects)), strict=True
     )
     stacked = jax.tree.unflatten(
         jax.tree.structure(arrays[0]),

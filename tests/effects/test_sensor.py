@@ -1,5 +1,6 @@
 """Drift, quantisation and cross-talk of sensors."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from jaxid.effects import (
     Augmented,
+    SensorBias,
     SensorCrossTalk,
     SensorDrift,
     SensorQuantisation,
@@ -38,6 +40,15 @@ def test_sensor_drift_starts_at_zero_in_record():
     np.testing.assert_allclose(
         actual, U + np.outer(0.3 * (T - 2.0), [0, 1, 0]), rtol=1e-14, atol=1e-15
     )
+
+
+def test_sensors_of_one_kind_have_their_own_plain_numbers():
+    sensors = tuple(
+        eqx.tree_at(lambda sensor: sensor.gain, SensorBias(name), gain)
+        for name, gain in (("p", 0.1), ("q", 0.5), ("r", 2))
+    )
+    actual = Augmented(DIRECT, sensors).observe(jnp.asarray(T), jnp.asarray(U))
+    np.testing.assert_array_equal(actual, U + np.array([0.1, 0.5, 2.0]))
 
 
 def test_cross_talk_adds_share_of_source():

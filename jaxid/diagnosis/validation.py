@@ -36,7 +36,7 @@ class Prediction(eqx.Module):
         t, z, y: times, measured and predicted outputs.
         scored: samples that are scored: valid ones after the window in which the initial state was
             fitted.
-        initial_state: initial state of each record.
+        initial_state: initial state of each record, all states of the model.
         outputs, units: names and units of the channels.
         names: names of the records.
         simulated: False if each sample is predicted from the samples before it (Kalman filter).
@@ -260,8 +260,8 @@ class Predictor(eqx.Module):
         after_window = (np.arange(records.t.shape[1]) >= (self.window or 0))[None, :, None]
         scored = to_device(np.asarray(records.mask) & after_window)
         channels = records.outputs, records.output_units, records.names
-        states = [k for k, n in enumerate(self.starts) if n.startswith(f"{INITIAL_STATE}.")]
-        initial_state = to_device(np.asarray(rows)[:, states])
+        flat = np.asarray(arguments[1])
+        initial_state = to_device(flat[:, flat.shape[1] - len(model.states) :])
         return Prediction(records.t, records.z, y, scored, initial_state, *channels)
 
     def programs(self, model: AbstractModel, records: Record) -> list[tuple[Any, tuple]]:
@@ -278,8 +278,8 @@ class Predictor(eqx.Module):
             programs.append((PROGRAMS.sensitivities, arguments))
         return programs
 
-    def _rows(self, problem: Problem) -> Float[Array, "case state"]:
-        """Return the initial state of each record."""
+    def _rows(self, problem: Problem) -> Float[Array, "case start"]:
+        """Return the fitted initial values of each record (`starts`)."""
         begin = initial_parameters(problem.model, problem.positions, problem.records)
         rows = np.array(begin.rows)
         if self.window is not None:

@@ -56,6 +56,12 @@ def test_start_without_prior_is_the_mean_of_the_window():
     assert start[0] == pytest.approx(np.mean(z[:WINDOW]), rel=1e-9)
 
 
+def test_initial_state_has_all_states_if_some_are_fitted():
+    prediction, z = predicted(None, starts=STARTS[:1])
+    expected = [np.mean(z[:WINDOW]), 0.0]
+    assert np.asarray(prediction.initial_state)[0] == pytest.approx(expected, rel=1e-9)
+
+
 def test_initial_state_has_no_memory_of_an_effect():
     """The memory of a lag stands before the initial states, as between those of two effects."""
     model = Augmented(LEVELS, (SensorLag("z"),))

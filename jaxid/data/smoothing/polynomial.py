@@ -79,6 +79,11 @@ class LocalPolynomial(AbstractSmoother):
             f"{LOCAL_POLYNOMIAL}: the window is {self.window} samples and the record has "
             f"{len(z)}. Give a shorter one.",
         )
+        require(
+            shortest <= longest,
+            f"{LOCAL_POLYNOMIAL}: order {self.order} needs a window of at least {shortest} samples "
+            f"and the record has {len(z)}. Give a lower order, or more samples.",
+        )
         if self.window is not None:
             window = self.window
         elif self.cutoff_hz is not None:

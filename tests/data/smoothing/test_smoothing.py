@@ -173,6 +173,7 @@ REFUSALS = {
     "above Nyquist": (SmoothingSpline(30.0), T, {}, ["30.0 Hz", "to 25 Hz"]),
     "too low": (LocalPolynomial(0.01), T, {}, ["0.01 Hz", "Choose"]),
     "missing": (Fourier(), T, {3: np.nan}, ["nan at row 3", "Fill the gap"]),
+    "high order": (LocalPolynomial(order=7), T[:8], {}, ["order 7", "at least 9", "has 8"]),
     "long window": (LocalPolynomial(window=601), T, {}, ["window is 601", "600"]),
 }
 

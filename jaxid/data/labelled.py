@@ -67,6 +67,10 @@ def from_xarray(
     """Return the record of a dataset, the exact inverse of `to_xarray`, with all checks of
     `record`.
 
+    One of these checks refuses an output without a valid sample, in a single record or in a case of
+    a stack. A window of a record may have such an output; `to_xarray` converts it, and this
+    function refuses its dataset.
+
     Args:
         dataset: variables over `t` [s] (a single record) or over `case` and `row` with the
             coordinate `t` (a stack); `attrs["units"]` of a variable is read, also of `t`, and NaN

@@ -53,6 +53,19 @@ def test_dataset_of_record_has_units_roles_and_coordinates():
     assert np.isnan(two["q"].values[1, 2])
 
 
+def test_dataset_of_window_without_a_sample_of_an_output_is_refused():
+    run = record(
+        [0, 1, 2, 3],
+        None,
+        [[1.0, 2.0]] * 2 + [[np.nan, 3.0]] * 2,
+        inputs=(),
+        outputs=("alpha", "q"),
+    )
+    windows = to_xarray(stack([run, run.window(2, 4)]))
+    with pytest.raises(InputError, match="output 'alpha' has no valid sample"):
+        from_xarray(windows)
+
+
 def test_external_dataset_converts_with_units_and_selected_channels():
     ds = xr.Dataset(
         {

@@ -200,11 +200,16 @@ def multisine(
     Args:
         t: sample times [s].
         low, high: the band [Hz].
-        fade: share of the duration in which the signal rises from zero, and falls to it.
+        fade: share of the duration in which the signal rises from zero, and falls to it, up to
+            0.5; with 0 it begins and ends at full size.
 
     Raises:
-        InputError: when no harmonic lies in the band.
+        InputError: when no harmonic lies in the band, or `fade` is not from 0 to 0.5.
     """
+    require(
+        0.0 <= fade <= 0.5,
+        f"`fade` is {fade:g}, a share of the duration at each end. Give a number from 0 to 0.5.",
+    )
     times = np.asarray(t - t[0])
     period = float(times[-1])
     harmonics = harmonics_within(low, high, period)
@@ -214,7 +219,8 @@ def multisine(
     )
     angle = 2.0 * np.pi * harmonics[None] * times[:, None] / period
     share = np.minimum(times, period - times) / period
-    window = np.sin(0.5 * np.pi * np.clip(share / fade, 0.0, 1.0)) ** 2
+    risen = np.divide(share, fade, out=np.ones_like(share), where=share < fade)
+    window = np.sin(0.5 * np.pi * risen) ** 2
     return Multisine(
         jnp.asarray(np.concatenate([np.cos(angle), np.sin(angle)], 1) * window[:, None])
     )

@@ -46,9 +46,9 @@ def test_values_at_trims_equal_joint_weighted_regression_of_all_samples(seed):
     assert result.table.names == ("1", *terms)
     assert result.table.units == ("", "1/rad", "1/rad^2", "1/rad^3")
     np.testing.assert_allclose(result.table.values, [joint.constant, *joint.values], rtol=1e-9)
-    np.testing.assert_allclose(
-        np.asarray(result.table.covariance)[1:, 1:], joint.covariance / joint.s**2, rtol=1e-8
-    )
+    # `joint.s` is estimated, in units of a mean weight of one
+    known = joint.covariance / (joint.s**2 * np.mean(np.repeat(sigma, counts) ** -2.0))
+    np.testing.assert_allclose(np.asarray(result.table.covariance)[1:, 1:], known, rtol=1e-8)
 
 
 def test_values_and_slopes_equal_dense_generalised_least_squares(seed):

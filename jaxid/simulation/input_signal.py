@@ -130,8 +130,9 @@ class SmoothSignal(AbstractInputSignal):
 class SteppedSignal(AbstractInputSignal):
     """A piecewise constant signal, each sample held until the next.
 
-    With a delay the jumps fall inside a step. The step then uses the mean of the signal over its
-    length, which keeps the impulse and is differentiable in the delay.
+    With a delay the jumps fall inside a step, several of them inside a step longer than an interval
+    between samples. The step then uses the mean of the signal over its length, which keeps the
+    impulse and is differentiable in the delay.
 
     Args:
         knots: strictly increasing times [s].
@@ -153,15 +154,23 @@ class SteppedSignal(AbstractInputSignal):
     def stages(self, t, substeps):
         begin, length = substeps_of(t, substeps)
         safe = jnp.where(length > 0, length, 1.0)
+        # A jump at the start of a step counts to it, one at the end does not: a positive delay
+        # moves it inside.
+        edge = 1e-9 * length
+
+        def held(time):
+            """Return the row of the sample held at a time."""
+            return jnp.clip(jnp.searchsorted(self.knots, time, side="right") - 1, 0)
 
         def channel(values, delay):
-            # A step is no longer than an interval between knots, so that it contains one jump at
-            # most. A jump at the start of a step counts to it: a positive delay moves it inside.
-            index = jnp.searchsorted(self.knots, begin - delay - 1e-9 * length, side="right") - 1
-            now, then = jnp.clip(index, 0), jnp.clip(index + 1, 0, self.knots.size - 1)
-            over = begin + length - delay - self.knots[then]
-            share = jnp.where((over > 1e-9 * length) & (index >= 0), over / safe, 0.0)
-            return values[now] + share * (values[then] - values[now])
+            start, end = begin - delay, begin + length - delay
+            first, last = held(start - edge), held(end - edge)
+            # Integral of the signal less its first value, which without a jump is exactly zero.
+            jump = jnp.minimum(first + 1, last)
+            area = jnp.cumsum(jnp.append(0.0, values[:-1] * jnp.diff(self.knots)))
+            excess = area[last] - area[jump] - values[first] * (self.knots[last] - self.knots[jump])
+            excess += (values[last] - values[first]) * (end - self.knots[last])
+            return values[first] + excess / safe
 
         mean = jax.vmap(channel, in_axes=(1, 0), out_axes=-1)(self.values, self.delay)
         return jnp.repeat(mean[:, None], 3, axis=1)

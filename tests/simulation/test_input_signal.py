@@ -210,6 +210,28 @@ def test_delayed_jump_inside_step_keeps_impulse(seed):
     )
 
 
+def test_step_over_several_delayed_jumps_uses_their_mean(seed):
+    """Lost samples leave intervals of several steps, into which a delay moves several jumps."""
+    t, u = (array[np.r_[0:7, 9:24, 28:60]] for array in signal(seed))
+    path, length = path_of(ZeroOrder(), t, u), np.repeat(np.diff(t) / 2, 2)
+    begin = np.repeat(t[:-1], 2) + length * np.tile([0, 1], t.size - 1)
+    before = 10.0  # s of the first sample before the record
+    knots, held = np.append(t[0] - before, t), np.append(u[0, 1], u[:, 1])
+    area = np.append(0.0, np.cumsum(held[:-1] * np.diff(knots)))
+
+    def mean(lag):
+        return stages(delayed(path, lag), t, 2)[:, 0, 1]
+
+    for lag in (0.034, 0.134, 0.262):
+        want = np.interp(begin + length - lag, knots, area) - np.interp(begin - lag, knots, area)
+        # rounding of the integral, of up to 50 u s, over steps of 0.05 s
+        np.testing.assert_allclose(mean(jnp.array(lag)), want / length, rtol=0, atol=1e-11)
+        ends = (np.searchsorted(knots, at - lag) - 1 for at in (begin, begin + length))
+        first, last = (held[rows] for rows in ends)
+        slope = jax.jacfwd(mean)(jnp.array(lag))
+        np.testing.assert_allclose(slope, (first - last) / length, rtol=0, atol=1e-9)
+
+
 @by_holds("zero-order", "linear", "cubic", "band-limited")
 def test_sensitivity_to_delay_equals_finite_differences(seed, hold):
     """At zero delay the derivative is one-sided, of a delayed signal, also at jumps and bends."""

@@ -76,6 +76,21 @@ def is_uniform(t: Float[np.ndarray, "*case time"], tolerance: float = 1e-6) -> b
     return bool(np.all(np.abs(step[real] - typical) <= tolerance * typical + rounding))
 
 
+def is_uniform_by_record(t: Float[np.ndarray, "*case time"]) -> bool:
+    """Whether the steps of each record are equal; those of two records may differ."""
+    return all(is_uniform(times) for times in np.reshape(t, (-1, t.shape[-1])))
+
+
+def uneven_steps(t: Float[np.ndarray, "*case time"]) -> str | None:
+    """Return a description of the steps of all records; None if they are equal."""
+    if is_uniform(t):
+        return None
+    if not is_uniform_by_record(t):
+        return "these sample times are uneven"
+    steps = t[..., 1] - t[..., 0]
+    return f"the records have steps of {np.min(steps):.6g} to {np.max(steps):.6g} s"
+
+
 def standing_row(t: Float[np.ndarray, "*case time"]) -> tuple[int, int] | None:
     """Return the case and row of the first time that is not after the one before it, padding at the
     end left out; None if all are.

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from .._foundation.checks import require
-from .._foundation.grid import is_uniform
+from .._foundation.grid import is_uniform_by_record
 from .._foundation.location import Location, LocationKind
 from .._foundation.types import Array, Float
 from .base import Effect, is_negative, zero
@@ -162,7 +162,7 @@ class InputBetweenSamples(InputEffect):
 
     def check(self, t):
         require(
-            is_uniform(t),
+            is_uniform_by_record(t),
             f"The effect {self.name!r} makes the input band-limited, which needs uniform sampling, "
             "and the sample times of a record are uneven. Leave the effect out.",
         )

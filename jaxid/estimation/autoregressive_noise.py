@@ -22,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from .._foundation.checks import InputError, require
-from .._foundation.grid import is_uniform
+from .._foundation.checks import require
+from .._foundation.grid import uneven_steps
 from .._foundation.types import Array, Bool, Float, Numbers
 from ..models.noise import AbstractNoise, AbstractWhitening
 
@@ -76,7 +76,8 @@ class AutoregressiveNoise(AbstractNoise):
     An anti-aliasing filter of second order gives noise of order 2 or more. Standard errors and
     steps of the parameters use the whitened rows, so that the Cramer-Rao bound holds for coloured
     noise. `Estimate.noise` then is the covariance of the innovations, not of the noise. Sampling
-    must be uniform. `select_order` finds the order from the residuals of a first fit.
+    must be uniform, with one step for all records. `select_order` finds the order from the
+    residuals of a first fit.
 
     The coefficients of a short record are estimated too low: with one coefficient of 0.8, 95 %
     intervals of a first-order lag cover 92 % at 200 samples, 94 % at 600 and 95 % at 1,200 (500
@@ -134,11 +135,14 @@ class AutoregressiveNoise(AbstractNoise):
             )
 
     def check_times(self, t):
-        if not all(is_uniform(row) for row in np.atleast_2d(np.asarray(t))):
-            raise InputError(
-                "Autoregressive noise needs uniform sampling, and these sample times are uneven. "
-                "Use DiagonalNoise() with `corrected_errors`, or resample the record."
-            )
+        steps = uneven_steps(np.asarray(t))
+        require(
+            steps is None,
+            f"Autoregressive noise needs uniform sampling, of one step for all records, and "
+            f"{steps}. Resample the records to one step, use DiagonalNoise() with "
+            "`corrected_errors`, or give the noise a correlation time: FilterError with "
+            "FirstOrder, for any times.",
+        )
 
 
 @partial(jax.jit, static_argnames="order")

@@ -44,6 +44,7 @@ class Estimate(eqx.Module):
             on a bound. They are asymptotic: an estimated R divides by the number of samples.
             `interval` corrects this for short records.
         corrected_errors: standard errors corrected for the colour of the residuals; never smaller.
+            One autoregression by samples serves all records, which should have one step.
         corrected_dof: degrees of freedom of the corrected variances, which are estimated from the
             residuals themselves.
         covariance: Cramer-Rao bound of the shared parameters.

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._foundation.checks import require
-from .._foundation.grid import is_uniform, strictly_increasing
-from .._foundation.types import Array, Float, Int
+from .._foundation.grid import is_uniform_by_record, strictly_increasing
+from .._foundation.types import Array, Float, Int, Numbers
 from .input_signal import (
     AbstractInputSignal,
     SmoothSignal,
@@ -64,7 +64,11 @@ class Cubic(AbstractHold):
         )
 
     def check(self, t):
-        require(t.shape[-1] > 3, "A cubic spline needs more than 3 samples. Use Linear().")
+        require(
+            _fewest_samples(t) > 3,
+            f"A cubic spline needs more than 3 samples in each record, and there is one with "
+            f"{_fewest_samples(t)}. Use Linear().",
+        )
 
 
 class BandLimited(AbstractHold):
@@ -76,7 +80,7 @@ class BandLimited(AbstractHold):
     and by local cubics in between, with an error of 1e-5 of a component at a third of the sampling
     rate. Beyond its ends the signal is continued by point
     reflection (Oppenheim & Schafer, Discrete-Time Signal Processing, sections 4.2 and 7.5). The
-    sampling must be uniform.
+    sampling of each record must be uniform.
     """
 
     half_width: int = eqx.field(static=True, default=32)
@@ -86,15 +90,20 @@ class BandLimited(AbstractHold):
 
     def check(self, t):
         require(
-            is_uniform(np.asarray(t)),
+            is_uniform_by_record(np.asarray(t)),
             "A band-limited input needs uniform sampling, and these sample times are uneven. Use "
             "Cubic() or Linear().",
         )
         require(
-            t.shape[-1] > self.half_width,
-            f"A band-limited input needs more than {self.half_width} samples. Use Cubic(), or a "
-            "smaller half_width.",
+            _fewest_samples(t) > self.half_width,
+            f"A band-limited input needs more than {self.half_width} samples in each record, and "
+            f"there is one with {_fewest_samples(t)}. Use Cubic(), or a smaller half_width.",
         )
+
+
+def _fewest_samples(t: Float[Numbers, "*case time"]) -> int:
+    """Return the number of samples of the shortest record, without its padding."""
+    return int(np.min(np.sum(np.diff(np.asarray(t)) > 0, axis=-1))) + 1
 
 
 def _spline_slopes(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .._foundation.grid import is_uniform
+from .._foundation.grid import is_uniform_by_record
 from .._foundation.notebook import Table
 from ..data.record import Record
 from ..effects.augmented import absent_effects
@@ -41,7 +41,7 @@ def candidates(model: AbstractModel, free: Free, *records: Record) -> tuple[Effe
     equations = model.equations_with_terms()
     if equations is None:
         equations = uncertain_equations(canonical(model), np.asarray(free.positions(model).shared))
-    uniform = all(is_uniform(np.asarray(stacked.t)) for stacked in records)
+    uniform = all(is_uniform_by_record(np.asarray(stacked.t)) for stacked in records)
     chosen = free.shared + free.per_record
     general = general_effects(model, equations, free=chosen, uniform=uniform)
     own = absent_effects(model, (*general, *model.effects()))

@@ -147,6 +147,9 @@ def test_unsuitable_records_are_refused(rng):
             record(uneven, u[:, None], z, inputs=("u",), outputs=("x",)),
             OutputError(AutoregressiveNoise(1)),
         )
+    pair = [record(x, u[:, None], z, inputs=("u",), outputs=("x",)) for x in (t, 0.2 * t)]
+    with pytest.raises(InputError, match=r"steps of 0\.02 to 0\.1 s"):
+        estimate(MODEL, FREE, pair, OutputError(AutoregressiveNoise(1)))
     z[::2] = np.nan
     with pytest.raises(InputError, match="valid predecessors"):
         estimate(

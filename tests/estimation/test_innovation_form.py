@@ -166,3 +166,6 @@ def test_uneven_times_are_refused(measured):
     uneven = record(t, U[:SAMPLES], measured, inputs=("u",), outputs=("x",))
     with pytest.raises(InputError, match=r"uneven.*FilterError"):
         estimate(model_at(), FREE, uneven, InnovationForm())
+    slow = record(2.0 * T[:SAMPLES], U[:SAMPLES], measured, inputs=("u",), outputs=("x",))
+    with pytest.raises(InputError, match=r"steps of 0\.1 to 0\.2 s.*FilterError"):
+        estimate(model_at(), FREE, [as_record(measured), slow], InnovationForm())

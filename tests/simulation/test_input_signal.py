@@ -167,13 +167,26 @@ def test_band_limited_refuses_uneven_sampling(factor):
         BandLimited().check(uneven)
 
 
+def test_band_limited_accepts_records_with_different_steps():
+    fast = 0.1 * np.arange(40)
+    slow = np.pad(1.0 * np.arange(35), (0, 5), mode="edge")
+    for interpolation in (BandLimited(), InputBetweenSamples("u")):
+        interpolation.check(np.stack([fast, slow]))
+
+
 @pytest.mark.parametrize(
     ("hold", "least"), [(BandLimited(), 33), (BandLimited(half_width=4), 5), (Cubic(), 4)]
 )
 def test_too_few_samples_are_refused(hold, least):
-    hold.check(np.arange(least) * 1.0)
-    with pytest.raises(InputError, match=f"more than {least - 1} samples"):
-        hold.check(np.arange(least - 1) * 1.0)
+    """Padding, which makes a record as long as the others of its stack, does not count."""
+    enough, few = np.arange(least) * 1.0, np.arange(least - 1) * 1.0
+    hold.check(enough)
+    padded = np.stack([enough, np.pad(few, (0, 1), mode="edge")])
+    for short in (few, padded):
+        with pytest.raises(
+            InputError, match=f"more than {least - 1} samples.*one with {least - 1}"
+        ):
+            hold.check(short)
 
 
 @by_holds("zero-order", "linear")

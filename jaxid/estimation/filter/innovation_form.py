@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._foundation.checks import require, require_known
-from ..._foundation.grid import is_uniform
+from ..._foundation.grid import uneven_steps
 from ..._foundation.types import Array, Float
 from ...data.record import Record
 from ...models.base import AbstractModel, as_float
@@ -126,9 +126,9 @@ class InnovationForm(AbstractLikelihood):
 
     def check_times(self, t):
         self.hold.check(t)
+        steps = uneven_steps(np.asarray(t))
         require(
-            is_uniform(np.asarray(t)),
-            "The sample times are uneven; a constant gain belongs to one step. Use FilterError.",
+            steps is None, f"A constant gain belongs to one step, and {steps}. Use FilterError."
         )
 
 

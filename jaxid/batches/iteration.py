@@ -279,7 +279,7 @@ def _result(arrays: CaseArrays, iterate: Iterate, settings: Settings) -> CaseRes
     """Return the result of one case."""
     problem, solver = _problem(arrays, settings), settings.solver
     fit = fit_of(problem, iterate.parameters, iterate.state, solver)
-    is_known = settings.likelihood.noise.is_known
+    is_known = settings.likelihood.knows_noise(arrays.free)
     estimate = Estimate.of(
         fit, problem.model, arrays.free, problem.records, solver.policy.threshold, is_known
     )

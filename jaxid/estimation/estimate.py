@@ -136,7 +136,7 @@ class Case(NamedTuple):
 
     def estimate(self, fit: Fit, solver: GaussNewton) -> Estimate:
         """Return the estimate of a fit of the problem by a solver."""
-        threshold, known = solver.policy.threshold, self.problem.likelihood.noise.is_known
+        threshold, known = solver.policy.threshold, self.problem.likelihood.knows_noise(self.free)
         return Estimate.of(fit, self.model, self.free, self.records, threshold, known)
 
 

@@ -128,6 +128,14 @@ class AbstractLikelihood(eqx.Module):
         """Return the residuals in the units of the outputs from the rows."""
         return rows
 
+    def knows_noise(self, free: Free) -> bool:
+        """Return True if the noise is given, False if a part of it is estimated.
+
+        Args:
+            free: the free parameters, with those of the likelihood.
+        """
+        return self.noise.is_known
+
     def measurement_covariance(
         self,
         model: AbstractModel,

@@ -64,7 +64,7 @@ class Estimate(eqx.Module):
         iterations, costs, decrements: the history: accepted steps, cost and length of the remaining
             step at each. Of `FilterError(frozen_gain=True)` the part with exact derivatives alone.
         threshold: eigenvalues below this share of the largest are weak.
-        noise_known: True if R was given.
+        noise_known: True if R was given; with `FilterError`, if all noises were.
     """
 
     model: AbstractModel

@@ -172,7 +172,7 @@ def _side(predicting: LoopFit, fitted: LoopFit, records: StudyRecords) -> Side:
     estimated = fitted.estimation.problem
     stochastic = not isinstance(estimated.likelihood, OutputError)
     of = estimated.model if stochastic else model
-    known = estimated.likelihood.noise.is_known
+    known = estimated.likelihood.knows_noise(fitted.estimation.free)
     estimate = Estimate.of(solution, of, free, used, threshold, known)
     start = _declared_start(problem, estimate)
     return Side(model, dataclasses.replace(estimate, start=start), predictions, rms)

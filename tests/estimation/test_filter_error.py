@@ -16,7 +16,7 @@ from jaxid.data import record
 from jaxid.estimation import FilterError, FirstOrder, Fixed, OutputError, estimate, smooth_states
 from jaxid.estimation import problem as problem_module
 from jaxid.estimation.estimate import as_stack, checked_case
-from jaxid.models import LinearModel, free
+from jaxid.models import FixedNoise, LinearModel, free
 
 START = GustyLag(jnp.array(0.7), jnp.array(1.5))
 FREE = free(START, "p", "b", per_record=("initial_state",))
@@ -40,6 +40,7 @@ def fit(records):
 
 def test_estimate_recovers_physics_and_noises(fit):
     assert fit.names == NAMES
+    assert not fit.noise_known
     assert bool(fit.successful)
     distance = (np.asarray(fit.values) - TRUTH) / np.asarray(fit.standard_errors)
     # 3.9 standard errors: 99.99 % for each of five normal estimates
@@ -111,6 +112,14 @@ def test_no_process_noise_gives_estimate_and_errors_of_output_error(records):
     np.testing.assert_allclose(without.own, output_error.own, rtol=1e-5)
     np.testing.assert_allclose(without.standard_errors[:2], output_error.standard_errors, rtol=1e-5)
     np.testing.assert_allclose(without.noise, output_error.noise, rtol=1e-6)
+
+
+def test_given_noises_are_known(records):
+    given = estimate(START, FREE, records, FilterError(noise={"y": Fixed(SENSOR)}))
+    output_error = estimate(START, FREE, records, OutputError(FixedNoise([SENSOR**2])))
+    assert given.noise_known
+    assert "R is known" in str(given)
+    np.testing.assert_allclose(given.interval(), output_error.interval(), rtol=1e-5)
 
 
 def test_measured_state_without_sensor_noise_gives_equation_error():

@@ -36,6 +36,7 @@ from .kalman import (
 from .noise_identifiability import check_noise_identifiable
 from .noise_options import FirstOrder, Number, number, sensor_parts
 from .noise_parameters import (
+    NOISE_GROUPS,
     by_parameter,
     check_kept,
     check_names,
@@ -230,6 +231,9 @@ class FilterError(AbstractLikelihood):
     def residuals(self, rows, mask):
         return rows[..., -mask.shape[-1] :]
 
+    def knows_noise(self, free):
+        return not any(name.split(".")[0] in NOISE_GROUPS for name in free.shared)
+
     def measurement_covariance(self, model, rows, mask):
         assert isinstance(model, StochasticModel), "a model from `prepared`"
         return jnp.diag(model.sensor_deviations() ** 2)
@@ -277,6 +281,9 @@ class FrozenGain(AbstractLikelihood):
 
     def n_sensitive(self, n_outputs):
         return self.of.n_sensitive(n_outputs)
+
+    def knows_noise(self, free):
+        return self.of.knows_noise(free)
 
     def check(self, model, records):
         self.of.check(model, records)

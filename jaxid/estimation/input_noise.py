@@ -54,23 +54,43 @@ def input_noise_covariance(
         The covariance to be added to `result.covariance`, shape (parameter, parameter).
 
     Raises:
-        InputError: for a name that is no input, a negative standard deviation, or an estimate
-            without shared parameters.
+        InputError: as `check_input_noise`, or for an estimate without shared parameters.
     """
-    require_known("input (in `noise`)", noise, model.inputs)
+    check_input_noise(model, likelihood, noise)
     require(
         bool(result.names),
         "No parameter is shared by the records, so there is no covariance to add to.",
     )
+    problem = Problem.of(model, result.free, records, likelihood)
+    sigma = jnp.array([noise.get(name, 0.0) for name in model.inputs], float)
+    return added_covariance(problem, result.parameters, result.covariance, sigma)
+
+
+def check_input_noise(
+    model: AbstractModel,
+    likelihood: AbstractLikelihood,
+    noise: Mapping[str, Float[Array, ""] | float],
+) -> None:
+    """Check that the effect of input noise on an estimate can be computed.
+
+    The arguments are those of `input_noise_covariance`.
+
+    Raises:
+        InputError: for a likelihood that corrects the states by the measurements, a name that is no
+            input, or a negative standard deviation.
+    """
+    require(
+        likelihood.simulates,
+        f"The noise of measured inputs is added to estimates from a simulation, and "
+        f"{type(likelihood).__name__} corrects the states by the measurements. Use OutputError().",
+    )
+    require_known("input (in `noise`)", noise, model.inputs)
     for name, sigma in noise.items():
         require_value(
             sigma,
             lambda s: s >= 0,
             f"The noise of {name!r} is {{}}. Give a standard deviation, zero or more.",
         )
-    problem = Problem.of(model, result.free, records, likelihood)
-    sigma = jnp.array([noise.get(name, 0.0) for name in model.inputs], float)
-    return added_covariance(problem, result.parameters, result.covariance, sigma)
 
 
 @eqx.filter_jit

@@ -15,7 +15,7 @@ from ..data.record import Record
 from ..data.stack import single_records, stack
 from ..diagnosis.validation import root_mean_square
 from ..estimation import Estimate, GaussNewton, OutputError, estimate
-from ..estimation.input_noise import input_noise_covariance
+from ..estimation.input_noise import check_input_noise, input_noise_covariance
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.solver import solver_or_default
 from ..models.base import AbstractModel, canonical
@@ -80,7 +80,8 @@ def consistency(
     Raises:
         InputError: if no error is named and the model proposes none, a name is not a parameter or
             an input, a channel is missing, `skip` leaves no sample, or `input_noise` is given with
-            per-record errors, for which it is not implemented.
+            per-record errors or a likelihood that is no output error, for which it is not
+            implemented.
 
     Source: V. Klein, E. A. Morelli, Aircraft System Identification, AIAA 2006, chapter 10; S. Holm,
     Scandinavian Journal of Statistics 6, 1979.
@@ -92,6 +93,8 @@ def consistency(
     shared = tuple(name for name in names if name not in per_record)
     prepared = _prepared(model, records, skip, per_record)
     likelihood, solver = likelihood or OutputError(hold=Cubic()), solver_or_default(solver)
+    if input_noise:
+        _check_input_noise(model, likelihood, input_noise, per_record)
     by_record = (*per_record, INITIAL_STATE)
     before = estimate(
         model, free(model, per_record=(INITIAL_STATE,)), prepared, likelihood, solver=solver
@@ -105,7 +108,7 @@ def consistency(
         after = estimate(
             model, free(model, *kept, per_record=by_record), prepared, likelihood, solver=solver
         )
-    deviations = _deviations(model, after, prepared, likelihood, input_noise or {}, per_record)
+    deviations = _deviations(model, after, prepared, likelihood, input_noise)
     return Consistency(
         model=model,
         estimate=after,
@@ -150,19 +153,24 @@ def _prepared(
     return dataclasses.replace(prepared, mask=mask, z=jnp.where(mask, prepared.z, 0.0))
 
 
+def _check_input_noise(model, likelihood, input_noise, per_record: tuple[str, ...]) -> None:
+    """Refuse a noise of the inputs that cannot be added to the errors of the estimate."""
+    require(
+        not per_record,
+        "`input_noise` applies to errors that all records share, and some are one per record. "
+        "Check the records one at a time.",
+    )
+    check_input_noise(model, likelihood, input_noise)
+
+
 def _deviations(
-    model, fitted: Estimate, records: Record, likelihood, input_noise, per_record
+    model, fitted: Estimate, records: Record, likelihood, input_noise
 ) -> Float[Array, " parameter"]:
     """Standard errors of the shared errors, for the colour of the residuals and the known noise of
     the inputs.
     """
     if not input_noise:
         return fitted.corrected_errors
-    require(
-        not per_record,
-        "`input_noise` applies to errors that all records share, and some are one per record. "
-        "Check the records one at a time.",
-    )
     added = input_noise_covariance(model, fitted, records, likelihood, input_noise)
     return jnp.sqrt(fitted.corrected_errors**2 + jnp.diagonal(added))
 

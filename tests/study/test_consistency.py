@@ -282,6 +282,10 @@ def test_refusals(record, two):
         jaxid.consistency(PERFECT, record, input_noise={"force": -0.1})
     with pytest.raises(InputError, match="`input_noise` applies to errors that all records share"):
         jaxid.consistency(PERFECT, two, per_record=("bias.force",), input_noise={"force": 0.1})
+    with pytest.raises(InputError, match="FilterError corrects the states by the measurements"):
+        jaxid.consistency(
+            PERFECT, record, likelihood=jaxid.FilterError(), input_noise={"force": 0.1}
+        )
 
 
 def test_skip_omits_first_seconds(record):

@@ -148,15 +148,17 @@ def _observed(model, t, x, u, dx) -> Float[Array, "time output"]:
 
 
 def explain_divergence(solution: Solution, model: AbstractModel, where: str) -> InputError:
-    """Return the error with time and state at which a simulation first is not finite."""
-    bad = ~np.isfinite(np.asarray(solution.x))
+    """Return the error with time and states at which a simulation first is not finite; with its
+    outputs where all states are finite.
+    """
+    names, bad = model.states, ~np.isfinite(np.asarray(solution.x))
+    if not bad.any():
+        names, bad = model.outputs, ~np.isfinite(np.asarray(solution.y))
     row = int(np.argmax(np.any(bad, axis=-1)))
-    states = [name for name, wrong in zip(model.states, bad[row], strict=True) if wrong] or list(
-        model.outputs
-    )
+    channels = [name for name, wrong in zip(names, bad[row], strict=True) if wrong]
     return InputError(
         f"The simulation of {where} stops being finite at t = {float(solution.t[row]):g} s, in "
-        f"{', '.join(states)}. "
+        f"{', '.join(channels)}. "
         "Start from parameters for which the model is stable over the record, shorten the record, "
         "or integrate a fast model in finer steps: `RK4(10)` as `stepper`, `substeps` in a study "
         "file."

@@ -237,6 +237,25 @@ def test_divergence_message_names_time_and_state():
     assert "substeps" in str(error)
 
 
+class Falling(AbstractModel):
+    """`dx/dt = -1`, whose logarithm is not finite from `t = x0` on."""
+
+    states, inputs, outputs = ("x",), ("u",), ("y", "w")
+
+    def rhs(self, t, x, u):
+        return -jnp.ones(1)
+
+    def output(self, t, x, u):
+        return jnp.stack([x[0], jnp.log(x[0])])
+
+
+def test_divergence_message_names_output_where_states_are_finite():
+    t = 0.5 * np.arange(12)
+    result = simulate(Falling(), t, np.zeros((12, 1)), np.array([4.8]))
+    error = explain_divergence(result, Falling(), "record 'log'")
+    assert "record 'log' stops being finite at t = 5 s, in w." in str(error)
+
+
 @pytest.mark.parametrize(
     ("u", "start", "message"),
     [

@@ -16,6 +16,7 @@ from jaxid.data import record
 from jaxid.estimation import FilterError, FirstOrder, Fixed, OutputError, estimate, smooth_states
 from jaxid.estimation import problem as problem_module
 from jaxid.estimation.estimate import as_stack, checked_case
+from jaxid.estimation.filter.noise_parameters import sensor_starts
 from jaxid.models import FixedNoise, LinearModel, free
 
 START = GustyLag(jnp.array(0.7), jnp.array(1.5))
@@ -120,6 +121,17 @@ def test_given_noises_are_known(records):
     assert given.noise_known
     assert "R is known" in str(given)
     np.testing.assert_allclose(given.interval(), output_error.interval(), rtol=1e-5)
+
+
+def test_start_of_sensor_noise_does_not_depend_on_level_of_record():
+    """White noise of 0.01 on a signal of 3000 and a range of one."""
+    t = 0.01 * np.arange(400)
+    smooth = 0.5 * np.sin(t) + 0.01 * np.random.default_rng(3).normal(size=t.size)
+    z = np.stack([3000.0 + smooth, np.full(t.size, 3000.0), 3000.0 + t], axis=1)
+    channels = {"inputs": ("u",), "outputs": ("noisy", "constant", "line")}
+    starts = sensor_starts(record(t, t[:, None], z, **channels))
+    # second differences of 400 samples give the deviation to sqrt(1.94 / 800) = 5 %; four of them
+    np.testing.assert_allclose(starts, [0.01, 1e-3, 1e-3 * t[-1]], rtol=0.2)
 
 
 def test_measured_state_without_sensor_noise_gives_equation_error():

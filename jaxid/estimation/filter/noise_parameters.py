@@ -118,7 +118,8 @@ def sensor_starts(records: Record) -> Float[Array, " output"]:
 
         sigma^2 = mean( (z_(i-1) - 2 z_i + z_(i+1))^2 ) / 6
 
-    exact for white noise on a straight line. At least 0.001 of the range of the record.
+    exact for white noise on a straight line. At least 0.001 of the range of the records, and 0.001
+    where they are constant.
     """
     return _sensor_starts(records.z, records.mask)
 
@@ -130,8 +131,9 @@ def _sensor_starts(xp, z, mask):
     axes = tuple(range(z.ndim - 1))
     count = xp.maximum(xp.sum(valid, axis=axes), 1)
     deviation = xp.sqrt(xp.sum(second**2, axis=axes) / (6.0 * count))
-    size = xp.max(xp.where(mask, xp.abs(z), 0.0), axis=axes)
-    return xp.maximum(deviation, LEAST_NOISE * xp.where(size > 0, size, 1.0))
+    highest = xp.max(xp.where(mask, z, -xp.inf), axis=axes)
+    extent = highest - xp.min(xp.where(mask, z, xp.inf), axis=axes)
+    return xp.maximum(deviation, LEAST_NOISE * xp.where(extent > 0, extent, 1.0))
 
 
 def check_values(

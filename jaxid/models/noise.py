@@ -10,10 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import solve_triangular
 
-from .._foundation.checks import require
+from .._foundation.checks import InputError, require
 from .._foundation.host import on_host
 from .._foundation.types import Array, Bool, Float
 from .base import as_float
+
+# Difference of two covariances of one pair of outputs, in their standard deviations, that counts as
+# rounding (chosen).
+SYMMETRY = 1e-8
 
 
 class AbstractWhitening(eqx.Module):
@@ -162,6 +166,8 @@ class FixedNoise(AbstractNoise):
 
     Args:
         R: covariance (output, output), or variances (output,).
+
+    An estimate refuses an R that is not symmetric or not positive definite.
     """
 
     R: Float[Array, "output output"]
@@ -186,12 +192,20 @@ class FixedNoise(AbstractNoise):
             f"R has shape {self.R.shape}, but there are {len(outputs)} outputs "
             f"({', '.join(outputs)}).",
         )
+        R = np.asarray(self.R)
+        wrong = np.argwhere(_asymmetric(R))
+        if wrong.size:
+            row, column = wrong[0]
+            raise InputError(
+                f"R is not symmetric: the covariance of {outputs[row]!r} and {outputs[column]!r} "
+                f"is {R[row, column]:g} in row {row} and {R[column, row]:g} in row {column}. Give "
+                "one value for both."
+            )
         require(
-            _is_positive_definite(np.asarray(self.R)),
+            _is_positive_definite(R),
             "R is not positive definite. Give variances, not standard deviations, and none of them "
             "zero.",
         )
-        R = np.asarray(self.R)
         off_diagonal = bool(np.any(np.diag(np.diagonal(R)) != R))
         require(not off_diagonal or not _gaps(mask), _GAPS.format(where=_gap_names(mask, outputs)))
 
@@ -327,9 +341,15 @@ _GAPS = (
 )
 
 
+def _asymmetric(R: Float[np.ndarray, "output output"]) -> Bool[np.ndarray, "output output"]:
+    """Return the elements that differ from their transposed ones by more than rounding."""
+    deviation = np.sqrt(np.abs(np.diagonal(R)))
+    return np.abs(R - R.T) > SYMMETRY * deviation[:, None] * deviation
+
+
 def _is_positive_definite(R: Float[np.ndarray, "output output"]) -> bool:
     try:
-        factor = np.linalg.cholesky(0.5 * (R + R.T))
+        factor = np.linalg.cholesky(R)
     except np.linalg.LinAlgError:
         return False
     return bool(np.all(np.isfinite(factor)))

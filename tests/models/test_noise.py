@@ -2,8 +2,10 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from jaxid.models.noise import DiagonalNoise, Division
+from jaxid._foundation.checks import InputError
+from jaxid.models.noise import DiagonalNoise, Division, FixedNoise
 
 CASES, SAMPLES, OUTPUTS, COLUMNS = 2, 7, 3, 4
 
@@ -33,3 +35,13 @@ def test_rows_of_the_profile_are_products_of_sensitivities_and_residuals():
         for channel in range(OUTPUTS):
             expected = white_v[case, :, channel] @ white_S[case, :, channel]
             np.testing.assert_allclose(ours[case, channel], expected, rtol=1e-12)
+
+
+def test_given_covariance_that_is_not_symmetric_is_refused():
+    mask = np.ones((1, 5, 2), bool)
+    R = np.array([[1e-6, 0.5e-3], [0.5e-3, 1.0]])
+    # rounding of a covariance of 5e-4
+    FixedNoise(R + np.array([[0.0, 1e-18], [0.0, 0.0]])).check(mask, ("a", "b"))
+    R[1, 0] = 0.0
+    with pytest.raises(InputError, match=r"of 'a' and 'b' is 0\.0005 in row 0 and 0 in row 1"):
+        FixedNoise(R).check(mask, ("a", "b"))

@@ -63,8 +63,10 @@ def assemble_study(
         assessment = without(assessment, best.effects, dropped)
         last = dataclasses.replace(rounds[-1], dropped=(*rounds[-1].dropped, *dropped))
         rounds = (*rounds[:-1], last)
-        if records.has_tests or dropped:
+        if records.has_tests:
             predicting = declared, best
+        elif dropped:  # the complete records contain the check records, which are reported
+            predicting = tree.declared, fit(tree.best.problem, best.hypothesis, tree.best)
     progress("prediction of the test records")
     before, after = (
         _side(predictor, fitted, records)

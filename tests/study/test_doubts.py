@@ -8,7 +8,7 @@ import pytest
 from small_spring import Spring, fly
 from test_close_loop import LIBRARY, PLANTED, SIGMA, closed, study
 
-from jaxid import OutputError, free, record, simulate
+from jaxid import OutputError, close_loop, free, record, simulate
 from jaxid._foundation.checks import InputError
 from jaxid.effects import (
     Augmented,
@@ -144,3 +144,27 @@ def test_effect_removed_by_complete_records_is_no_cause():
     assert some.objections == (Objection(Check.BORNE_OUT, ("bias of x",)),)
     assert without(explained, (), ("bias of x",)).outcome is Outcome.UNEXPLAINED
     assert without(explained, ("x^2 in v",), ()) == explained
+
+
+def test_check_records_stay_unused_where_complete_records_drop_an_effect(monkeypatch):
+    """Without test records the check records are reported, and the last estimate contains them."""
+
+    kept = []
+
+    def dropping(records, declared, best, options):
+        kept.append(fit(best.problem.on(records), Hypothesis()))
+        return kept[0], kept[0], best.effects
+
+    monkeypatch.setattr("jaxid.study.assembly._fitted_on", dropping)
+    square, model = PLANTED["x^2 in v"], Spring(jnp.array(1.0), jnp.array(0.1))
+    flown = [fly(seed, square)[0] for seed in (1, 2)]
+    chosen = free(model, "k", "c", per_record=("initial_state",))
+    library = (Term("v", "x^2"), SensorBias("x"))
+    found = close_loop(model, chosen, OutputError(), train=flown, effects=library, progress=False)
+    assert found.effects == ()
+    assert found.outcome is Outcome.UNEXPLAINED
+    # Both sides hold the declared model, fitted from two starts within the solver's tolerance.
+    error, before = found.after.rms["check"]["x"], found.before.rms["check"]["x"]
+    assert error == pytest.approx(before, rel=0.01)
+    complete = float(kept[0].predict(found.check).rms[0])
+    assert error > 1.1 * complete

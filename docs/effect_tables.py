@@ -27,6 +27,7 @@ from jaxid.effects import (
     parameter_effects,
 )
 from jaxid.loop.columns import own_parameters
+from jaxid.report.equations import Formula, formulas
 from jaxid.study.candidates import candidates
 
 PAGE = Path(__file__).resolve().parent / "effects.md"
@@ -146,7 +147,7 @@ def _row(kind: type[Effect], effect: Effect) -> list[str]:
         f"`{kind.__name__}`",
         words.replace("|", "&#124;"),
         ", ".join(places),
-        "<br>".join(equations(kind)),
+        "<br>".join(map(_cell, formulas(kind))),
         _gain(effect),
         "<br>".join(_shapes(every)),
         ", ".join(names),
@@ -160,31 +161,9 @@ def code(text: str) -> str:
     return f"<code>{html.escape(text, quote=False).replace('|', '&#124;')}</code>"
 
 
-def equations(kind: type[Effect]) -> list[str]:
-    """Return the equations at the start of the docstrings of a class and its bases, as cells.
-
-    They are the code with an equals sign or an arrow in the first sentence, and the indented lines,
-    which hold several equations after a comma and two spaces, and words after three spaces.
-    """
-    found = []
-    for base in reversed(kind.__mro__):
-        if issubclass(base, Effect):
-            body = re.split(r"\n *(?:Args|Attributes|Source):", inspect.cleandoc(base.__doc__))[0]
-            first = " ".join(body.split("\n\n")[0].split())
-            found += [code(part) for part in re.findall(r"`([^`]+)`", first) if _is_equation(part)]
-            for line in re.findall(r"^    +(\S.*)$", body, re.MULTILINE):
-                found += map(_equation, re.split(r",  +", line))
-    return list(dict.fromkeys(found))
-
-
-def _equation(text: str) -> str:
-    """Return an equation of an indented line, and the words after it."""
-    formula, *words = re.split(r"   +", text.strip(" ,"))
-    return " ".join([code(formula) if _is_equation(formula) else formula, *words])
-
-
-def _is_equation(text: str) -> bool:
-    return any(sign in text for sign in ("=", "->", "+ gain"))
+def _cell(formula: Formula) -> str:
+    """Return a formula and the words after it as a part of a cell."""
+    return " ".join(filter(None, (formula.formula and code(formula.formula), formula.words)))
 
 
 def _gain(effect: Effect) -> str:

@@ -180,7 +180,8 @@ class InputHysteresis(InputEffect):
 class InputPositionLimit(ActuatorShape):
     """Position limit of an actuator.
 
-        changed = min(u, level)      at the upper end; max(u, level) at the lower end
+        changed = min(u, level)    at the upper end
+        changed = max(u, level)    at the lower end
 
     Args:
         channel: name of the input.

@@ -219,7 +219,8 @@ class SensorLag(SensorEffect):
 class SensorSaturation(SensorEffect):
     """Saturation of a sensor at a level.
 
-        y -> y - gain max(y - level, 0)     at the upper end, and its mirror image at the lower
+        y -> y - gain max(y - level, 0)    at the upper end
+        y -> y - gain min(y - level, 0)    at the lower end
 
     The full effect has a gain of one. The initial level is the extreme of the measured signal. The
     effect is tried if several samples have exactly that value, regardless of its score
@@ -276,7 +277,7 @@ class SensorSaturation(SensorEffect):
 
 
 class SensorCrossTalk(Effect):
-    """Cross-talk from one output into another: `y_channel -> y_channel + gain y_source`.
+    """Cross-talk from one output into another: `channel -> channel + gain source`.
 
     A typical cause is gyros or accelerometers with non-orthogonal axes.
 

@@ -4,13 +4,26 @@ import hashlib
 import subprocess
 from dataclasses import replace
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from spring_study import HOSTILE, make_study
 
-import jaxid
-from jaxid.effects import InputDelay, SensorLag, Term
+from jaxid.effects import (
+    DryFriction,
+    Effect,
+    InputDeadZone,
+    InputDelay,
+    InputPositionLimit,
+    QuadraticDrag,
+    SensorCrossTalk,
+    SensorCurve,
+    SensorLag,
+    SensorSaturation,
+    Term,
+)
 from jaxid.report import words
 from jaxid.report.equations import equation
 from jaxid.report.error_tables import error_rows, record_error_rows
@@ -146,19 +159,54 @@ def test_correlations_are_those_of_the_covariance(study):
     [
         (Term("v", "x^3"), "d(v)/dt += gain * x^3"),
         (InputDelay("force"), "u(t) -> u(t - gain)"),
-        (SensorLag("x"), "lag dw/dt = y - w,    y -> w,    lag = gain in seconds"),
-        (jaxid.effects.DryFriction("v", "w"), "d(v)/dt += gain * tanh(w / width)"),
+        (SensorLag("x"), "lag dw/dt = y - w\ny -> w\nlag = gain in seconds"),
+        (DryFriction("v", "w"), "d(v)/dt += gain * tanh(w / width)"),
+        # a state that has the name of another field
+        (QuadraticDrag("speed", "wind"), "d(speed)/dt += gain * |wind| wind"),
+        (SensorCrossTalk("p", "r"), "p -> p + gain r"),
+        (
+            SensorCurve("x"),
+            "d = y - centre\n"
+            "y -> y + gain d^2 / range    square: a curved characteristic\n"
+            "y -> y + gain |d|    absolute: the slope is 1 + gain above, 1 - gain below",
+        ),
+        (
+            InputDeadZone("u"),
+            "u -> u + gain (changed(u) - u)\nchanged = u - clip(u - centre, -width, width)",
+        ),
     ],
 )
 def test_equation_of_an_effect_has_its_channels(effect, expected):
     assert equation(effect) == expected
 
 
-def test_effect_without_an_equation_has_none():
-    class Silent(Term):
-        """A term by another name."""
+@pytest.mark.parametrize("end", ["upper", "lower"])
+def test_saturations_have_one_formula_for_each_end(end):
+    ends = "    at the upper end", "    at the lower end"
+    sensor, actuator = SensorSaturation("y1", end=end), InputPositionLimit("u", end=end)
+    assert equation(sensor).splitlines() == [
+        f"y -> y - gain max(y - level, 0){ends[0]}",
+        f"y -> y - gain min(y - level, 0){ends[1]}",
+    ]
+    assert equation(actuator).splitlines() == [
+        "u -> u + gain (changed(u) - u)",
+        f"changed = min(u, level){ends[0]}",
+        f"changed = max(u, level){ends[1]}",
+    ]
+    level, y = jnp.array(1.5), np.array([-2.0, 1.5, 4.0])
+    limited = np.minimum(y, 1.5) if end == "upper" else np.maximum(y, 1.5)
+    full = replace(sensor, gain=jnp.array(1.0), level=level)
+    np.testing.assert_allclose(full.reading(y, y), limited)
+    np.testing.assert_allclose(replace(actuator, level=level).changed(y), limited)
 
-    assert equation(Silent("v", "x", jnp.array(0.0))) == ""
+
+def test_effect_without_an_equation_has_none():
+    class Silent(Effect):
+        """An effect without a formula."""
+
+        gain: jax.Array = eqx.field(default_factory=lambda: jnp.array(0.0))
+
+    assert equation(Silent()) == ""
 
 
 def test_row_of_an_effect_has_its_equation(study):

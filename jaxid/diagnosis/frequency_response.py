@@ -63,20 +63,23 @@ class FrequencyResponse(eqx.Module):
 
     def to_xarray(self) -> Any:
         """Return the responses as an `xarray.Dataset` with labelled axes; complex numbers have two
-        variables, gain and phase [rad].
+        variables, gain and phase [rad], continuous over frequency; the phase of the records begins
+        within pi of the model's.
         """
         import xarray as xr  # imported here because it is slow to import
 
         axes = ("w", "output", "input")
-        responses = {"measured": self.measured, "model": self.model}
+        responses = {"model": self.model, "measured": self.measured}
         variables: dict[str, Any] = {
             "coherence": (axes[:2], self.coherence),
             "errors": (axes, self.errors),
         }
+        phase = np.zeros(self.measured.shape)
         for name, response in responses.items():
             if response is not None:
+                phase = unwrapped_phase(response, phase)
                 variables[f"{name}_gain"] = (axes, np.abs(response))
-                variables[f"{name}_phase"] = (axes, np.unwrap(np.angle(response), axis=0))
+                variables[f"{name}_phase"] = (axes, phase)
         coordinates = {"w": self.w, "output": list(self.outputs), "input": list(self.inputs)}
         return xr.Dataset(variables, coords=coordinates, attrs={"segments": self.segments})
 
@@ -184,6 +187,23 @@ def frequency_response(
         input_units=first.input_units,
         output_units=first.output_units,
     )
+
+
+def unwrapped_phase(
+    response: Complex[np.ndarray, "frequency *channels"],
+    reference: Float[np.ndarray, "frequency *channels"],
+) -> Float[np.ndarray, "frequency *channels"]:
+    """Return the phase of a response whose difference from a reference is continuous.
+
+        phase = reference + unwrap(arg(H exp(-i reference)))
+
+    Args:
+        response: H at increasing frequencies.
+        reference: a continuous phase [rad], from which the result differs by at most pi at the
+            first frequency.
+    """
+    difference = np.angle(response * np.exp(-1j * reference))
+    return reference + np.unwrap(difference, axis=0)
 
 
 class _Spectra(NamedTuple):

@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .._foundation.checks import require_known
+from ..diagnosis.frequency_response import unwrapped_phase
 from .style import AFTER, MEASURED, canvas, key, plain
 
 # Chosen: relative standard error of the gain, above which it is drawn thin and the phase left out.
@@ -21,7 +21,8 @@ def bode(response: Any, output: str | None = None, channel: str | None = None) -
         output, channel: names of output and input; the first ones by default.
 
     Returns:
-        Three panels: gain with a band of one standard error, phase in degrees, coherence.
+        Three panels: gain with a band of one standard error, phase in degrees, coherence. The
+        phase of the records begins within 180 degrees of the model's.
 
     Raises:
         InputError: when there is no such channel.
@@ -39,10 +40,16 @@ def bode(response: Any, output: str | None = None, channel: str | None = None) -
     gain.fill_between(response.w, low, size * (1.0 + error), color=MEASURED, alpha=0.25, lw=0)
     entries = [("records, ± 1 standard error", MEASURED)]
     certain = error < LARGEST_ERROR
-    _draw(gain, phase, response.w, np.where(certain, H, np.nan), MEASURED, 2.2)
+    model = None if response.model is None else response.model[:, k, j]
+    zero, angle = np.zeros(len(size)), np.full(len(size), np.nan)
+    reference = zero if model is None else unwrapped_phase(model, zero)
+    angle[certain] = unwrapped_phase(H[certain], reference[certain])
+    gain.plot(response.w, np.where(certain, size, np.nan), color=MEASURED, linewidth=2.2)
     gain.plot(response.w, size, color=MEASURED, linewidth=0.5)
-    if response.model is not None:
-        _draw(gain, phase, response.w, response.model[:, k, j], AFTER, 1.0)
+    phase.plot(response.w, np.degrees(angle), color=MEASURED, linewidth=2.2)
+    if model is not None:
+        gain.plot(response.w, np.abs(model), color=AFTER, linewidth=1.0)
+        phase.plot(response.w, np.degrees(reference), color=AFTER, linewidth=1.0)
         entries.append(("model", AFTER))
     coherence.plot(response.w, response.coherence[:, k], color=MEASURED, linewidth=1.2)
     gain.set_xscale("log")
@@ -55,12 +62,3 @@ def bode(response: Any, output: str | None = None, channel: str | None = None) -
     plain(coherence, "frequency [rad/s]", "coherence")
     key(figure, entries, title=f"{output} from {channel}")
     return figure
-
-
-def _draw(gain: Axes, phase: Axes, w: np.ndarray, H: np.ndarray, colour: str, width: float) -> None:
-    """Draw gain and phase of a response, NaN where it is not certain."""
-    known = np.isfinite(H)
-    angle = np.full(len(w), np.nan)
-    angle[known] = np.degrees(np.unwrap(np.angle(H[known])))
-    gain.plot(w, np.abs(H), color=colour, linewidth=width)
-    phase.plot(w, angle, color=colour, linewidth=width)

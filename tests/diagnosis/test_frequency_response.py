@@ -1,5 +1,6 @@
 """Frequency response and coherence: exact gains, SciPy, the closed form, noise, refusals."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ import scipy.signal
 from small_spring import Spring
 
 import jaxid
-from jaxid.diagnosis import frequency_response
+from jaxid.diagnosis import FrequencyResponse, frequency_response
 
 DT, SAMPLES = 0.05, 4096
 T = DT * np.arange(SAMPLES)
@@ -125,6 +126,29 @@ def test_response_is_table_dataset_and_figure(noise):
     np.testing.assert_array_equal(coherence.lines[0].get_ydata(), response.coherence[:, 0])
     with pytest.raises(jaxid.InputError, match="There is no output 'y'"):
         response.plot("y")
+
+
+def test_phases_of_records_and_model_that_agree_are_equal():
+    w = np.geomspace(0.1, 10, 100)
+    H = (np.exp(-0.8j * w) / (1 + 1j * w) ** 3)[:, None, None]
+    # Certain above 2.5 rad/s, where the phase is below -180 degrees, except for a hole, in which it
+    # falls by more than 180 degrees.
+    errors = np.where((w > 2.5) & ((w < 3) | (w > 9)), 0.1, 1.0)[:, None, None]
+    response = FrequencyResponse(
+        w, H, np.ones((100, 1)), errors, H, 8, ("u",), ("y",), ("",), ("",)
+    )
+    records, model = (line.get_ydata() for line in response.plot().axes[1].lines)
+    certain = errors[:, 0, 0] < 1
+    np.testing.assert_array_equal(np.isfinite(records), certain)
+    np.testing.assert_allclose(records[certain], model[certain], atol=1e-9)
+    exact = -0.8 * w - 3 * np.arctan(w)
+    np.testing.assert_allclose(model, np.degrees(exact), atol=1e-9)
+    shifted = H * np.exp(-1j * np.linspace(0, 0.5, 100))[:, None, None]
+    dataset = eqx.tree_at(lambda r: r.measured, response, shifted).to_xarray()
+    np.testing.assert_allclose(dataset["model_phase"][:, 0, 0], exact, atol=1e-9)
+    np.testing.assert_allclose(
+        dataset["measured_phase"][:, 0, 0], exact - np.linspace(0, 0.5, 100), atol=1e-9
+    )
 
 
 def test_records_without_a_response_are_refused(noise):

@@ -156,10 +156,11 @@ def ranking(search_round: Round) -> Figure:
         search_round: the round.
 
     Returns:
-        One panel of horizontal bars on a logarithmic axis, for the best twelve at most. A dot is
-        the fall of chi-square by the refit; the line is the significance threshold.
+        One panel of horizontal bars on a logarithmic axis, for the best twelve at most; the winner
+        replaces the last of them if its score is lower. A dot is the fall of chi-square by the
+        refit; the line is the significance threshold.
     """
-    best = search_round.candidates[:MOST_CANDIDATES]
+    best = _drawn(search_round.candidates)
     figure, ((ax,),) = canvas(1.15 + 0.24 * max(len(best), 2))
     scores = np.array([_positive(candidate.score) for candidate in best])
     falls = [candidate.cost_fall for candidate in best]
@@ -371,12 +372,19 @@ def _colour(candidate: Candidate) -> str:
     return AFTER if candidate.added else OTHER
 
 
-def _number_drawn(best, search_round: Round) -> str:
-    return (
-        f"the best {len(best)} of {len(search_round.candidates)} candidates"
-        if len(best) < len(search_round.candidates)
-        else ""
-    )
+def _drawn(candidates: tuple[Candidate, ...]) -> list[Candidate]:
+    """Return the winner and the best of the other candidates, in the order of their scores."""
+    ranks = sorted(range(len(candidates)), key=lambda rank: (not candidates[rank].added, rank))
+    return [candidates[rank] for rank in sorted(ranks[:MOST_CANDIDATES])]
+
+
+def _number_drawn(best: list[Candidate], search_round: Round) -> str:
+    count, total = len(best), len(search_round.candidates)
+    if count == total:
+        return ""
+    if best[-1] is search_round.candidates[count - 1]:
+        return f"the best {count} of {total} candidates"
+    return f"the best {count - 1} of {total} candidates, and the one that was added"
 
 
 def _positive(value: float) -> float:

@@ -296,6 +296,20 @@ def test_ranking_figure_marks_added_candidate(study):
     assert any(np.all(np.asarray(line.get_xdata()) == 9.0) for line in ax.lines)
 
 
+@pytest.mark.parametrize("place", [3, 14])
+def test_ranking_figure_has_the_winner_whatever_its_score(study, place):
+    one = dataclasses.replace(study.rounds[0].candidates[0], instead_of=(), cost_fall=None)
+    candidates = tuple(
+        dataclasses.replace(one, name=f"c{k}", score=100.0 - k, added=k == place) for k in range(15)
+    )
+    entry = dataclasses.replace(study.rounds[0], candidates=candidates)
+    figure = figures.ranking(entry)
+    names = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert names == [*(f"c{k}" for k in range(11)), "c11" if place == 3 else "c14"]
+    colours = [patch.get_facecolor() for patch in figure.axes[0].patches]
+    assert colours.count(colours[names.index(f"c{place}")]) == 1
+
+
 def test_ranking_figure_of_candidates_without_score_gives_no_warning(study):
     entry = study.rounds[0]
     blank = tuple(

@@ -275,13 +275,7 @@ def decided(study: Study) -> tuple[str, ...]:
     Returns:
         Names of test sets, usually none.
     """
-    errors = study.rounds[0].errors["check"]
-    return tuple(name for name in study.tests if _same(study.before.rms[name], errors))
-
-
-def _same(first: dict[str, float], second: dict[str, float]) -> bool:
-    """Return True if two errors by channel are equal to rounding; NaN equals NaN."""
-    return np.allclose([*first.values()], [*second.values()], rtol=1e-9, equal_nan=True)
+    return tuple(name for name, records in study.tests.items() if records is study.check)
 
 
 def _values(estimate: Estimate) -> dict[str, tuple[str, str]]:

@@ -20,6 +20,7 @@ from jaxid._foundation.checks import InputError
 from jaxid.loop import RandomForces
 from jaxid.loop.outcome import Outcome
 from jaxid.report import figures, gallery, html, views, words, write_json, write_study
+from jaxid.report.tables import decided
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}
 
@@ -224,12 +225,22 @@ def test_page_and_json_state_that_the_search_was_stopped(study, drawn, quick):
 
 
 def test_page_names_test_set_that_decided(study, drawn, quick):
+    shown = dataclasses.replace(study, check=study.tests["quick"])
+    text = Page(html(shown, drawn=drawn)).text
+    assert "but quick, which decided" in " ".join(text.split())
+
+
+def test_diverging_test_set_is_not_the_check_set(study):
+    nothing = dict.fromkeys(study.outputs, np.nan)
     rounds = tuple(
-        dataclasses.replace(entry, errors=entry.errors | {"check": study.before.rms["quick"]})
+        dataclasses.replace(entry, errors=entry.errors | {"check": nothing})
         for entry in study.rounds
     )
-    text = Page(html(dataclasses.replace(study, rounds=rounds), drawn=drawn)).text
-    assert "but quick, which decided" in " ".join(text.split())
+    rms = dict.fromkeys(study.tests, nothing)
+    diverged = dataclasses.replace(
+        study, rounds=rounds, before=dataclasses.replace(study.before, rms=rms)
+    )
+    assert decided(diverged) == ()
 
 
 def test_prediction_figure_has_panel_per_channel(study):

@@ -152,7 +152,8 @@ def percent(share: float) -> str:
 
 
 def with_error(value: float, error: float) -> str:
-    """Return an estimate with its standard error, rounded at the second digit of the error.
+    """Return an estimate with its standard error, rounded at the second digit of the error; at
+    most nine decimals of the estimate.
 
     Args:
         value: the estimate.
@@ -169,8 +170,10 @@ def with_error(value: float, error: float) -> str:
         return number(value)
     size = max(abs(value), error)
     power = 0 if SMALLEST_PLAIN * 10 <= size < LARGEST_PLAIN else math.floor(math.log10(size))
-    decimals = min(max(1 + power - math.floor(math.log10(error)), 0), MOST_DECIMALS)
-    pair = f"{value / 10.0**power:.{decimals}f} ± {error / 10.0**power:.{decimals}f}"
+    wanted = max(1 + power - math.floor(math.log10(error)), 0)
+    decimals, scaled = min(wanted, MOST_DECIMALS), error / 10.0**power
+    shown = f"{scaled:.{decimals}f}" if wanted == decimals else number(scaled, 2)
+    pair = f"{value / 10.0**power:.{decimals}f} ± {shown}"
     return f"({pair})·{_power(power)}" if power else pair
 
 

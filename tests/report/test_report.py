@@ -474,6 +474,8 @@ def test_existing_json_file_is_not_overwritten(study, tmp_path):
         (1.0, np.inf, "1 (not determined by these data)"),
         (3.0, 0.0, "3"),
         (2.5e8, 3e6, "(2.500 ± 0.030)·10⁸"),
+        (1.0, 1e-12, "1.000000000 ± 1·10⁻¹²"),
+        (2.5e8, 3.14e-6, "(2.500000000 ± 3.1·10⁻¹⁴)·10⁸"),
     ],
 )
 def test_estimate_is_rounded_to_digits_of_its_error(value, error, expected):

@@ -1,4 +1,4 @@
-"""Version, settings and data of a batch as short texts, by which a store is recognised."""
+"""Version, settings, data and code of a batch as short texts, by which a store is recognised."""
 
 import functools
 import hashlib
@@ -15,6 +15,7 @@ from ..estimation.solver import GaussNewton
 from ..models.base import AbstractModel, canonical
 from ..models.free import Free
 from .cases import Case
+from .user_code import code_of
 
 
 def identity_of(
@@ -24,7 +25,8 @@ def identity_of(
     solver: GaussNewton,
     cases: Sequence[Case],
 ) -> dict[str, str]:
-    """Return the attributes of a dataset of results: version, settings, and a digest of the data.
+    """Return the attributes of a dataset of results: version, settings, and digests of the data and
+    of the user's code.
 
     Args:
         model: the model; its class and static fields count, as the values stand in the cases.
@@ -33,6 +35,7 @@ def identity_of(
         solver: options of the iteration.
         cases: records and models.
     """
+    models = {case.structure: case.arrays.model for case in cases if not case.refusal}
     return {
         "version": version(),
         "model": f"{type(model).__name__} {_digest([eqx.tree_pformat(canonical(model))])}",
@@ -40,6 +43,7 @@ def identity_of(
         "likelihood": _described(likelihood),
         "solver": _described(solver),
         "data": _digest(part for case in cases for part in _parts(case)),
+        "code": digest_of_code([*models.values(), free, likelihood, solver]),
     }
 
 
@@ -47,6 +51,11 @@ def digest_of(tree: Any) -> str:
     """Return a digest of the structure and the values of a tree of modules, arrays and texts."""
     tree = canonical(tree)
     return _digest([eqx.tree_pformat(tree, width=10_000), *_leaf_parts(tree)])
+
+
+def digest_of_code(tree: Any) -> str:
+    """Return a digest of the code outside of this package that a tree of modules runs."""
+    return _digest(code_of(tree))
 
 
 def _described(module: eqx.Module) -> str:

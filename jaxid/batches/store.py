@@ -21,7 +21,7 @@ import numpy as np
 from .._foundation.checks import InputError, require
 from .locks import locked
 from .parts import Part
-from .results import STATUSES, UNFINISHED, VARIABLES, Arrays, Layout
+from .results import STATUSES, VARIABLES, Arrays, Layout
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -176,7 +176,8 @@ class BatchStore:
                 known.get(name) == value,
                 f"The store {str(self.path)!r} belongs to another batch: its {name} is "
                 f"{_short(known.get(name))}, that of this call {_short(value)}. Call with the same "
-                "records, model, options and version to continue it, or choose another name.",
+                "records, model, code of the model, options and versions of jaxid and Python to "
+                "continue it, or choose another name.",
             )
 
     @contextlib.contextmanager
@@ -192,15 +193,10 @@ class BatchStore:
             ) from error
 
 
-def unfinished(arrays: Arrays) -> np.ndarray:
-    """Return the indices of the cases without a status."""
-    return np.flatnonzero(arrays["status"] == UNFINISHED)
-
-
 def _short(text: str | None) -> str:
     """Return a text in quotes, or its first 200 characters."""
     if text is None:
-        return "missing"
+        return "missing (an earlier version of jaxid made the store)"
     return repr(text if len(text) <= 200 else f"{text[:200]}...")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
-from many_lags import chosen, lag_records, model
+from many_lags import Hardening, chosen, lag_records, model
 
 from jaxid._foundation.checks import InputError
 from jaxid.batches import estimate_many
@@ -149,6 +149,20 @@ def test_store_of_another_batch_is_refused_and_unchanged(records, tmp_path, monk
     with pytest.raises(InputError, match=r"its version is '.*', that of this call '9.9'"):
         run(few, path)
     xr.testing.assert_identical(read(path), before)
+
+
+def test_store_of_other_equations_is_refused(records, tmp_path, monkeypatch):
+    path, few = tmp_path / "store", records[:2]
+    run(few, path)
+    before = read(path)
+    monkeypatch.setattr(Hardening, "rhs", lambda self, t, x, u: 2.0 * u - self.p * x)
+    with pytest.raises(InputError, match=r"belongs to another batch: its code is '.*same records"):
+        run(few, path)
+    xr.testing.assert_identical(read(path), before)
+    monkeypatch.undo()
+    del zarr.open_group(path, mode="r+", zarr_format=2).attrs["code"]
+    with pytest.raises(InputError, match=r"its code is missing \(an earlier version of jaxid made"):
+        run(few, path)
 
 
 def test_folder_that_is_no_store_is_refused(records, tmp_path):

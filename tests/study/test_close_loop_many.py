@@ -100,6 +100,12 @@ def test_folder_of_other_studies_is_refused(studies, folder, many):
         close_loop_many(other, folder=folder)
 
 
+def test_folder_of_other_equations_is_refused(studies, folder, many, monkeypatch):
+    monkeypatch.setattr(Spring, "output", lambda self, t, x, u: 2.0 * x)
+    with pytest.raises(InputError, match=r"flight 1.json' belongs to another study: its code is"):
+        close_loop_many({"flight 1": studies["flight 1"]}, folder=folder)
+
+
 def test_folder_that_cannot_be_read_or_written_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot be written"):

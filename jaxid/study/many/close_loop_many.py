@@ -16,7 +16,7 @@ from typing import Any
 from ..._foundation.checks import InputError, require, require_float64
 from ..._foundation.configuration import configure, settings_in_use
 from ..._foundation.progress import shown_progress
-from ...batches.identity import digest_of, version
+from ...batches.identity import digest_of, digest_of_code, version
 from ..close_loop import close_loop
 from .studies import Studies, StudyResult
 from .study_folder import StudyFolder
@@ -98,8 +98,10 @@ def _opened(folder: str | Path | None, studies: Mapping[str, Arguments]) -> Stud
 
 
 def _identity(arguments: Arguments) -> dict[str, str]:
-    """Return version and digest of the arguments of a study."""
-    return {"version": version(), "arguments": digest_of(dict(sorted(arguments.items())))}
+    """Return version and digests of the arguments of a study and of their code."""
+    ordered = dict(sorted(arguments.items()))
+    digests = {"arguments": digest_of(ordered), "code": digest_of_code(ordered)}
+    return {"version": version(), **digests}
 
 
 def _run(studies: Mapping[str, Arguments], processes: int) -> Iterator[StudyResult]:

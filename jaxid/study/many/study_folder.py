@@ -69,9 +69,10 @@ class StudyFolder:
         for key, value in self.identities[name].items():
             if known.get(key) != value:
                 raise InputError(
-                    f"{str(file)!r} belongs to another study: its {key} is {known.get(key)!r}, "
-                    f"that of this call {value!r}. Call with the same arguments and version to "
-                    "continue, or choose another folder or name."
+                    f"{str(file)!r} belongs to another study: its {key} is "
+                    f"{known.get(key, 'missing')!r}, that of this call {value!r}. Call with the "
+                    "same arguments, code and versions of jaxid and Python to continue, or choose "
+                    "another folder or name."
                 )
         return result
 

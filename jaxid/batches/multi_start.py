@@ -12,12 +12,12 @@ from .._foundation.notebook import Table
 from .._foundation.types import Float
 from ..data.record import Record
 from ..estimation.argument_checks import require_no_shooting
-from ..estimation.estimate import estimate
+from ..estimation.estimate import Case, checked_case, fit_problem
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.result import Estimate
-from ..estimation.solver import GaussNewton
+from ..estimation.solver import GaussNewton, solver_or_default
 from ..models.base import AbstractModel, canonical
-from ..models.free import Free, with_values
+from ..models.free import Free, Parameters, with_values
 from ..models.names import read_parameters
 from .estimate_many import estimate_many
 from .results import SUCCESSFUL, UNDETERMINED
@@ -79,7 +79,7 @@ def multi_start(
     records: Record | Sequence[Record],
     likelihood: AbstractLikelihood,
     *,
-    starts: int | Float[np.ndarray, "start parameter"] = 20,
+    starts: int | np.integer | Float[np.ndarray, "start parameter"] = 20,
     spread: float = 0.5,
     seed: int = 0,
     solver: GaussNewton | None = None,
@@ -106,9 +106,9 @@ def multi_start(
     """
     require_no_shooting(likelihood, "multi_start")
     model = canonical(model)
-    if isinstance(starts, int):
-        require(starts >= 1, f"`starts` is {starts}; give at least 1.")
-        starts = _drawn(model, free, starts, spread, seed)
+    if isinstance(starts, int | np.integer):
+        require(int(starts) >= 1, f"`starts` is {starts}; give at least 1.")
+        starts = _drawn(model, free, int(starts), spread, seed)
     cases = [records] * len(starts)
     results = estimate_many(model, free, cases, likelihood, starts=starts, solver=solver)
     status = results["status"].values
@@ -123,10 +123,19 @@ def multi_start(
     if not reached.any():
         words = "; ".join(f"{count} starts: {reason}" for reason, count in failures.items())
         raise InputError(f"No start reaches a minimum. {words}")
-    minima = _minima(*(results[k].values[reached] for k in ("cost", "values", "standard_errors")))
-    best = with_values(model, free.shared, jnp.asarray(minima[0].values))
-    fit = estimate(best, free, records, likelihood, solver=solver, throw=False)
-    return MultiStart(fit, minima, failures)
+    costs, values, errors, own = (
+        results[name].values[reached] for name in ("cost", "values", "standard_errors", "own")
+    )
+    best = np.argmin(costs)
+    end = Parameters(jnp.asarray(values[best]), jnp.asarray(own[best]))
+    fit = _fit_from(end, checked_case(model, free, records, likelihood), solver_or_default(solver))
+    return MultiStart(fit, _minima(costs, values, errors), failures)
+
+
+def _fit_from(begin: Parameters, case: Case, solver: GaussNewton) -> Estimate:
+    """Return the estimate of a case whose iteration starts at some parameters."""
+    started = case._replace(model=with_values(case.model, case.free.shared, begin.shared))
+    return started.estimate(fit_problem(case.problem, begin, solver), solver)
 
 
 def _drawn(model: AbstractModel, free: Free, count: int, spread: float, seed: int) -> np.ndarray:

@@ -73,6 +73,18 @@ def test_starts_without_end_are_counted(known):
     assert sum(minimum.starts for minimum in result.minima) == 1
 
 
+def test_last_iteration_starts_at_best_end_in_parameters_of_records(known):
+    """From the value of the model, -0.8, `a` takes eleven iterations; a test of the end takes one
+    or two.
+    """
+    model = DoubleWell(jnp.array(-0.8), jnp.array(1.0))
+    chosen = free(model, "b", per_record=("a",))
+    result = multi_start(model, chosen, known, NOISE, starts=np.int64(2))
+    np.testing.assert_allclose(result.estimate.cost, result.minima[0].cost, rtol=1e-9)
+    assert result.estimate.iterations <= 2
+    np.testing.assert_array_equal(result.estimate.start, result.minima[0].values)
+
+
 def test_no_minimum_is_refused(known):
     model = DoubleWell(jnp.array(1.1), jnp.array(1.0))
     chosen = free(model, "a", "b")

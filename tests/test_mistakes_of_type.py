@@ -17,6 +17,7 @@ import numpy as np
 import jaxid
 import jaxid.aircraft
 import jaxid.uncertainty
+from jaxid.batches import estimate_many as many, update
 
 jaxid.configure(cache=False)
 
@@ -34,6 +35,7 @@ t = 0.1 * np.arange(30)
 record = jaxid.record(t, np.sin(t), np.cos(t), inputs=("force",), outputs=("x",))
 spring, white = Spring(1.0, 0.1), jaxid.OutputError()
 free = jaxid.free(spring, "k", "c")
+fit = jaxid.estimate(spring, free, record, white)
 MISTAKES = {
     "channel": lambda: record["x"],
     "window": lambda: record.window(0.0, 2.0),
@@ -42,6 +44,10 @@ MISTAKES = {
     "model class": lambda: jaxid.free(Spring, "k"),
     "predicted class": lambda: jaxid.predict(Spring, record, white),
     "likelihood class": lambda: jaxid.estimate(spring, free, record, jaxid.OutputError),
+    "many, likelihood class": lambda: many(spring, free, [record], jaxid.OutputError),
+    "many, model class": lambda: many(Spring, free, [record], white),
+    "many, free": lambda: many(spring, ("k", "c"), [record], white),
+    "updated, likelihood class": lambda: update(fit, record, jaxid.OutputError),
     "solver class": lambda: jaxid.estimate(spring, free, record, white, solver=jaxid.GaussNewton),
     "steps": lambda: jaxid.GaussNewton(max_steps=0),
     "process": lambda: jaxid.FilterError(0.01),
@@ -73,6 +79,10 @@ WORDS = {
     "model class": ("Spring", "starting values"),
     "predicted class": ("Spring", "starting values"),
     "likelihood class": ("OutputError", "`jaxid.OutputError()`"),
+    "many, likelihood class": ("OutputError", "`jaxid.OutputError()`"),
+    "many, model class": ("Spring", "starting values"),
+    "many, free": ("('k', 'c')", "`jaxid.free(model, ...)`"),
+    "updated, likelihood class": ("OutputError", "`jaxid.OutputError()`"),
     "solver class": ("GaussNewton", "max_steps=50"),
     "steps": ("max_steps is 0", "at least 1"),
     "process": ("`process` is 0.01", "{'v': 0.01}"),

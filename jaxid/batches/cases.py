@@ -12,6 +12,7 @@ import numpy as np
 from .._foundation.checks import InputError, require, require_known
 from .._foundation.types import Numbers
 from ..data.record import Record
+from ..estimation.argument_checks import check_free, check_model
 from ..estimation.estimate import as_stack
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, canonical
@@ -103,6 +104,8 @@ def read_cases(
         cases = jax.device_get(cases)  # all at once
     groups = list(cases)
     require(len(groups) > 0, "There is no case to estimate. Give at least one record.")
+    check_model(model)
+    check_free(free)
     free = canonical(free)
     free.positions(model)  # refuses names that do not exist, before any case is read
     values = _start_values(model, free, starts, len(groups))

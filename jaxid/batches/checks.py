@@ -8,6 +8,7 @@ import numpy as np
 from .._foundation.checks import InputError, require
 from .._foundation.host import to_device
 from ..data.record import Record
+from ..estimation.argument_checks import check_arguments
 from ..estimation.estimate import check_channels, check_known
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel
@@ -51,6 +52,7 @@ class CaseChecks:
         common = (t.tobytes(), mask.tobytes(), t.shape, channels, jax.tree.structure(model))
         if common not in self.structures:
             on_device = to_device(structure.unflatten(leaves))
+            check_arguments(model, on_device, self.likelihood)
             check_channels(model, on_device)
             check_known(model, on_device, self.likelihood)
             self.structures[common] = jax.tree.structure(on_device.anonymous())

@@ -14,8 +14,9 @@ def summary(results: "xr.Dataset", *, failures: int = 10) -> str:
     """Return a table of the estimates of a batch, and the reasons of its failures.
 
     For each parameter: mean and standard deviation over the successful cases, the root mean square
-    of their standard errors, the smallest and the largest estimate [unit of the parameter]. In a
-    Monte Carlo the standard deviation and the standard error agree.
+    of their finite standard errors (a parameter on its bound has none), the smallest and the
+    largest estimate [unit of the parameter]. In a Monte Carlo the standard deviation and the
+    standard error agree.
 
     Args:
         results: dataset of `estimate_many`.
@@ -50,5 +51,6 @@ def _figures(values: np.ndarray, errors: np.ndarray) -> tuple[float, ...]:
     if not values.size:
         return (np.nan,) * 5
     scatter = np.std(values, ddof=1) if values.size > 1 else np.nan
-    error = np.sqrt(np.mean(errors**2))
+    finite = errors[np.isfinite(errors)]
+    error = np.sqrt(np.mean(finite**2)) if finite.size else np.nan
     return float(np.mean(values)), float(scatter), float(error), values.min(), values.max()

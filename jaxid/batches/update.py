@@ -13,6 +13,7 @@ import numpy as np
 from .._foundation.checks import InputError, require, require_float64
 from .._foundation.types import Array, Float, Int
 from ..data.record import Record
+from ..estimation.argument_checks import check_arguments
 from ..estimation.estimate import as_stack, check_channels, check_known, fit_problem
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.problem import Problem
@@ -127,6 +128,7 @@ def update(
     _check_estimate(estimate)
     records = as_stack(records)
     model = canonical(estimate.model)
+    check_arguments(model, records, likelihood)
     check_channels(model, records)
     check_known(model, records, likelihood)
     # The factor contains the priors.

@@ -25,12 +25,7 @@ def check_arguments(model: Any, records: Record, likelihood: Any) -> None:
     Raises:
         InputError: with the argument or the channel, and the remedy.
     """
-    require(
-        isinstance(model, AbstractModel),
-        f"The model is {_shown(model)}. Give an object with starting values, such as "
-        "Spring(k=1.0, c=0.1).",
-    )
-    check_names(model)
+    check_model(model)
     require(
         isinstance(likelihood, AbstractLikelihood),
         f"The likelihood is {_shown(likelihood)}. Give an object, such as `jaxid.OutputError()`.",
@@ -38,6 +33,20 @@ def check_arguments(model: Any, records: Record, likelihood: Any) -> None:
     declared, channels = model.units(), (*records.inputs, *records.outputs)
     for name, unit in zip(channels, (*records.input_units, *records.output_units), strict=True):
         _require_unit(name, unit, declared.get(name, ""))
+
+
+def check_model(model: Any) -> None:
+    """Refuse a class in place of a model, and a text in place of the names of its channels.
+
+    Raises:
+        InputError: with the argument or the attribute, and the remedy.
+    """
+    require(
+        isinstance(model, AbstractModel),
+        f"The model is {_shown(model)}. Give an object with starting values, such as "
+        "Spring(k=1.0, c=0.1).",
+    )
+    check_names(model)
 
 
 def check_free(free: Any) -> None:

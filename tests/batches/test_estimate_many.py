@@ -8,7 +8,7 @@ import pytest
 from many_lags import Hardening, chosen, lag_records, model
 
 from jaxid._foundation.checks import InputError
-from jaxid.batches import estimate_many
+from jaxid.batches import estimate_many, summary
 from jaxid.data import record, stack
 from jaxid.estimation import OutputError, estimate
 from jaxid.models.free import with_values
@@ -19,6 +19,13 @@ NOT_A_NUMBER, DIVERGING, SILENT = (17, 50, 71), (5, 40), (42, 63, 79)
 # standard errors of the minimum, at a point that this moves by some 1e-12; a case that ran with
 # the data or the start of another one would differ by 1e-2.
 RTOL = 1e-9
+
+
+class InMetres(Hardening):
+    """The lag with a unit."""
+
+    def units(self):
+        return {"x": "m"}
 
 
 def planted_records(seed):
@@ -152,3 +159,20 @@ def test_wrong_input_is_refused_in_words(records):
     t = 0.1 * np.arange(20)
     other = record(t, t, t, inputs=("force",), outputs=("x",))
     refused("Every case was refused.*force", [other, other])
+
+
+def test_records_in_another_unit_are_refused(records):
+    in_radians = dataclasses.replace(records[0], output_units=("rad",))
+    with pytest.raises(InputError, match=r"'x' is in \[rad\] in the records and in \[m\]"):
+        estimate_many(InMetres(p=1.0, b=0.7, cubic=0.05), chosen(), [in_radians], OutputError())
+
+
+def test_summary_averages_the_finite_standard_errors(many, healthy):
+    """A case on a bound is successful and has no standard error there."""
+    one, other = (many.isel(case=healthy[:2]).copy(deep=True) for _ in range(2))
+    one.status[0], one.standard_errors[0, 0] = "at_bound", np.nan
+    other.standard_errors[:, 0] = np.nan
+    error = float(many.standard_errors[healthy[1], 0])
+    columns = [summary(table).splitlines()[1].split() for table in (one, other)]
+    assert columns[0][3] == f"{error:.5g}"
+    assert columns[1][3] == "nan"

@@ -1,5 +1,7 @@
 """`update`: records added one by one, from the factor alone, give the joint estimate."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from reference_estimation import rk4
@@ -23,6 +25,9 @@ class TwoInputs(AbstractModel):
     a: Array
     b: Array
     states, inputs, outputs = ("x",), ("u", "w"), ("x",)
+
+    def units(self):
+        return {"x": "m"}
 
     def rhs(self, t, x, u):
         return -x + self.a * u[0] + self.b * u[1]
@@ -107,6 +112,13 @@ def test_prior_counts_once(flights):
     np.testing.assert_allclose(fit.covariance, covariance[:2, :2], rtol=1e-9)
     twice, _ = closed_form(flights[:3], prior=0.01 / np.sqrt(2))
     assert abs(twice[1] - values[1]) > 1e-3
+
+
+def test_records_in_another_unit_are_refused(flights):
+    fit = estimate(model(), chosen(), flights[0], KNOWN)
+    in_radians = dataclasses.replace(flights[1], output_units=("rad",))
+    with pytest.raises(InputError, match=r"'x' is in \[rad\] in the records and in \[m\]"):
+        update(fit, in_radians, KNOWN)
 
 
 def test_estimate_on_a_bound_is_refused(flights):

@@ -1,6 +1,5 @@
 """`identified`: `identify` on the training records of a study file, by its section [identify]."""
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -52,7 +51,9 @@ def identified(
     Raises:
         InputError: for a name or value in the file that does not fit the model; see `identify`.
     """
-    options = _options(file, weak_radius)
+    if weak_radius is not None:
+        file = file._replace(identify=file.identify | {"weak_radius": weak_radius})
+    options = _options(file)
     model = _model(file, built_in)
     with file.at("identify"):
         return identify(
@@ -81,7 +82,7 @@ def _model(file: StudyFile, built_in: Mapping[str, BuiltIn]) -> AbstractModel:
     return built_in_model(file, built_in[use], **others)
 
 
-def _options(file: StudyFile, weak_radius: float | None) -> IdentifyOptions:
+def _options(file: StudyFile) -> IdentifyOptions:
     """Return the options of the section [identify]."""
     section: dict[str, Any] = {key: file.identify[key] for key in file.identify}
     section.pop("candidates", None)
@@ -91,9 +92,4 @@ def _options(file: StudyFile, weak_radius: float | None) -> IdentifyOptions:
         require_known("rule", [rule], RULES)
     terms = given_terms(file) if "terms" in file.model else {}
     with file.at("identify"):
-        options = IdentifyOptions(**(terms | section), rule=RULES[rule]())
-        return (
-            options
-            if weak_radius is None
-            else dataclasses.replace(options, weak_radius=weak_radius)
-        )
+        return IdentifyOptions(**(terms | section), rule=RULES[rule]())

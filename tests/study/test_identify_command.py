@@ -101,3 +101,15 @@ def test_section_is_checked(tmp_path, old, new, match):
 def test_option_replaces_the_radius_of_the_file(tmp_path):
     with pytest.raises(InputError, match=r"a test function 30 s"):
         COMMAND(write_study(tmp_path), weak_radius=15.0)
+
+
+def test_option_replaces_angular_accelerations_for_terms_of_the_file(tmp_path):
+    """The model with the terms is built with the radius of the option, as with the file's."""
+    model, _, _ = STUDY.partition("[identify]")
+    terms = '[model.terms]\nCm = ["alpha", "qhat", "stabilator"]\nCZ = ["alpha"]\n'
+    study = write_study(tmp_path, model + terms)
+    with contextlib.redirect_stdout(io.StringIO()) as output:
+        COMMAND(study, weak_radius=0.6)
+    assert "status: converged" in output.getvalue()
+    with pytest.raises(InputError, match="the model needs 'qdot' for the coefficients"):
+        COMMAND(study)

@@ -21,18 +21,19 @@ from .aircraft import model_of
 from .aircraft.flight.coupled_flight import coupled_flight
 from .aircraft.flight.longitudinal_flight import longitudinal_flight
 from .aircraft.flight.simulated_flight import SimulatedFlight, realised_noise
-from .batches import Progress as BatchProgress
 from .batches import estimate_many, summary
 from .batches.parts import Part
-from .data import write_csv
+from .data.io.csv import require_csv_names
 from .data.io.study import read_study
 from .estimation import OutputError, estimate
 from .measured import emps, silverbox, tanks
 
 try:
     from .report import (
+        Written,
         require_new,
         require_writable,
+        write_design,
         write_json,
         write_or_elsewhere,
         write_study,
@@ -239,7 +240,7 @@ def identify_file(
         result = identified(file, BUILT_IN, weak_radius=weak_radius, progress=progress)
     print(result)
     if json is not None:
-        write_json(result, json)
+        _require_written(write_or_elsewhere(lambda path: write_json(result, path), json))
 
 
 @app.command()
@@ -272,7 +273,7 @@ def batch(
             store=store or Path(f"{path.stem}.zarr"),
             part=Part.read(part),
             devices=devices if len(devices) > 1 else None,
-            progress=lambda state: progress(_in_words(state)),
+            progress=lambda state: progress(state.words),
         )
     print(summary(results))
 
@@ -309,6 +310,8 @@ def design(
         file = read_study(path)
         case = case_of(file, BUILT_IN, progress)
         section = design_section(file, case.model)
+        with file.at("model"):
+            require_csv_names((*case.model.inputs, *case.model.outputs))
         if after_loop:
             study = _study_of(case, progress)
             progress("design")
@@ -319,15 +322,9 @@ def design(
             progress("design")
             result = informative_input(fit, case.likelihood, section)
     print(result)
-    folder.mkdir()
-    write_csv(result.record, folder / "design.csv")
-    result.plot().savefig(folder / "design.png", dpi=150)
-    print(f"\nThe record to fly is {folder / 'design.csv'}")
-
-
-def _in_words(state: BatchProgress) -> str:
-    """Return the progress of a batch with the time that remains."""
-    return f"{state}, {state.remaining:.0f} s remain"
+    written = write_or_elsewhere(lambda path: write_design(result, path), folder)
+    print(f"\nThe record to fly is {written.path / 'design.csv'}")
+    _require_written(written)
 
 
 def _require_output(json: Path | None, out: Path | None) -> None:
@@ -362,6 +359,11 @@ def _deliver(
     if json is not None:
         results.append(write_or_elsewhere(lambda path: write_json(study, path), json))
     print(f"\nThe report is {report.path / 'study.html'}")
+    _require_written(*results)
+
+
+def _require_written(*results: Written) -> None:
+    """Print the places of results that were saved elsewhere; end with status 1 if there are any."""
     moved = [result for result in results if result.error is not None]
     for result in moved:
         _print_error(f"{result.error} The results are saved in {str(result.path)!r}.")

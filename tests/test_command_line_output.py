@@ -12,6 +12,7 @@ from jaxid.report import folder
 from jaxid.report.folder import require_writable, write_or_elsewhere
 from jaxid.report.progress import show_progress
 from jaxid.study import Study
+from jaxid.study.identification import Identification
 
 FULL = OSError(errno.ENOSPC, "No space left on device")
 
@@ -134,3 +135,21 @@ def test_command_prints_place_of_results_and_fails(tmp_path, monkeypatch, printe
     place = message.partition("saved in '")[2].rpartition("'")[0]
     assert message.startswith("jaxid: 'mine' exists [now]. The results are saved in")
     assert Path(place).is_dir()
+
+
+def test_terms_are_saved_elsewhere_where_path_is_taken_meanwhile(tmp_path, monkeypatch, printed):
+    def identified(*_, **__):
+        (tmp_path / "terms.json").write_text("another's")
+        return object.__new__(Identification)
+
+    monkeypatch.setattr(Identification, "__str__", lambda _: "terms")
+    monkeypatch.setattr(Identification, "to_json", lambda _: "{}")
+    monkeypatch.setattr(folder.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(command, "read_study", lambda _: None)
+    monkeypatch.setattr(command, "identified", identified)
+    message, status = printed(
+        lambda: command.identify_file(tmp_path / "a.toml", tmp_path / "terms.json")
+    )
+    (saved,) = tmp_path.glob("jaxid-*/terms.json")
+    assert (saved.read_text(), status) == ("{}\n", 1)
+    assert f"The results are saved in {str(saved)!r}" in message

@@ -28,6 +28,11 @@ class Progress(NamedTuple):
     def __str__(self) -> str:
         return f"{self.finished} of {self.total} cases, {self.failed} failed"
 
+    @property
+    def words(self) -> str:
+        """The counts, with the time that remains."""
+        return f"{self}, {self.remaining:.0f} s remain"
+
 
 @contextlib.contextmanager
 def listener(progress: bool | Callable[[Progress], object]) -> Iterator[Callable]:
@@ -41,6 +46,4 @@ def listener(progress: bool | Callable[[Progress], object]) -> Iterator[Callable
         yield progress
         return
     with shown_progress(progress) as show:
-        yield lambda state: show(
-            f"{state}, {state.remaining:.0f} s remain", state.finished / max(state.total, 1)
-        )
+        yield lambda state: show(state.words, state.finished / max(state.total, 1))

@@ -3,13 +3,23 @@
 This is the only package that uses matplotlib and jinja2.
 """
 
-from .folder import require_new, require_writable, write_json, write_or_elsewhere, write_study
+from .folder import (
+    Written,
+    require_new,
+    require_writable,
+    write_design,
+    write_json,
+    write_or_elsewhere,
+    write_study,
+)
 from .html import html
 
 __all__ = [
+    "Written",
     "html",
     "require_new",
     "require_writable",
+    "write_design",
     "write_json",
     "write_or_elsewhere",
     "write_study",

@@ -1,4 +1,4 @@
-"""A study on disk: a new folder with page, numbers and figures. Nothing is overwritten."""
+"""A study or a design on disk: a new folder with its files. Nothing is overwritten."""
 
 import errno
 import os
@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .._foundation.checks import InputError, require
+from ..data.io.csv import write_csv
+from ..design.design import Design
 from ..study.identification import Identification
 from ..study.study import Study
 from .gallery import gallery
@@ -48,13 +50,37 @@ def write_study(
     if exist == "refuse":
         require_new(folder)
     contents = _contents(study, title, files)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as temporary:
-        complete = Path(temporary) / "study"  # mkdir gives the user's usual rights
-        complete.mkdir()
+
+    def write(complete: Path) -> None:
         for name, content in contents.items():
             (complete / name).write_bytes(content)
-        return _rename_to_free_name(complete, folder, exist)
+
+    return _write_folder(write, folder, exist)
+
+
+def write_design(design: Design, folder: str | Path) -> Path:
+    """Write a design into a new folder: the record to fly, `design.csv`, and its figure.
+
+    The folder is complete or absent.
+
+    Args:
+        design: the design.
+        folder: path of the new folder; its parents are created.
+
+    Returns:
+        The new folder.
+
+    Raises:
+        InputError: when the folder exists, and as `write_csv`.
+    """
+    folder = Path(folder).absolute()
+    require_new(folder)
+
+    def write(complete: Path) -> None:
+        write_csv(design.record, complete / "design.csv")
+        design.plot().savefig(complete / "design.png", dpi=150)
+
+    return _write_folder(write, folder, "refuse")
 
 
 def write_json(result: Study | Identification, path: str | Path) -> Path:
@@ -185,6 +211,16 @@ def _contents(study: Study, title: str, files: Sequence[str | Path]) -> dict[str
         "study.json": (study.to_json() + "\n").encode(),
         **dict(numbered),
     }
+
+
+def _write_folder(write: Callable[[Path], None], folder: Path, exist: str) -> Path:
+    """Write files into a temporary folder next to the target, and rename it when it is complete."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as temporary:
+        complete = Path(temporary) / "complete"  # mkdir gives the user's usual rights
+        complete.mkdir()
+        write(complete)
+        return _rename_to_free_name(complete, folder, exist)
 
 
 def _rename_to_free_name(complete: Path, folder: Path, exist: str) -> Path:

@@ -10,9 +10,10 @@ from many_lags import lag_records
 
 from jaxid import read_csv
 from jaxid._foundation.checks import InputError
+from jaxid.report import folder
 
-# The command as a function; typer converts its arguments.
-COMMAND = importlib.import_module("jaxid.__main__").design
+MODULE = importlib.import_module("jaxid.__main__")
+COMMAND = MODULE.design  # as a function; typer converts its arguments
 
 STUDY = """
 [model]
@@ -46,7 +47,7 @@ def write_study(folder, text=STUDY):
 
 
 def test_record_to_fly_keeps_the_limits(tmp_path):
-    study, out = write_study(tmp_path), tmp_path / "next"
+    study, out = write_study(tmp_path), tmp_path / "new" / "next"
     with contextlib.redirect_stdout(io.StringIO()) as output:
         COMMAND(study, out=out)
     assert "limits used: u, amplitude" in output.getvalue()
@@ -55,6 +56,40 @@ def test_record_to_fly_keeps_the_limits(tmp_path):
     assert np.max(np.abs(flown.u)) <= 1.0
     assert 0.3 < np.max(np.abs(flown.z)) <= 0.5 * (1 + 1e-4)
     assert (out / "design.png").read_bytes().startswith(b"\x89PNG")
+    assert [path.name for path in out.parent.iterdir()] == ["next"]
+
+
+def test_design_is_saved_elsewhere_where_its_folder_appears_meanwhile(
+    tmp_path, monkeypatch, capsys
+):
+    design, out = MODULE.informative_input, tmp_path / "next"
+
+    def late(*arguments):
+        out.mkdir()
+        return design(*arguments)
+
+    monkeypatch.setattr(MODULE, "informative_input", late)
+    monkeypatch.setattr(folder.tempfile, "gettempdir", lambda: str(tmp_path))
+    with pytest.raises(SystemExit, match="1"):
+        COMMAND(write_study(tmp_path), out=out)
+    (saved,) = tmp_path.glob("jaxid-*/next/design.csv")
+    message = "".join(capsys.readouterr().err.split())
+    assert str(saved.parent) in message
+    assert list(out.iterdir()) == []
+
+
+def test_channel_that_no_header_can_hold_is_refused_before_the_estimate(tmp_path):
+    module = "from many_lags import Hardening\nclass Odd(Hardening):\n    inputs = ('u(1)',)\n"
+    (tmp_path / "odd_input.py").write_text(module)
+    text = STUDY.replace("many_lags:Hardening", "odd_input:Odd").replace('["u"]', '["u(1)"]')
+    text = text.replace("u = ", '"u(1)" = ').replace(
+        "[design]", 'columns = { "u(1)" = "u" }\n[design]'
+    )
+    with pytest.raises(
+        InputError, match=r"\[model\]: Channel 'u\(1\)' has a comma, quote or bracket"
+    ):
+        COMMAND(write_study(tmp_path, text), out=tmp_path / "next")
+    assert not (tmp_path / "next").exists()
 
 
 @pytest.mark.parametrize(

@@ -121,7 +121,8 @@ def write_csv(record: Record, path: str | Path) -> Path:
         The path.
 
     Raises:
-        InputError: when the record is a stack, the file exists, or the folder does not.
+        InputError: when the record is a stack, the name of a channel does not fit a header, the
+            file exists, or the folder does not.
     """
     require(
         not record.is_stack,
@@ -129,12 +130,7 @@ def write_csv(record: Record, path: str | Path) -> Path:
         "own file.",
     )
     names, units = (*record.inputs, *record.outputs), (*record.input_units, *record.output_units)
-    for n in names:
-        require(
-            not re.search(r'[\[\](),"\r\n]', n) and n == n.strip(),
-            f"Channel {n!r} has a comma, quote or bracket, or a blank at its end. Rename it for "
-            "CSV.",
-        )
+    require_csv_names(names)
     header = [
         "t [s]",
         *(f"{n} [{unit}]" if unit else n for n, unit in zip(names, units, strict=True)),
@@ -146,6 +142,20 @@ def write_csv(record: Record, path: str | Path) -> Path:
         for row in zip(*columns, strict=True)
     ]
     return write_new(path, "\n".join(lines) + "\n")
+
+
+def require_csv_names(names: Sequence[str]) -> None:
+    """Refuse names of channels that the header of a CSV file cannot hold.
+
+    Raises:
+        InputError: when a name has a comma, quote or bracket, or a blank at its end.
+    """
+    for n in names:
+        require(
+            not re.search(r'[\[\](),"\r\n]', n) and n == n.strip(),
+            f"Channel {n!r} has a comma, quote or bracket, or a blank at its end. Rename it for "
+            "CSV.",
+        )
 
 
 def named_columns(

@@ -1,6 +1,7 @@
 """The model and the likelihood of a study file."""
 
 import inspect
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -199,7 +200,10 @@ def _deviation(entry: float | str, unit: str, name: str) -> float:
                 f"{name} = {entry!r} is no number with a unit of this channel: {error}"
             ) from error
         value = converted - zero  # a difference of 1 degC is 1 K
+    deviation = float(value)
     require(
-        float(value) > 0, f"the standard deviation of {name} is {entry}. Give one that is positive."
+        deviation > 0 and 0 < deviation * deviation < math.inf,
+        f"the standard deviation of {name} is {entry}. Give one that is positive and finite, like "
+        "its square.",
     )
-    return float(value)
+    return deviation

@@ -253,6 +253,9 @@ def test_defaults_of_file_equal_defaults_of_loop(changed):
         ('x = "5 mm"', 'z = "5 mm"', r"\[noise\]: There is no output 'z'"),
         ("5 mm", "5 V", r"\[noise\]: x = '5 V' is no number with a unit of this channel"),
         ('"5 mm"', "0.0", r"\[noise\]: the standard deviation of x is 0.0"),
+        ('"5 mm"', "inf", r"\[noise\]: the standard deviation of x is inf"),
+        ('"5 mm"', '"inf mm"', r"\[noise\]: the standard deviation of x is inf mm"),
+        ('"5 mm"', "1e200", r"\[noise\]: the standard deviation of x is 1e\+200"),
         (
             "level = 0.05",
             "levels = 0.05",

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._foundation.checks import InputError, require, require_known
+from .._foundation.checks import require, require_known
 from .._foundation.types import Array, Bool, Float
 from ..models.base import AbstractModel
 from ..simulation.solution import Solution
@@ -171,11 +171,7 @@ def ratios(
     """
     for option in (limits.amplitude, limits.rate):
         require_known("input", option, model.inputs)
-    for axis in axes:
-        require(
-            axis in limits.amplitude,
-            f"The amplitude of the input {axis!r} has no limit. Give one in `amplitude`.",
-        )
+    require_amplitudes(axes, limits)
     require_positive({**limits.amplitude, **limits.rate, "energy": limits.energy})
     names = tuple(limits.envelope)
     known = quantity_names(model, initial_state, trim_input)
@@ -185,11 +181,7 @@ def ratios(
     for row, (name, (low, high)) in enumerate(limits.envelope.items()):
         value = trim[row]
         low, high = -np.inf if low is None else low, np.inf if high is None else high
-        if not low < value < high:
-            raise InputError(
-                f"The limits of {name!r}, {low:g} to {high:g}, exclude the trim, where it is "
-                f"{value:g}. Widen the limits, or begin at another trim."
-            )
+        require_inside(name, low, high, float(value))
         room[row] = value - low, high - value
     return Ratios(
         jnp.array([limits.amplitude[axis] for axis in axes], float),
@@ -221,6 +213,24 @@ def trim_values(
     y = model.output(t, x, u)
     solution = Solution(t[None], x[None], y[None], jnp.asarray(True))
     return quantities(model, names, solution, u[None])[0]
+
+
+def require_amplitudes(axes: tuple[str, ...], limits: Limits) -> None:
+    """Refuse an input that moves and whose amplitude has no limit."""
+    for axis in axes:
+        require(
+            limits.amplitude.get(axis, np.inf) < np.inf,
+            f"The amplitude of the input {axis!r} has no limit. Give one in `amplitude`.",
+        )
+
+
+def require_inside(name: str, low: float, high: float, trim: float) -> None:
+    """Refuse a range of the envelope that excludes the trim."""
+    require(
+        low < trim < high,
+        f"The limits of {name!r}, {low:g} to {high:g}, exclude the trim, where it is {trim:g}. "
+        "Widen the limits, or begin at another trim.",
+    )
 
 
 def require_positive(values: Mapping[str, float | None]) -> None:

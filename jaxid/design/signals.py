@@ -80,9 +80,10 @@ def sample_times(duration: float, sample_time: float) -> Float[Array, " time"]:
     """Return uniform sample times from zero to the duration.
 
     Raises:
-        InputError: when the duration is not longer than two samples.
+        InputError: when the duration is not finite, or not longer than two samples.
     """
     require_float64()
+    require(math.isfinite(duration), f"The duration is {duration:g} s. Give a finite one.")
     require(
         duration > 2.0 * sample_time > 0.0,
         f"A duration of {duration:g} s has no three samples of {sample_time:g} s. Lengthen it.",

@@ -1,7 +1,7 @@
 """The section [design] of a study file: the next record, its limits and its trim."""
 
 import dataclasses
-from collections.abc import Mapping
+import math
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -12,7 +12,13 @@ from .._foundation.types import Array, Float
 from ..data.io.study import StudyFile
 from ..design.design import Design
 from ..design.input_design import design_input
-from ..design.limits import Limits
+from ..design.limits import (
+    Limits,
+    quantity_names,
+    require_amplitudes,
+    require_inside,
+    require_positive,
+)
 from ..design.measures import Determinant
 from ..design.shapes import AbstractShape, spline
 from ..design.signals import sample_times
@@ -57,7 +63,8 @@ def design_section(file: StudyFile, model: AbstractModel) -> DesignSection:
         model: the declared model.
 
     Raises:
-        InputError: when a key is missing, or an input or a state is unknown to the model.
+        InputError: when a key is missing, a name is unknown to the model, a limit is not positive,
+            a range is empty, or the range of a state excludes the trim.
     """
     section = file.design
     with file.at("design"):
@@ -68,24 +75,49 @@ def design_section(file: StudyFile, model: AbstractModel) -> DesignSection:
             "time [s], and the largest deviation of each input from trim.",
         )
         t = sample_times(float(section["duration"]), float(section["sample_time"]))
-        axes = tuple(section.get("axes", section["amplitude"]))
-        require_known("input", axes, model.inputs)
         shape = spline(t, section["knots"]) if "knots" in section else None
-    energy = section.get("energy")
+    trim_input = _by_name(file, "trim_input", model.inputs)
+    initial_state = _by_name(file, "initial_state", model.states)
+    limits = _limits(file, model, initial_state, trim_input)
+    axes = tuple(section.get("axes", section["amplitude"]))
+    with file.at("design", "axes"):
+        require_known("input", axes, model.inputs)
+        require_amplitudes(axes, limits)
+    return DesignSection(t, limits, shape, axes, trim_input, initial_state)
+
+
+def _limits(
+    file: StudyFile,
+    model: AbstractModel,
+    initial_state: Float[np.ndarray, " state"],
+    trim_input: Float[np.ndarray, " input"],
+) -> Limits:
+    """Return the limits of the section, checked key by key.
+
+    Outputs and signals at trim depend on the estimate, and are compared with their ranges after it.
+    """
+    section = file.design
     limits = Limits(
-        _floats(section["amplitude"]),
-        _floats(section.get("rate", {})),
-        None if energy is None else float(energy),
-        {name: (low, high) for name, (low, high) in section.get("envelope", {}).items()},
+        section["amplitude"],
+        section.get("rate", {}),
+        section.get("energy"),
+        section.get("envelope", {}),
     )
-    return DesignSection(
-        t,
-        limits,
-        shape,
-        axes,
-        _by_name(file, "trim_input", model.inputs),
-        _by_name(file, "initial_state", model.states),
-    )
+    for key, values in (("amplitude", limits.amplitude), ("rate", limits.rate)):
+        with file.at("design", key):
+            require_known("input", values, model.inputs)
+            require_positive(values)
+    with file.at("design", "energy"):
+        require_positive({"energy": limits.energy})
+    known = quantity_names(model, initial_state, trim_input)
+    trim = dict(zip(model.states, initial_state, strict=True))
+    with file.at("design", "envelope"):
+        require_known("state, output or signal", limits.envelope, known)
+        for name, (low, high) in section.get("envelope", {}).items():
+            require(low < high, f"the range of {name!r} is {low:g} to {high:g}. Widen it.")
+            if name in trim:
+                require_inside(name, low, high, float(trim[name]))
+    return limits
 
 
 def informative_input(
@@ -116,13 +148,11 @@ def informative_input(
     )
 
 
-def _floats(values: Mapping[str, float]) -> dict[str, float]:
-    return {name: float(value) for name, value in values.items()}
-
-
 def _by_name(file: StudyFile, key: str, names: tuple[str, ...]) -> Float[np.ndarray, " name"]:
     """Return the values of a table in the order of the names, zero where it has none."""
     values = file.design.get(key, {})
     with file.at("design", key):
         require_known(key.replace("_", " "), values, names)
+        for name, value in values.items():
+            require(math.isfinite(value), f"{name} is {value:g}. Give a finite number.")
     return np.array([float(values.get(name, 0.0)) for name in names])

@@ -96,14 +96,33 @@ def test_channel_that_no_header_can_hold_is_refused_before_the_estimate(tmp_path
     ("old", "new", "match"),
     [
         ("duration = 6.0", "", "duration must be given"),
-        ("amplitude = { u = 1.0 }", "amplitude = { v = 1.0 }", "no input 'v'"),
+        ("duration = 6.0", "duration = inf", r"\[design\]: The duration is inf s"),
+        ("u = 1.0", "u = 1.0, v = 2.0", r"\[design\] amplitude: .*no input 'v'"),
+        ("u = 1.0", "u = nan", r"\[design\] amplitude: The limit of 'u' is nan"),
+        ("u = 1.0", "u = -1.0", r"\[design\] amplitude: The limit of 'u' is -1"),
+        (
+            "{ u = 1.0 }",
+            '{}\naxes = ["u"]',
+            r"\[design\] axes: The amplitude of the input 'u' has no limit",
+        ),
+        ("u = 1.0", "u = inf", r"\[design\] axes: The amplitude of the input 'u' has no limit"),
+        ("u = 5.0", "gone = 1.0", r"\[design\] rate: .*no input 'gone'"),
+        ("u = 5.0", "u = 0.0", r"\[design\] rate: The limit of 'u' is 0"),
+        ("rate =", "energy = -1.0\nrate =", r"\[design\] energy: The limit of 'energy' is -1"),
+        ("envelope = { x", "envelope = { z", r"\[design\] envelope: .*'z'"),
+        ("[-0.5, 0.5]", "[1.0, -1.0]", r"\[design\] envelope: the range of 'x' is 1 to -1"),
+        ("[-0.5, 0.5]", "[-0.5, nan]", r"\[design\] envelope: the range of 'x' is -0.5 to nan"),
+        ("[-0.5, 0.5]", "[0.2, 0.5]", r"\[design\] envelope: .* exclude the trim"),
+        ("knots = 8", "initial_state = { x = nan }", r"\[design\] initial_state: x is nan"),
         ("knots = 8", "knots = 80", "80 knots for 61 samples"),
         ("knots = 8", "trim_input = { w = 1.0 }", "no trim input 'w'"),
         ("knots = 8", "colour = 1", "no key 'colour'"),
     ],
 )
-def test_section_is_checked_before_the_estimate(tmp_path, old, new, match):
-    study = write_study(tmp_path, STUDY.replace(old, new))
+def test_section_is_checked_before_the_estimate(tmp_path, monkeypatch, old, new, match):
+    monkeypatch.delattr(MODULE, "estimate")
+    head, section = STUDY.split("[design]")
+    study = write_study(tmp_path, f"{head}[design]{section.replace(old, new)}")
     with pytest.raises(InputError, match=match):
         COMMAND(study, out=tmp_path / "next")
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..._foundation.checks import InputError, require
-from ..arguments import texts_by_name
+from ..arguments import text, texts_by_name
 from ..build import TIME, record
 from ..record import Record
 from ..titles import units_of_titles
@@ -63,6 +63,22 @@ def parse_number(text: str) -> float:
 def sha256(path: Path) -> str:
     """SHA-256 of a file, in hexadecimal digits."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def time_column(time: str | None, sample_time: float | int | None, path: Path) -> str | None:
+    """Return the name of the time column; None where a sample time replaces it.
+
+    Raises:
+        InputError: when both are given.
+    """
+    if time is None:
+        return TIME if sample_time is None else None
+    require(
+        sample_time is None,
+        f"{path.name}: `time` is {time!r} and `sample_time` is {sample_time}. Give the name of a "
+        "column or the time between rows [s], one of the two.",
+    )
+    return text(time, "time", path.name)
 
 
 def clock(sample_time: float | int, samples: int, path: Path) -> np.ndarray:

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from ..._foundation.checks import InputError, require, require_known, require_unique
-from ..arguments import channel_names, text
+from ..arguments import channel_names
 from ..build import TIME
 from ..record import Record
 from ..titles import parse_title, units_of_titles
-from .assemble import assemble, clock, existing, parse_number
+from .assemble import assemble, clock, existing, parse_number, time_column
 from .by_channel import columns_by_channel, signs_by_channel, units_by_channel
 from .cells import UTF8, Layout, cells_of
 from .document import write_new
@@ -28,7 +28,7 @@ def read_csv(
     inputs: Sequence[str],
     outputs: Sequence[str],
     columns: Mapping[str, str] | None = None,
-    time: str = "t",
+    time: str | None = None,
     sample_time: float | int | None = None,
     units: Mapping[str, str] | None = None,
     signs: Mapping[str, int] | None = None,
@@ -55,7 +55,7 @@ def read_csv(
         outputs: names of the measured outputs, by the same rule.
         columns: the file's column by channel, where the two names differ, such as
             `{"alpha": "AOA_1"}`; `"t"` may be among them.
-        time: name of the time column.
+        time: name of the time column, "t" by default; give either `time` or `sample_time`.
         sample_time: time between samples [s], for a file without a time column.
         units: unit by name of channel, column or constant.
         signs: 1 or -1 by channel, such as `{"az": -1}` for one recorded positive up; 1 for the
@@ -72,23 +72,24 @@ def read_csv(
         The record, in SI units.
 
     Raises:
-        InputError: when the file or a column is missing, a cell is not a number (the message names
-            file, row and column), or `record` refuses the values.
+        InputError: when the file or a column is missing, both `time` and `sample_time` are given, a
+            cell is not a number (the message names file, row and column), or `record` refuses the
+            values.
     """
     path = existing(path)
     inputs = channel_names(inputs, "inputs", path.name)
     outputs = channel_names(outputs, "outputs", path.name)
-    text(time, "time", path.name)
-    wanted = (*inputs, *outputs) if sample_time is not None else (time, *inputs, *outputs)
+    time = time_column(time, sample_time, path)
+    wanted = (*inputs, *outputs) if time is None else (time, *inputs, *outputs)
     column_of = columns_by_channel(columns, wanted, path)
     given = units_by_channel(units, column_of, path)
     table, file_units, lines = named_columns(
         path,
         tuple(column_of.values()),
-        given=[column_of.get(time if name == TIME else name, "") for name in given],
+        given=[column_of.get(str(time) if name == TIME else name, "") for name in given],
         units_row=units_row,
         layout=Layout(delimiter, decimal, encoding, skip),
-        time=None if sample_time is not None else column_of[time],
+        time=None if time is None else column_of[time],
     )
     sign_of = signs_by_channel(signs, (*inputs, *outputs), path)
     values = {name: sign_of.get(name, 1) * table[column] for name, column in column_of.items()}
@@ -96,7 +97,7 @@ def read_csv(
         time, values[TIME] = TIME, clock(sample_time, len(lines), path)
     return assemble(
         values,
-        time,
+        str(time),
         inputs,
         outputs,
         {name: file_units[column] for name, column in column_of.items() if column in file_units},

@@ -16,7 +16,7 @@ from ..._foundation.checks import (
 )
 from ..._foundation.types import Array, Float
 from ..units import convert, to_si
-from .assemble import clock, existing
+from .assemble import clock, existing, time_column
 from .cells import Layout
 from .csv import named_columns
 
@@ -45,7 +45,7 @@ def read_inputs(
     *,
     inputs: Sequence[str],
     hold: Hold | None = None,
-    time: str = "t",
+    time: str | None = None,
     sample_time: float | int | None = None,
     units: Mapping[str, str] | None = None,
     units_row: bool = False,
@@ -65,7 +65,7 @@ def read_inputs(
         hold: interpolation between the rows, for times in `t` that the file does not have:
             "zero_order" (each value until the next) or "linear". Without it there is no
             interpolation. There is never an extrapolation beyond the file's ends.
-        time: name of the time column.
+        time: name of the time column, "t" by default; give either `time` or `sample_time`.
         sample_time: time between rows [s], for a file without a time column.
         units: unit by name of column.
         units_row: True when the second line holds units.
@@ -77,7 +77,8 @@ def read_inputs(
         Times, inputs in SI units, names and units.
 
     Raises:
-        InputError: when the file or a column is missing, a cell is empty, infinite or not a number,
+        InputError: when the file or a column is missing, both `time` and `sample_time` are given, a
+            cell is empty, infinite or not a number,
             time does not increase, a unit is unknown or of the wrong kind, `t` exceeds the file's
             times, or `t` has times that the file does not have and `hold` is not given. The message
             names file, line and column.
@@ -85,7 +86,8 @@ def read_inputs(
     require_float64()
     path = existing(path)
     _require_names(inputs, path)
-    wanted = tuple(inputs) if sample_time is not None else (time, *inputs)
+    time = time_column(time, sample_time, path)
+    wanted = tuple(inputs) if time is None else (time, *inputs)
     columns, file_units, lines = named_columns(
         path, wanted, given=units or (), units_row=units_row, layout=Layout(delimiter)
     )
@@ -95,10 +97,11 @@ def read_inputs(
     all_units = file_units | given_units
     column_units = {n: unit for n, unit in all_units.items() if n in wanted}
     _require_numbers(columns, lines, path)
-    if sample_time is None:
-        seconds = _seconds(columns[time], column_units.get(time, ""), time, lines, path)
-    else:
+    if sample_time is not None:
         seconds = clock(sample_time, len(lines), path)
+    else:
+        name = str(time)
+        seconds = _seconds(columns[name], column_units.get(name, ""), name, lines, path)
     u, si = _all_in_si([columns[n] for n in inputs], inputs, column_units, expect or {}, path)
     if t is not None:
         seconds, u = _at(np.asarray(t, float), seconds, u, hold, path)

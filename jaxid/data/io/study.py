@@ -337,11 +337,28 @@ def _read(
 
 
 def _check_layouts(path: Path, section: Mapping[str, Any], files: Sequence[str]) -> None:
-    """Refuse a layout of a file that is none of the records."""
-    for key in LAYOUT:
-        if isinstance(section.get(key), dict):
-            with within(path, "records", key):
-                require_known("file of the records", section[key], files)
+    """Refuse a layout of a file that is none of the records, or that is a MATLAB file.
+
+    A layout for all files holds for the CSV files among them.
+    """
+    matlab = [file for file in files if _is_matlab(file)]
+    for key in (key for key in (*LAYOUT, "units_row") if key in section):
+        given = section[key]
+        for_all = files if len(matlab) == len(files) else ()
+        with within(path, "records", key):
+            if isinstance(given, dict):
+                require_known("file of the records", given, files)
+            concerned = given if isinstance(given, dict) else for_all
+            without = [file for file in concerned if file in matlab]
+            require(
+                not without,
+                f"{', '.join(without)}: a MATLAB file has variables, and no such layout. "
+                "Leave the key out.",
+            )
+
+
+def _is_matlab(file: str) -> bool:
+    return Path(file).suffix.lower() == ".mat"
 
 
 def _layout(file: str, section: Mapping[str, Any]) -> dict[str, Any]:
@@ -355,7 +372,7 @@ def _layout(file: str, section: Mapping[str, Any]) -> dict[str, Any]:
 def _read_file(folder: Path, file: str, section: Mapping[str, Any]) -> Record:
     """The record of a CSV file, or of a MATLAB file by its ending."""
     options = {key: section[key] for key in READING if key in section}
-    if Path(file).suffix.lower() != ".mat":
+    if not _is_matlab(file):
         return read_csv(folder / file, **options, **_layout(file, section))
     options.pop("units_row", None)
     if "sample_time" not in options:

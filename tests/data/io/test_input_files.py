@@ -27,6 +27,8 @@ def test_inputs_are_in_requested_order_and_si(tmp_path):
     assert (history.inputs, history.units) == (NAMES, ("N", "rad"))
     plain = write(tmp_path, "u\n1\n2\n")
     np.testing.assert_array_equal(read_inputs(plain, inputs=("u",), sample_time=0.5).t, [0.0, 0.5])
+    with pytest.raises(InputError, match=r"`time` is 't' and `sample_time` is 0.5"):
+        read_inputs(plain, inputs=("u",), time="t", sample_time=0.5)
 
 
 def test_inputs_are_interpolated_only_with_hold(tmp_path):

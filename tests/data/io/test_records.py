@@ -133,7 +133,7 @@ CSV_REFUSALS = {
     "no units row": ("time,de,alpha\n", {"units_row": True}, ["log.csv", "no row of units"]),
     "unknown unit": (GOOD, {"units": {"alpha": "degs/"}}, ["'alpha'", "'degs/'", "not known"]),
     "unit of no column": (GOOD, {"units": {"beta": "deg"}}, ["'beta'"]),
-    "backwards": (GOOD, {"sample_time": -1.0}, ["`sample_time`", "-1.0", "positive"]),
+    "backwards": (GOOD, {"time": None, "sample_time": -1.0}, ["`sample_time`", "-1.0", "positive"]),
 }
 
 

@@ -212,3 +212,25 @@ def test_files_of_several_layouts_and_matlab_are_read_together(folder):
         np.testing.assert_allclose(part[0].z, expected, rtol=0, atol=1e-14)
     with pytest.raises(InputError, match=r"\[records\] skip.*no file.*'e.csv'.*Did you mean"):
         read(folder, text.replace('skip = { "c.csv"', 'skip = { "e.csv"'))
+    for key in ('skip = { "d.mat" = 100 }', 'encoding = { "d.mat" = "latin-1" }'):
+        name = key.partition(" ")[0]
+        lines = text.replace('skip = { "c.csv" = 1 }', "") + "\n"
+        with pytest.raises(InputError, match=rf"\[records\] {name}: d.mat: a MATLAB file"):
+            read(folder, lines.replace("constants =", f"{key}\nconstants ="))
+
+
+@pytest.mark.parametrize("key", ["skip = 100", 'delimiter = ";"', "units_row = true"])
+def test_layout_for_all_files_is_refused_where_all_are_matlab(key, folder):
+    t = 0.1 * np.arange(5)
+    scipy.io.savemat(folder / "a.mat", {"t": t, "force": t, "x": t})
+    head = '[model]\nuse = "m:C"\n[records]\ninputs=["force"]\noutputs=["x"]\n'
+    text = f'{head}train=["a.mat"]\n'
+    assert read(folder, text).train[0].t.size == 5
+    with pytest.raises(InputError, match=r"\[records\] .*: a.mat: a MATLAB file"):
+        read(folder, f"{text}{key}\n")
+
+
+def test_time_beside_sample_time_is_refused(folder):
+    text = GOOD.replace('time = "s"', 'time = "s"\nsample_time = 0.1')
+    with pytest.raises(InputError, match=r"a.csv: `time` is 's' and `sample_time` is 0.1"):
+        read(folder, text)

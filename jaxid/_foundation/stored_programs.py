@@ -28,6 +28,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from .host import are_known, to_device
 
@@ -113,14 +114,15 @@ class StoredProgram(NamedTuple):
 
 
 def _uncommitted(arrays: list[jax.Array]) -> list[jax.Array]:
-    """Return arrays that may be used with arrays on any device, but for random keys.
+    """Return arrays that may be used with arrays on any device, but for random keys, and for traced
+    arrays, which a program called under another `jit` returns.
 
     JAX commits the results of an exported program to their device.
     """
 
     def known(array: jax.Array) -> jax.Array | np.ndarray:
         is_key = jnp.issubdtype(array.dtype, jax.dtypes.extended)
-        return array if is_key else np.asarray(array)
+        return array if is_key or isinstance(array, Tracer) else np.asarray(array)
 
     return to_device([known(array) for array in arrays])
 

@@ -19,6 +19,7 @@ from jaxid.estimation.model_programs import FlatProblem, outputs, sensitivities
 from jaxid.estimation.problem import Problem
 from jaxid.models import LinearModel, Parameters
 from jaxid.models.base import canonical
+from jaxid.models.free import flat_vectors
 
 LINEAR = LinearModel(
     *(jnp.array([[0.0, 1.0], [-2.0, -0.3]]), jnp.array([[0.0], [1.0]])),
@@ -91,6 +92,14 @@ def test_stored_programs_give_the_same_numbers_without_a_trace(folder, no_trace)
         assert jax.tree.structure(values) == jax.tree.structure(expected)
         jax.tree.map(np.testing.assert_array_equal, values, expected)
         assert not any(array.committed for array in jax.tree.leaves(values))
+
+
+def test_a_program_runs_under_another_jit(folder):
+    """Its arguments are known there, and its results are traced."""
+    problem = problem_of(LINEAR)
+    known = flat_vectors(problem.model, problem.records)
+    traced = jax.jit(lambda shift: shift + flat_vectors(problem.model, problem.records))(1.0)
+    np.testing.assert_array_equal(traced, known + 1.0)
 
 
 def test_a_class_of_another_package_is_not_stored(folder):

@@ -256,7 +256,7 @@ def _instruments(plan: _Plan) -> Iterator[Criterion]:
 
 def _procedure(plan: _Plan) -> Iterator[Criterion]:
     missing = plan.information.undetermined
-    weak = "; ".join(plan.information.weak_directions) or f"{', '.join(missing)} without effect"
+    weak = "; ".join(plan.information.weak_directions)
     remedy = f"{weak}: fix a parameter, give a prior, or move another input."
     yield Criterion("undetermined parameters", float(len(missing)), remedy, high=0.0)
     moving = np.flatnonzero(np.ptp(plan.u, axis=0) > 0)

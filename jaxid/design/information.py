@@ -179,16 +179,22 @@ def information_of(
     require_known_noise(likelihood)
     likelihood.check(model, records)
     model, free = canonical(model), canonical(free)
-    flat = flat_vectors(model, records)[0]
-    if initial_state is not None:
-        state = start_of(model, initial_state)
-        flat = flat.at[flat.size - state.size :].set(state)
+    flat = flat_vector_of(model, records, initial_state)
     factor, values = _factor(
         model, free.positions(model), flat, records.anonymous(), canonical(likelihood)
     )
     known = prior_rows(free) if earlier is None else np.asarray(earlier, float)
     rows = np.concatenate([np.asarray(factor), known])
     return planned_information(model, free, np.asarray(values), rows, records.names[0])
+
+
+def flat_vector_of(model: AbstractModel, records: Record, initial_state) -> Float[Array, " flat"]:
+    """Return the flat vector of a model and the first record, with the initial state if given."""
+    flat = flat_vectors(model, records)[0]
+    if initial_state is None:
+        return flat
+    state = start_of(model, initial_state)
+    return flat.at[flat.size - state.size :].set(state)
 
 
 def start_of(model: AbstractModel, state) -> Float[Array, " state"]:

@@ -13,12 +13,12 @@ from ..data.record import Record
 from ..estimation.estimate import check_channels
 from ..estimation.likelihoods import AbstractLikelihood
 from ..models.base import AbstractModel, canonical
-from ..models.free import Free, flat_vectors
+from ..models.free import Free
 from .information import (
+    flat_vector_of,
     prior_rows,
     require_known_noise,
     stack_of_one,
-    start_of,
     whitened_sensitivities,
 )
 from .measures import AbstractMeasure
@@ -136,10 +136,7 @@ def _triangles(model, free, records, likelihood, initial_state) -> dict[str, np.
         "The noise is correlated between sensors, so that they have no information of their own. "
         "Give a diagonal R.",
     )
-    flat = flat_vectors(model, records)[0]
-    if initial_state is not None:
-        state = start_of(model, initial_state)
-        flat = flat.at[flat.size - state.size :].set(state)
+    flat = flat_vector_of(model, records, initial_state)
     rows = np.concatenate(
         _sensitivities(model, free.positions(model), flat, records.anonymous(), likelihood), -1
     )[0]

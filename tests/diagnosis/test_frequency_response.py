@@ -35,7 +35,7 @@ def test_gains_of_two_inputs_are_exact(noise):
 
 
 def test_inputs_of_different_units_are_both_identified(noise):
-    """An elevator [rad] beside a thrust [N]: powers that differ by 13 decades."""
+    """An elevator [rad] and a thrust [N], whose powers differ by a factor of 6e12."""
     u = noise[:2].T * [0.02, 5e4]
     response = frequency_response(made(u, 3 * u[:, 0] + 5 * u[:, 1]))
     np.testing.assert_allclose(response.measured[:, 0, 1], 5, rtol=1e-9)

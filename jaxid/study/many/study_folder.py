@@ -70,7 +70,7 @@ class StudyFolder:
             if known.get(key) != value:
                 raise InputError(
                     f"{str(file)!r} belongs to another study: its {key} is "
-                    f"{known.get(key, 'missing')!r}, that of this call {value!r}. Call with the "
+                    f"{known.get(key, 'missing')!r}, and {value!r} is now given. Call with the "
                     "same arguments, code and versions of jaxid and Python to continue, or choose "
                     "another folder or name."
                 )

@@ -161,7 +161,8 @@ def predict(
     larger, as the gusts are unknown.
 
     Args:
-        model: the model, with its parameter values.
+        model: the model, with its parameter values. An estimate by a filter has noises, or gains,
+            among them; a model without takes the starting values of `likelihood`.
         records: one record or a stack.
         likelihood: computes the predictions and, in the window, their weights.
         window: number of samples at the start of each record; None for none.
@@ -189,7 +190,8 @@ def predict(
     held = {f"{INITIAL_STATE}.{name}" for name in model.states if name not in states}
     starts = tuple(name for name in starts_of(model) if name not in held)
     predictor = Predictor(canonical(likelihood), window, starts, records.n_cases)
-    prediction = predictor.predict(canonical(model), records.anonymous())
+    filtered, _ = likelihood.prepared(canonical(model), Free(()), records)
+    prediction = predictor.predict(canonical(filtered), records.anonymous())
     return dataclasses.replace(prediction, names=records.names, simulated=likelihood.simulates)
 
 

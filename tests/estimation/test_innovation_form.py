@@ -9,7 +9,8 @@ from scipy.stats import binom
 
 from jaxid import InputError
 from jaxid.data import record
-from jaxid.estimation import InnovationForm, OutputError, estimate
+from jaxid.diagnosis import predict
+from jaxid.estimation import FilterError, InnovationForm, OutputError, estimate
 from jaxid.models import DiagonalNoise, FullNoise, LinearModel, free
 
 STEP, SAMPLES, MANY = 0.1, 400, 1200
@@ -169,3 +170,21 @@ def test_uneven_times_are_refused(measured):
     slow = record(2.0 * T[:SAMPLES], U[:SAMPLES], measured, inputs=("u",), outputs=("x",))
     with pytest.raises(InputError, match=r"steps of 0\.1 to 0\.2 s.*FilterError"):
         estimate(model_at(), FREE, [as_record(measured), slow], InnovationForm())
+
+
+def test_model_without_noises_is_predicted_by_those_of_the_likelihood(measured):
+    """In steady state the filter has the gain of Riccati's equation; without one it simulates."""
+    given = dict(zip(("x", "v"), ({"x": gain} for gain in steady_gain()), strict=True))
+    flight = as_record(measured)
+    filters = (
+        InnovationForm(given),
+        FilterError({"v": FORCE}, {"x": SENSOR}, steady=True),
+        InnovationForm({"x": ["x"]}),
+        OutputError(),
+    )
+    by_gain, by_noises, without_gain, simulated = (
+        np.asarray(predict(model_at(), flight, one).y) for one in filters
+    )
+    np.testing.assert_allclose(by_noises, by_gain, atol=1e-4)  # a step of Runge-Kutta, not exact
+    np.testing.assert_allclose(without_gain, simulated, atol=1e-12)
+    assert np.max(np.abs(by_gain - simulated)) > SENSOR

@@ -23,10 +23,12 @@ from .._foundation.types import Array, Bool, Float, Int
 from ..data.record import Record
 from ..effects.library import uncertain_equations
 from ..estimation.estimate import as_stack, check_channels
-from ..estimation.likelihoods import OutputError
+from ..estimation.likelihoods import AbstractLikelihood, OutputError
 from ..estimation.problem import Problem
 from ..estimation.result import Estimate
 from ..models.free import Parameters
+from ..models.innovation import InnovationModel
+from ..models.stochastic import StochasticModel
 from .autoregression import white_noise_variance
 from .free_form import Linear, answers, gusts_of, linear_models, spline_basis
 from .places import LocalisationResult, Place
@@ -38,7 +40,7 @@ KINDS = (LocationKind.EQUATION, LocationKind.INPUT, LocationKind.SENSOR, Locatio
 def localise_residual(
     fit: Estimate,
     records: Record | Sequence[Record],
-    likelihood: OutputError | None = None,
+    likelihood: AbstractLikelihood | None = None,
     *,
     knots: int | None = None,
     kinds: Sequence[LocationKind] = KINDS,
@@ -71,11 +73,13 @@ def localise_residual(
         Places in falling order of their share, each with its most probable disturbance.
 
     Raises:
-        InputError: if channels differ, there are fewer than two knots, `kinds` is empty, or a state
-            does not exist.
+        InputError: if channels differ, the fit is one of a filter, there are fewer than two knots,
+            `kinds` is empty, or a state does not exist.
     """
     records = as_stack(records)
     check_channels(fit.model, records)
+    likelihood = OutputError() if likelihood is None else likelihood
+    _require_simulated(fit, likelihood)
     require(
         knots is None or knots >= 2,
         f"There are {knots} knots in each record; free-form means two at least.",
@@ -84,9 +88,7 @@ def localise_residual(
         len(kinds) > 0,
         "`kinds` is empty. Name members of `jaxid.effects.LocationKind`, such as EQUATION.",
     )
-    problem = Problem.of(
-        fit.model, fit.free, records, OutputError() if likelihood is None else likelihood
-    )
+    problem = Problem.of(fit.model, fit.free, records, likelihood)
     if equations is None:
         equations = uncertain_equations(problem.model, np.asarray(problem.positions.shared))
     require_known("state (in `equations`)", equations, fit.model.states)
@@ -109,6 +111,16 @@ def localise_residual(
     require(len(requested) > 0, f"The model has no place of the kind {words}. Name another kind.")
     linear = linear_models(problem, fit.parameters, tuple(requested.items()))
     return localise(problem, linear, linearised, fit.noise, splines, requested)
+
+
+def _require_simulated(fit: Estimate, likelihood: AbstractLikelihood) -> None:
+    """Refuse a fit by a filter."""
+    filtered = isinstance(fit.model, StochasticModel | InnovationModel)
+    require(
+        isinstance(likelihood, OutputError) and not filtered,
+        "A residual is localised in a simulation, and the states of this fit are corrected by the "
+        "measurements. Give a fit by OutputError.",
+    )
 
 
 def resolution(records: Record, v: Float[Array, "case time output"]) -> tuple[int, int]:

@@ -15,6 +15,7 @@ from ..data.record import INITIAL_STATE, Record
 from ..models.base import AbstractModel, equations_of
 from ..models.polynomial import sums_of_monomials
 from ..models.signal_dependence import with_differences
+from ..models.wrapper import AbstractWrapper
 from .base import Effect
 from .parameter import total_offsets, with_parameter_offsets
 from .present import Group, acts_in, groups_of
@@ -37,7 +38,7 @@ class _SplitState(NamedTuple):
     plant_input: Float[Array, " input"]
 
 
-class Augmented(AbstractModel):
+class Augmented(AbstractWrapper):
     """A model and a set of effects.
 
     Effects are sorted by stage and name, so that the structure depends on the set alone. With all
@@ -274,32 +275,11 @@ class Augmented(AbstractModel):
             path = effect.input_signal(path, self.inputs)
         return path
 
-    def prepared(self, record: Record) -> Record:
-        return self.model.prepared(record)
-
-    def pseudo_measurements(self, record: Record):
-        return self.model.pseudo_measurements(record)
-
-    def weak_measurements(self, record: Record):
-        return self.model.weak_measurements(record)
-
     def with_disturbance_inputs(self):
         return Augmented(self.model.with_disturbance_inputs(), self.effects_in, self.present)
 
-    def effects(self):
-        return self.model.effects()
-
     def equations(self):
         return self.states if split_effects(self)[0].states else self.outputs
-
-    def equations_with_terms(self):
-        return self.model.equations_with_terms()
-
-    def actuated(self):
-        return self.model.actuated()
-
-    def scales(self):
-        return self.model.scales()
 
     def units(self):
         cards = (effect.card for effect in self.effects_in)

@@ -1,15 +1,14 @@
 """`InnovationModel`: a model with the gain of a steady filter among its parameters."""
 
-from typing import ClassVar
-
 import equinox as eqx
 import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
 from .base import AbstractModel
+from .wrapper import AbstractWrapper
 
 
-class InnovationModel(AbstractModel):
+class InnovationModel(AbstractWrapper):
     """A model whose states are corrected by its innovations.
 
         x(i|i) = x(i|i-1) + K v_i,    v_i = z_i - output(t_i, x(i|i-1), u_i)     (A.57)
@@ -24,7 +23,6 @@ class InnovationModel(AbstractModel):
 
     model: AbstractModel
     gain: dict[str, dict[str, Float[Array, ""]]]
-    transparent: ClassVar[tuple[str, ...]] = ("model",)
 
     states: tuple[str, ...] = eqx.field(static=True)
     inputs: tuple[str, ...] = eqx.field(static=True)
@@ -42,18 +40,6 @@ class InnovationModel(AbstractModel):
 
     def output_given(self, t, x, u, dx):
         return self.model.output_given(t, x, u, dx)
-
-    def input_signal(self, path):
-        return self.model.input_signal(path)
-
-    def observe(self, t, y):
-        return self.model.observe(t, y)
-
-    def initial_state(self, record):
-        return self.model.initial_state(record)
-
-    def scales(self):
-        return self.model.scales()
 
     def units(self):
         units = self.model.units()

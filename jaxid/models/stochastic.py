@@ -1,16 +1,18 @@
 """`StochasticModel`: a model with the standard deviations of its noises as parameters."""
 
-from typing import ClassVar
+import dataclasses
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
-from .base import AbstractModel
+from ..data.record import Record
+from .base import AbstractModel, selected
+from .wrapper import AbstractWrapper
 
 
-class StochasticModel(AbstractModel):
+class StochasticModel(AbstractWrapper):
     """A model driven by random forces and measured with noise.
 
         dx = rhs(t, x, [u, d]) dt + diag(process) dw,
@@ -43,14 +45,6 @@ class StochasticModel(AbstractModel):
     initial: dict[str, Float[Array, ""]]
     inputs: tuple[str, ...] = eqx.field(static=True)
     on_outputs: tuple[tuple[str, str], ...] = eqx.field(static=True, default=())
-    transparent: ClassVar[tuple[str, ...]] = ("model",)
-
-    def __getattr__(self, name: str):
-        """A field or method that only the model without noises has, such as a parameter."""
-        # also where a property of this class fails, whose name the model without noises has too
-        if name.startswith("__") or name == "model" or hasattr(type(self), name):
-            raise AttributeError(name)
-        return getattr(self.model, name)
 
     @property
     def states(self):
@@ -104,14 +98,20 @@ class StochasticModel(AbstractModel):
             y = y.at[self.outputs.index(output)].add(value)
         return y
 
-    def input_signal(self, path):
-        return self.model.input_signal(path)
-
-    def observe(self, t, y):
-        return self.model.observe(t, y)
-
     def initial_state(self, record):
         return jnp.concatenate([self.model.initial_state(record), jnp.zeros(len(self.with_memory))])
+
+    def prepared(self, record: Record) -> Record:
+        """The record with the channels of the model; the disturbances are not measured."""
+        further = self.model.inputs[len(self.inputs) :]
+        zeros = jnp.zeros((*record.u.shape[:-1], len(further)))
+        wide = dataclasses.replace(
+            record,
+            u=jnp.concatenate([record.u, zeros], axis=-1),
+            inputs=(*record.inputs, *further),
+            input_units=(*record.input_units, *([""] * len(further))),
+        )
+        return selected(self.model.prepared(wide), self.inputs, self.outputs)
 
     def scales(self):
         groups = ("process", "correlation_time", "sensor", "initial")

@@ -309,3 +309,14 @@ def test_bad_questions_are_refused(cubic):
     ):
         with pytest.raises(InputError, match=words):
             localise_residual(fit, records, KNOWN, **options)
+
+
+@pytest.mark.parametrize("likelihood", [jaxid.FilterError({"v": 0.1}), jaxid.InnovationForm()])
+def test_fit_of_a_filter_is_refused(likelihood, cubic):
+    """Its residual is that of predictions; so is the given likelihood's, after a simulation."""
+    records = cubic[1][0]
+    fit = estimate(SPRING, jaxid.free(SPRING, "k", "c"), records, likelihood)
+    simulated = estimate(SPRING, FREE, records, KNOWN)
+    for given in ((fit, records), (fit, records, likelihood), (simulated, records, likelihood)):
+        with pytest.raises(InputError, match="fit by OutputError"):
+            localise_residual(*given)

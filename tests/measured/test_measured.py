@@ -105,7 +105,7 @@ def test_loop_finds_overflow_of_tanks(data_folder):
         if isinstance(effect, TANKS_MAY_LACK)
     )
     # The full search takes seven rounds and two minutes, and ends at 0.18 V.
-    study = close_loop(**case.parts, effects=library, options=LoopOptions(max_rounds=3))
+    study = close_loop(**case.parts, effects=library, options=LoopOptions(max_rounds=1))
     assert any(name.startswith("overflow of upper into lower") for name in study.effects)
     assert study.before.rms["validation"]["level"] == pytest.approx(0.675, rel=0.02)
     assert study.after.rms["validation"]["level"] < 0.40

@@ -24,7 +24,7 @@ os.environ["MPLBACKEND"] = "Agg"
 # and says the same.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 # Programs without the source lines of their operations: with annotations that execute the stack is
-# deep, and to write it down takes an eighth of the time (two test files, 57 to 61 s in place of 66).
+# deep, and to write it down takes a tenth of the time (two test files: 56 to 61 s in place of 66).
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
 # Two workers on two cores: more threads of linear algebra would wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

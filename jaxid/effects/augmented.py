@@ -278,6 +278,14 @@ class Augmented(AbstractWrapper):
     def with_disturbance_inputs(self):
         return Augmented(self.model.with_disturbance_inputs(), self.effects_in, self.present)
 
+    def sensor_errors(self):
+        """None: an effect may be another error of a sensor; name them all."""
+        return ()
+
+    def corrected(self, record):
+        """Refused: the model inside does not correct the errors that are effects."""
+        return AbstractModel.corrected(self, record)
+
     def equations(self):
         return self.states if split_effects(self)[0].states else self.outputs
 

@@ -83,15 +83,26 @@ def test_wrapper_has_parameters_and_hooks_of_its_model(wrapper, flight):
     assert wrapper.initial_state(flight).tolist() == [1.0, 2.0]
     assert float(wrapper.signals(t, x, u)["power"]) == 20.0
     assert wrapper.prepared(flight).outputs == ("x",)
-    assert wrapper.corrected(flight).samples == 2
     assert wrapper.pseudo_measurements(flight) == "responses"
     assert wrapper.weak_measurements(flight) == "weak form"
     assert wrapper.equations_with_terms() == wrapper.actuated() == ()
     assert [effect.name for effect in wrapper.effects()] == ["sign(v) in v"]
-    assert wrapper.sensor_errors() == ("c",)
     assert wrapper.usual_ranges() == RANGES
     assert wrapper.scales()[0] == "k"
     assert wrapper.units()["x"] == "m"
+
+
+@pytest.mark.parametrize("wrapper", WRAPPERS[1:], ids=lambda wrapper: type(wrapper).__name__)
+def test_model_with_noises_corrects_records_as_its_model(wrapper, flight):
+    assert wrapper.sensor_errors() == ("c",)
+    assert wrapper.corrected(flight).samples == 2
+
+
+def test_model_with_effects_corrects_no_record(flight):
+    """Its effects may be errors of sensors, which its model does not correct."""
+    assert WRAPPERS[0].sensor_errors() == ()
+    with pytest.raises(jaxid.InputError, match="Augmented has no correction"):
+        WRAPPERS[0].corrected(flight)
 
 
 def test_these_are_all_wrappers():

@@ -48,6 +48,8 @@ class EffectCard:
             the effect is neither. A found one is compared with another course in time.
         stage: order among the effects of a model; a higher stage acts later, e.g. the saturation
             of a sensor after its scale.
+        each_sample: True for an error of a sensor that acts on each sample alone, without the
+            history that a delay or a drift needs, so that a Kalman filter can apply it.
         fixed: shape parameters that keep the value of `initialise_shape`; the others are estimated
             once the effect is in the model.
         by_record: parameters with one value for each record: the memory of the effect at the first
@@ -72,6 +74,7 @@ class EffectCard:
     refines: str = ""
     delay: str = ""
     stage: int = 0
+    each_sample: bool = False
     fixed: tuple[str, ...] = ()
     by_record: tuple[str, ...] = ()
     degenerate_at_bounds: tuple[str, ...] = ()

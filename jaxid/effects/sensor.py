@@ -101,6 +101,7 @@ class SensorBias(SensorEffect):
             name=f"bias of {self.channel}",
             description=f"the sensor of {self.channel} has an offset",
             location=Location(LocationKind.SENSOR, self.channel),
+            each_sample=True,
         )
 
     def reading(self, t, signal):
@@ -124,6 +125,7 @@ class SensorScale(SensorEffect):
             name=f"scale of {self.channel}",
             description=f"the sensor of {self.channel} has a scale error",
             location=Location(LocationKind.SENSOR, self.channel),
+            each_sample=True,
         )
 
     def reading(self, t, signal):
@@ -245,6 +247,7 @@ class SensorSaturation(SensorEffect):
             name=f"{self.end} saturation of {self.channel}",
             description=f"the sensor of {self.channel} stops at {end} level",
             location=Location(LocationKind.SENSOR, self.channel),
+            each_sample=True,
             complexity=2,
             unit_gain=True,
             stage=1,  # the recorded value saturates, after bias and scale
@@ -297,6 +300,7 @@ class SensorCrossTalk(Effect):
             name=f"cross-talk of {self.source} into {self.channel}",
             description=f"the sensor of {self.channel} also measures {self.source}",
             location=Location(LocationKind.SENSOR, self.channel),
+            each_sample=True,
         )
 
     def observe(self, t, y, outputs):

@@ -50,6 +50,7 @@ class SensorCurve(SensorEffect):
             name=f"{NAMES[self.curve]} of {self.channel}",
             description=f"the sensor of {self.channel} has {CURVES[self.curve]}",
             location=Location(LocationKind.SENSOR, self.channel),
+            each_sample=True,
             complexity=2,
             fixed=("centre", "range"),
         )

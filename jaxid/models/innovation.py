@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from .._foundation.types import Array, Float
 from .base import AbstractModel
-from .wrapper import AbstractWrapper
+from .wrapper import AbstractWrapper, observed_sample
 
 
 class InnovationModel(AbstractWrapper):
@@ -36,10 +36,13 @@ class InnovationModel(AbstractWrapper):
         return self.model.rhs(t, x, u)
 
     def output(self, t, x, u):
-        return self.model.output(t, x, u)
+        return observed_sample(self.model, t, self.model.output(t, x, u))
 
     def output_given(self, t, x, u, dx):
-        return self.model.output_given(t, x, u, dx)
+        return observed_sample(self.model, t, self.model.output_given(t, x, u, dx))
+
+    def observe(self, t, y):
+        return y  # in `output`
 
     def units(self):
         units = self.model.units()

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from .._foundation.types import Array, Float
 from ..data.record import Record
 from .base import AbstractModel, selected
-from .wrapper import AbstractWrapper
+from .wrapper import AbstractWrapper, observed_sample
 
 
 class StochasticModel(AbstractWrapper):
@@ -23,7 +23,8 @@ class StochasticModel(AbstractWrapper):
     state. The coloured noise n of a sensor is the sum of disturbances with memory that act on its
     output alone. The states are the states of the model followed by the disturbances with memory;
     the force in the equation of `v` is `force_v`. Simulated, it moves without noise. An output that
-    depends on the rate of a state contains no white noise of its equation.
+    depends on the rate of a state contains no white noise of its equation. Errors of sensors that
+    the model applies to its sampled outputs have no memory, and are part of `output`.
 
     Args:
         model: the model; its inputs after `inputs` are disturbances.
@@ -93,10 +94,14 @@ class StochasticModel(AbstractWrapper):
         own, disturbances = self._split(x)
         inputs = self._inputs(u, disturbances)
         y = self.model.output_given(t, own, inputs, dx[: len(self.model.states)])
+        y = observed_sample(self.model, t, y)
         for name, output in self.on_outputs:
             value = disturbances[self.with_memory.index(name)]
             y = y.at[self.outputs.index(output)].add(value)
         return y
+
+    def observe(self, t, y):
+        return y  # in `output`
 
     def initial_state(self, record):
         return jnp.concatenate([self.model.initial_state(record), jnp.zeros(len(self.with_memory))])
@@ -153,7 +158,8 @@ class StochasticModel(AbstractWrapper):
         inputs = self._inputs(u, disturbances)
 
         def outputs(values):
-            return self.model.output(t, own, inputs.at[jnp.array(at)].set(values))
+            y = self.model.output(t, own, inputs.at[jnp.array(at)].set(values))
+            return observed_sample(self.model, t, y)
 
         return jax.jacfwd(outputs)(jnp.zeros(len(at)))
 

@@ -32,6 +32,8 @@ from ..._foundation.checks import require
 from ..._foundation.dependence import returns_argument
 from ..._foundation.types import Array, Bool, Float
 from ...data.record import Record
+from ...effects.augmented import split_effects
+from ...effects.present import acts_in
 from ...models.base import AbstractModel
 from ...models.stochastic import StochasticModel
 from ...sensitivity.jacobian import value_and_jacobian
@@ -151,13 +153,16 @@ def filter_signals(
 
 
 def require_outputs_without_memory(model: AbstractModel, records: Record) -> None:
-    """Refuse effects on the sampled outputs, whose memory a filter does not carry."""
+    """Refuse sensors with a memory, which a filter does not carry."""
     one = jnp.zeros((records.t.shape[-1], len(model.outputs)))
     t = records.t.reshape(-1, records.t.shape[-1])[0]
+    declared, effects = split_effects(model)
+    remembering = [e.name for e in effects if acts_in("observe")(e) and not e.card.each_sample]
     require(
-        returns_argument(lambda y: model.observe(t, y), one),
-        "The model has effects on its sampled outputs (`observe`: a sensor's lag or delay), "
-        "which have a memory that the filter does not carry. Use OutputError, or remove them.",
+        not remembering and returns_argument(lambda y: declared.observe(t, y), one),
+        f"{', '.join(remembering) or type(declared).__name__} acts on a history of sampled outputs "
+        "(`observe`: a sensor's lag, delay or drift), a memory that the filter does not carry. Use "
+        "OutputError, or remove it.",
     )
 
 

@@ -18,6 +18,7 @@ from ..data.record import Record
 from ..effects.augmented import starts_of
 from ..estimation.argument_checks import check_arguments
 from ..estimation.estimate import as_stack, check_channels, check_sampling
+from ..estimation.filter.kalman import require_outputs_without_memory
 from ..estimation.host_iteration import minimise_by_steps
 from ..estimation.likelihoods import AbstractLikelihood
 from ..estimation.limits import Limits
@@ -175,14 +176,16 @@ def predict(
         Predicted outputs and the scored samples.
 
     Raises:
-        InputError: if channels differ, the likelihood cannot serve the sample times, a state does
-            not exist, or a window is shorter than needed to determine the state, or longer than a
-            record.
+        InputError: if channels differ, the likelihood cannot serve the sample times, a filter is
+            to predict a sensor with a memory, a state does not exist, or a window is shorter than
+            needed to determine the state, or longer than a record.
     """
     records = as_stack(records)
     check_arguments(model, records, likelihood)
     check_channels(model, records)
     check_sampling(model, records, likelihood)
+    if not likelihood.simulates:
+        require_outputs_without_memory(model, records)
     states = model.states if states is None else tuple(states)
     require_known("state", states, model.states)
     if window is not None:

@@ -63,6 +63,8 @@ def estimation_of(
         padding = problem.padding(effects)
     else:
         own, model = free.shared, canonical(problem.model_at(values, effects).only(effects))
+        if not likelihood.simulates:
+            likelihood.check(model, problem.train)
         model, free = canonical(likelihood.prepared(model, free, problem.train))
         extra = tuple(name for name in free.shared if name in known and name not in own)
         if extra:

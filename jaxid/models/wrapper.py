@@ -9,7 +9,8 @@ from .base import AbstractModel
 
 
 class AbstractWrapper(AbstractModel):
-    """A model around another one, whose parameters and hooks are its own unless it defines them.
+    """A model around another one; it has the parameters and hooks of the model inside, except for
+    hooks that it defines itself.
 
     Attributes:
         model: the model inside. The names of its parameters stay as they are.
@@ -77,7 +78,13 @@ class AbstractWrapper(AbstractModel):
 def observed_sample(
     model: AbstractModel, t: Float[Array, ""], y: Float[Array, " output"]
 ) -> Float[Array, " output"]:
-    """Return the outputs of one sample as a model whose sensors have no memory observes them."""
+    """Return the outputs of one sample with the errors of its sensors, which have no memory.
+
+    Args:
+        model: the model, whose `observe` acts on each sample alone.
+        t: time of the sample [s].
+        y: outputs of perfect instruments.
+    """
     row = y[None]
     observed = model.observe(t[None], row)
     return y if observed is row else observed[0]

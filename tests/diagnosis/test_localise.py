@@ -313,7 +313,7 @@ def test_bad_questions_are_refused(cubic):
 
 @pytest.mark.parametrize("likelihood", [jaxid.FilterError({"v": 0.1}), jaxid.InnovationForm()])
 def test_fit_of_a_filter_is_refused(likelihood, cubic):
-    """Its residual is that of predictions; so is the given likelihood's, after a simulation."""
+    """A filter predicts each sample from those before it, and its residuals are innovations."""
     records = cubic[1][0]
     fit = estimate(SPRING, jaxid.free(SPRING, "k", "c"), records, likelihood)
     simulated = estimate(SPRING, FREE, records, KNOWN)

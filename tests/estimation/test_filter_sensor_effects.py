@@ -69,6 +69,8 @@ def test_sensor_with_memory_is_refused(flight, effect, name, likelihood):
     model = jaxid.Augmented(Spring(**STARTS), (SensorBias("x"), effect))
     with pytest.raises(jaxid.InputError, match=f"^{name} acts on a history"):
         jaxid.estimate(model, jaxid.free(model, "c"), flight, likelihood)
+    with pytest.raises(jaxid.InputError, match=f"^{name} acts on a history"):
+        jaxid.predict(model, flight, likelihood)
 
 
 def test_disturbance_that_acts_on_a_scaled_sensor(flight):
